@@ -1,0 +1,56 @@
+# accelcal: every job of the house. `make help` lists them.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
+export CARGO_INCREMENTAL ?= 0
+
+.PHONY: help demo test test-long check bench bench-hidden stubs format clean
+
+help: ## List the jobs.
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+demo: $(STAMP) ## Set up, then walk the main job: simulate, fit, compare, draw.
+	$(BIN)/accelcal demo -o demo
+
+test: $(STAMP) ## Run every test: Rust, then Python.
+	cargo test --workspace --exclude accelcal-py --quiet
+	cargo build -p ekf-core --no-default-features --quiet
+	$(BIN)/python -m pytest -n auto --dist worksteal -q
+
+test-long: $(STAMP) ## Compare the filters with their NumPy twin on ten times as many records.
+	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
+
+check: $(STAMP) ## Format, lints, types, stubs.
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets --quiet -- -D warnings
+	$(BIN)/ruff format --check python tests benches
+	$(BIN)/ruff check python tests benches
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest accelcal._core --ignore-disjoint-bases
+
+bench: $(STAMP) ## Measure times, memory and statistics; minutes.
+	$(BIN)/python -m benches.fit
+	$(BIN)/python -m benches.consistency
+	$(BIN)/python -m benches.power
+
+bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
+	$(BIN)/python -m benches.hidden --write
+
+format: $(STAMP) ## Rewrite sources in the house style.
+	cargo fmt --all
+	$(BIN)/ruff format python tests benches
+	$(BIN)/ruff check --fix python tests benches
+
+clean: ## Remove everything that can be made again.
+	rm -rf $(VENV) target demo
+
+$(VENV)/bin/python:
+	@tools/prerequisites.sh
+	$(PYTHON) -m venv $(VENV)
+
+$(STAMP): $(VENV)/bin/python $(SOURCES)
+	@tools/prerequisites.sh
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[dev]"
+	@touch $(STAMP)

@@ -1,0 +1,94 @@
+"""The whole statistics of bars 5 and 6: is the fit honest, and does it reach the bound?
+
+Run from the top of the repository: python -m benches.consistency [--runs 100] [--aci 40] [--bounded 800]
+Prints figure, count and threshold of every bar; exit code 1 when one is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import time
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from tests.consistency.campaign import BOUNDED, SETTINGS, Outcome, Setting, aci_or_none, bounds, collect, one_fit
+
+from accelcal.consistency import consistency, coverage
+
+BLOCK = 80
+"""Runs whose bounds are computed together."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run everything and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=100, help="runs of 60 s for each setting of bar 5")
+    parser.add_argument("--aci", type=int, default=40, help="of these, runs that the paper's filter is given as well")
+    parser.add_argument("--bounded", type=int, default=800, help="fits for each setting of bar 6")
+    parser.add_argument("--only", default="", help="settings whose name contains this")
+    chosen = parser.parse_args(arguments)
+    began, kept, good = time.perf_counter(), [], True
+    with multiprocessing.Pool(2) as pool:
+        print(f"bar 5: NEES of (bias, scale_factor), {chosen.runs} runs of 60 s, 99.9 % region")
+        for setting in (s for s in SETTINGS if chosen.only in s.name):
+            found = collect(setting.names, pool.map(partial(one_fit, setting), range(chosen.runs), chunksize=5))
+            aci = pool.map(partial(aci_or_none, setting), range(min(chosen.aci, chosen.runs)), chunksize=5)
+            good &= print_nees(setting, found, [fit for fit in aci if fit is not None])
+            kept.append(found)
+        print(f"bar 6: rms of error over the Cramer-Rao bound, {chosen.bounded} fits of 30 s, 0.90 to 1.10")
+        for setting in (s for s in BOUNDED if chosen.only in s.name):
+            found = collect(setting.names, pool.map(partial(one_fit, setting), range(chosen.bounded), chunksize=5))
+            starts = range(0, chosen.bounded, BLOCK)
+            blocks = [range(start, min(start + BLOCK, chosen.bounded)) for start in starts]
+            bound = np.concatenate(pool.map(partial(bounds, setting), blocks, chunksize=1))
+            good &= print_bound(setting, found, bound)
+            kept.append(found)
+    print("bar 5: 95 % intervals cover 93 % to 97 %")
+    good &= print_coverage(kept)
+    print(f"{'all bars hold' if good else 'A BAR IS MISSED'}; {time.perf_counter() - began:.0f} s")
+    return 0 if good else 1
+
+
+def print_nees(setting: Setting, found: Outcome, aci: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
+    """One line of bar 5: the default fit, and the paper's ACI filter beside it."""
+    verdict = consistency(found.nees("bias", "scale_factor"), 2, 0.999)
+    paper = collect(("bias", "scale_factor"), aci).nees("bias", "scale_factor").mean()
+    print(
+        f"  {setting.name:34s} NEES {verdict.mean:5.2f} in [{verdict.low:.2f}, {verdict.high:.2f}], "
+        f"{verdict.runs} runs: {verdict.verdict}; ACI filter {paper:5.2f} ({len(aci)} runs)",
+        flush=True,
+    )
+    return verdict.verdict == "consistent"
+
+
+def print_bound(setting: Setting, found: Outcome, bound: np.ndarray) -> bool:
+    """One line for each parameter of bar 6."""
+    rms = np.sqrt(np.mean((found.error / bound) ** 2, axis=0))
+    reported = np.mean(found.sigma / bound, axis=0)
+    for name, ratio, said in zip(setting.names, rms, reported, strict=True):
+        print(
+            f"  {setting.name:26s} {name:14s} rms(error/bound) {ratio:.3f}, reported sigma/bound {said:.3f}, "
+            f"{len(bound)} fits: {'ok' if 0.9 <= ratio <= 1.1 else 'MISSED'}",
+            flush=True,
+        )
+    return bool(np.all((rms >= 0.9) & (rms <= 1.1)))
+
+
+def print_coverage(kept: Sequence[Outcome]) -> bool:
+    """One line for each parameter, over all settings."""
+    good = True
+    for name in dict.fromkeys(name for found in kept for name in found.names):
+        having = [found for found in kept if name in found.names]
+        error = np.concatenate([found.error[:, found.names.index(name)] for found in having])
+        sigma = np.concatenate([found.sigma[:, found.names.index(name)] for found in having])
+        result = coverage(error, sigma)
+        held = 0.93 <= result.rate <= 0.97
+        good &= held
+        print(f"  {name:14s} {100 * result.rate:.1f} % of {result.count}: {'ok' if held else 'MISSED'}")
+    return good
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

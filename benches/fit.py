@@ -1,0 +1,116 @@
+"""What a fit costs (bar 9): processor time for 400 000 samples, memory and time for an hour from Parquet.
+
+Run from the top of the repository: python -m benches.fit
+Each fit runs in a fresh process. Prints figure and threshold; exit code 1 when one is missed.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy.signal import lfilter
+
+from accelcal.io import write_parquet, write_sidecar
+from accelcal.motion import PAPER_TONES
+from accelcal.recording import Channel, Recording
+from accelcal.simulate import ADXL105_RIG
+
+TAU = ADXL105_RIG.lowpass.tau if ADXL105_RIG.lowpass else 0.0
+RATE = 1667.0
+"""Hz; the encoder is read at every second sample."""
+SECONDS_FOR_400_000 = 2.6
+"""Processor time, s: "about 2 s", and a third on top for a busy machine."""
+MEGABYTES_FOR_AN_HOUR = 1200.0
+LINEAR = 1.25
+"""Time per sample of an hour over that of ten minutes: linear, with room for caches."""
+
+FIT = """
+import json, resource, sys, time
+from accelcal import io
+from accelcal.fit import fit
+from accelcal.model import Model
+recording = io.load(sys.argv[1])
+loaded = time.process_time()
+found = fit(Model.linear(), recording)
+print(json.dumps({
+    "samples": len(recording.accel),
+    "load_s": loaded,
+    "fit_s": time.process_time() - loaded,
+    "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    "scale": found.values().scale,
+    "std": found["scale_factor"].std,
+}))
+"""
+
+
+def record(samples: int) -> Recording:
+    """Four tones of 0.5 m/s² each, the paper's sensor with its noise behind its low-pass, an encoder of 1 um."""
+    rng = np.random.default_rng(2007)
+    t = np.arange(samples) / RATE
+    a, p = np.zeros(samples), np.zeros(samples // 2)
+    for f in PAPER_TONES:
+        w = 2.0 * np.pi * f
+        a += 0.5 * np.sin(w * t - np.arctan(w * TAU)) / np.hypot(1.0, w * TAU)
+        p -= 0.5 / w**2 * np.sin(w * t[: 2 * len(p) : 2])
+    a *= 1.01
+    a += 0.05
+    density, decay = ADXL105_RIG.sensor.noise or 0.0, np.exp(-1.0 / (RATE * TAU))
+    size, state = density * np.sqrt(0.25 / TAU * (1.0 - decay**2)), np.zeros(1)
+    for begin in range(0, samples, 500_000):
+        part = a[begin : begin + 500_000]
+        noise, state = lfilter([size], [1.0, -decay], rng.standard_normal(len(part)), zi=state)
+        part += noise
+    p = 1e-6 * np.round((p + 1e-6 * rng.standard_normal(len(p))) / 1e-6)
+    return Recording(
+        accel=Channel("accel", t, a, "m/s^2"),
+        position=Channel("position", t[: 2 * len(p) : 2], p, "m"),
+        rig=ADXL105_RIG,
+    )
+
+
+def cost(path: Path) -> dict[str, float]:
+    """Fit a file in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", FIT, str(path)], capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout))
+
+
+def main() -> int:
+    """Three sizes, three thresholds."""
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name, samples in (("400 000 samples", 400_000), ("10 minutes", 1_000_200), ("1 hour", 6_001_200)):
+            path = Path(folder, f"{samples}.parquet")
+            write_sample(record(samples), path)
+            found[name] = cost(path)
+            path.unlink()
+            one = found[name]
+            print(
+                f"{name:16s} {one['samples']:9.0f} samples: load {one['load_s']:.2f} s, fit {one['fit_s']:.2f} s "
+                f"processor time, peak {one['megabytes']:.0f} MB; 1 + k = {one['scale']:.5f} +- {one['std']:.1g}",
+                flush=True,
+            )
+    short, ten, hour = found.values()
+    ratio = hour["fit_s"] / ten["fit_s"] / (hour["samples"] / ten["samples"])
+    checks = [
+        ("fit of 400 000 samples, s", short["fit_s"], SECONDS_FOR_400_000),
+        ("peak memory for an hour, MB", hour["megabytes"], MEGABYTES_FOR_AN_HOUR),
+        ("time per sample, an hour over ten minutes", ratio, LINEAR),
+    ]
+    for what, value, limit in checks:
+        print(f"{what}: {value:.2f}, limit {limit:g}: {'ok' if value <= limit else 'MISSED'}")
+    return 0 if all(value <= limit for _, value, limit in checks) else 1
+
+
+def write_sample(recording: Recording, path: Path) -> None:
+    """The recording and its sidecar."""
+    sources = write_parquet(recording, path)
+    write_sidecar(recording.rig, sources, path.with_suffix(".toml"))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,5 @@
+"""`python -m accelcal` is the command line."""
+
+from accelcal.cli import main
+
+main()

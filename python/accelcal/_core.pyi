@@ -1,0 +1,140 @@
+"""What the compiled core offers; kept by hand."""
+
+from typing import final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+_Flags = NDArray[np.bool_]
+
+__version__: str
+__all__ = [
+    "FilterError",
+    "FilterRows",
+    "FilterSetup",
+    "FilterStream",
+    "ReplayTrack",
+    "__version__",
+    "drive",
+    "play",
+    "replay_log_likelihood",
+    "run_filter",
+    "swap_form",
+]
+
+class FilterError(ValueError):
+    kind: str
+    event: int | None
+    t: float | None
+
+@final
+class FilterSetup:
+    def __new__(
+        cls,
+        *,
+        system: str,
+        form: str,
+        interpolation: str,
+        integrator: str,
+        order: str,
+        carrier: str,
+        q: float,
+        q_output: float,
+        tau: float,
+        wander: list[tuple[float, float]],
+        r_position: float,
+        r_output: float,
+        gate: float,
+    ) -> FilterSetup: ...
+
+@final
+class FilterRows:
+    t: _Array
+    position: _Flags
+    x: _Array
+    variance: _Array
+    e: _Array
+    s: _Array
+    accepted: _Flags
+    smoothed: tuple[_Array, _Array] | None
+    covariance: _Array
+    log_likelihood: float
+
+@final
+class FilterStream:
+    def __new__(cls, setup: FilterSetup, x0: _Array, P0: _Array) -> FilterStream: ...
+    def output(self, t: float, value: float) -> float | None: ...
+    def position(self, t: float, value: float) -> float | None: ...
+    def finish(self) -> float | None: ...
+    @property
+    def t(self) -> float | None: ...
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    @property
+    def log_likelihood(self) -> float: ...
+    @property
+    def rejected(self) -> int: ...
+    @property
+    def waiting(self) -> int: ...
+
+def run_filter(
+    setup: FilterSetup,
+    x0: _Array,
+    P0: _Array,
+    output: tuple[_Array, _Array],
+    position: tuple[_Array, _Array],
+    smoothing: bool,
+) -> FilterRows: ...
+def play(x: _Array, width: float, start: float) -> _Array: ...
+def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[list[float]]]: ...
+def drive(
+    t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
+) -> tuple[_Array, _Array, _Flags]: ...
+def replay_log_likelihood(
+    t: _Array,
+    z: _Array,
+    first: _Array,
+    second: _Array,
+    restart: _Flags,
+    counts: _Flags,
+    *,
+    q: float,
+    r: float,
+    prior: tuple[float, float, float, float],
+) -> float: ...
+
+@final
+class ReplayTrack:
+    def __new__(
+        cls,
+        t: _Array,
+        z: _Array,
+        first: _Array,
+        second: _Array,
+        restart: _Flags,
+        *,
+        q: float,
+        r: float,
+        prior: tuple[float, float, float, float],
+    ) -> ReplayTrack: ...
+    def smooth(
+        self, t: _Array, z: _Array, first: _Array, second: _Array, restart: _Flags
+    ) -> tuple[_Array, _Array, _Array]: ...
+    def series(self, name: str) -> _Array: ...
+    def carry(
+        self,
+        t: _Array,
+        restart: _Flags,
+        on_grid: _Array,
+        at_readings: _Array,
+        *,
+        start: float,
+        step: float,
+        from_: int,
+        to: int,
+        state: _Array,
+        whitened: _Array,
+    ) -> None: ...

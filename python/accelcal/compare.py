@@ -1,0 +1,341 @@
+"""Where and how much a fitted model fails on a recording: simulation, k-step errors, coasting, residuals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from accelcal.fit import Fit
+from accelcal.predict import Prediction, accumulated
+from accelcal.recording import Array, Recording
+from accelcal.signals import ORDER, Signals, derivative, low_pass
+
+HORIZONS = (1.0, 5.0, 10.0)
+"""Seconds after position is withheld at which the coasting error is taken."""
+STEPS = (1, 10, 100, 1000)
+"""Readings ahead at which prediction errors are taken."""
+BINS = 12
+"""Bins of the residual against each variable."""
+EDGE = 4.0
+"""Periods of the band at either end of a record that a zero-phase low-pass spoils."""
+LEAST_PERIODS = 12.0
+"""Fewer periods of the band than this are too short a residual to say where it is large."""
+NOTABLE = 4.0
+"""A bin that differs from zero by more standard deviations than this is named as the worst."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coast:
+    """Unaided drift: what position would have been, had it been withheld."""
+
+    start: float
+    """Last reading used, s."""
+    t: Array
+    """Reading times after it, (n,) s."""
+    frozen: Array
+    """Predicted position with every parameter from the fit, (n,) m."""
+    rezeroed: Array
+    """Predicted position with this run's constant estimated before the start, (n,) m."""
+    floor: Array
+    """Standard deviation that noise and start state alone would give, (n,) m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bins:
+    """Mean residual against one variable, with the band that noise alone would give."""
+
+    variable: str
+    unit: str
+    edges: Array
+    """(n + 1,)"""
+    mean: Array
+    """(n,) m/s²; against frequency: density ratio of residual to prediction."""
+    std: Array
+    """(n,) standard deviation of the mean under noise alone."""
+
+    @property
+    def score(self) -> Array:
+        """Mean over its standard deviation, (n,); against frequency the excess over 1."""
+        offset = 1.0 if self.variable == "frequency" else 0.0
+        return np.divide(self.mean - offset, self.std, out=np.zeros_like(self.mean), where=self.std > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A fitted model against a recording."""
+
+    recording: str
+    one_step_rms: float
+    """m"""
+    nis: float | None
+    """Mean normalised innovation squared; None where a band was imposed on the fit."""
+    k_step_rms: Mapping[int, float | None]
+    """Readings ahead -> m."""
+    coast_rms: Mapping[float, float | None]
+    """Rezeroed: horizon in s -> m; None where the record is too short."""
+    coast_frozen_rms: Mapping[float, float | None]
+    coast_floor: Mapping[float, float | None]
+    coast_starts: Mapping[float, int]
+    accel_rms: float
+    """Accelerometer-side residual inside the band, m/s²."""
+    band: float
+    """Hz"""
+    simulated: tuple[Array, Array, Array]
+    """Free-running simulation: time (s), measured and simulated position (m)."""
+    simulated_std: Array
+    """Standard deviation of the simulation from noise and start state, m."""
+    simulated_rms: float
+    """m"""
+    residual: tuple[Array, Array]
+    """One-step residuals: time (s), innovation (m)."""
+    residual_std: Array
+    """Predicted standard deviation of each, m."""
+    accel_residual: tuple[Array, Array]
+    """Accelerometer-side residual: time (s), m/s²."""
+    bins: tuple[Bins, ...]
+    worst: str
+    setup_bias: tuple[float, float]
+    """This run's constant minus the fit's, with standard deviation, m/s²: set-up or turn-on bias."""
+    remarks: tuple[str, ...] = field(default=())
+
+
+def compare(
+    fit: Fit,
+    recording: Recording,
+    *,
+    band: float | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
+) -> Comparison:
+    """Compare a fitted model with a recording, simulation first.
+
+    Parameters
+    ----------
+    fit : parameters, noise and origins.
+    recording : any run, the fitted one or another.
+    band : Hz, optional; bandwidth of the accelerometer-side residual. By default the crossover of the two noises, below
+        which predicted encoder noise stays under sensor noise.
+    horizons : s; when to take the coasting error after position is withheld.
+    start, end : s, optional; only readings in [start, end] are used.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+
+    Notes
+    -----
+    While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
+    motion, the start state from the causal filter, the constant from readings before the start.
+    """
+    ahead = Prediction.of(fit, recording, start=start, end=end)
+    run, e, S = ahead.run, ahead.e, ahead.S
+    counts = ahead.counts
+    frozen, rezeroed, floor, used = ahead.at_horizons(horizons)
+    seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
+    t_res, residual, motion = accel_residual(ahead, seen_band)
+    bins: tuple[Bins, ...] = ()
+    if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
+        found = bin_residual(ahead, t_res, residual, motion, seen_band)
+        bins = (*found, spectrum(ahead, residual, seen_band))
+    delta, delta_std = ahead.constant_at(len(run.t) - 1)
+    gain = abs(fit.values().scale)
+    simulated = ahead.simulate()
+    return Comparison(
+        recording=recording.name,
+        one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
+        nis=None if fit.runs[0].noise.band is not None else float(np.mean(e[counts] ** 2 / S[counts])),
+        k_step_rms={k: ahead.k_step(k) for k in STEPS},
+        coast_rms=rezeroed,
+        coast_frozen_rms=frozen,
+        coast_floor=floor,
+        coast_starts=used,
+        accel_rms=float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
+        band=seen_band,
+        simulated=simulated[:3],
+        simulated_std=simulated[3],
+        simulated_rms=float(np.sqrt(np.mean((simulated[1] - simulated[2]) ** 2))),
+        residual=(run.t, e),
+        residual_std=np.sqrt(S),
+        accel_residual=(t_res, residual),
+        bins=bins,
+        worst=worst_of(bins),
+        setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
+        remarks=outside(fit, motion),
+    )
+
+
+def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
+    """Predict position over `horizon` seconds after the last reading at or before `start`, without using any later one.
+
+    Parameters
+    ----------
+    fit, recording : model and run.
+    start, horizon : s.
+
+    Raises
+    ------
+    ValueError
+        If no reading precedes `start` or the accelerometer record ends before the horizon.
+    """
+    ahead = Prediction.of(fit, recording, withheld=start)
+    k = int(np.searchsorted(ahead.run.t, start, side="right")) - 1
+    if k < 1:
+        raise ValueError(f"no encoder reading precedes {start} s; the record begins at {ahead.run.t[0]:.6g} s")
+    stop = int(np.searchsorted(ahead.run.t, ahead.run.t[k] + horizon, side="right"))
+    rows = np.arange(k + 1, stop)
+    if len(rows) == 0 or bool(np.any(ahead.drive.restart[rows])):
+        raise ValueError(f"the accelerometer record does not reach {horizon} s beyond {start} s without a hole")
+    frozen, rezeroed = ahead.predict(k, rows)
+    return Coast(float(ahead.run.t[k]), ahead.run.t[rows], frozen, rezeroed, ahead.floor(k, ahead.run.t[rows]))
+
+
+def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signals]:
+    """Output minus what the model says for the encoder's own acceleration, both low-passed at `band`.
+
+    The difference of measured and simulated position is low-passed and differentiated, not the positions themselves:
+    it is small and nearly straight, so a short record keeps its ends.
+
+    Returns
+    -------
+    Times (n,) s, residual (n,) m/s², and the encoder's motion on the same grid.
+    """
+    run, values = ahead.run, ahead.values
+    step = run.reading_step
+    t = np.arange(run.t[0], run.t[-1], step)
+    rate = 1.0 / step
+    h = np.diff(run.t, prepend=run.t[0])
+    _, moved = accumulated(ahead.drive, h)
+    p, missed = (
+        low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
+        for y in (run.z, ahead.drive.z - moved)
+    )
+    a = second_derivative(p, step)
+    rig = run.rig
+    sensed = rig.polarity * (a + rig.gravity)
+    motion = Signals(
+        t=t - run.origins.t,
+        p=p - run.origins.p,
+        v=derivative(p, step),
+        a=sensed,
+        jerk=derivative(sensed, step),
+        scale=values.scale,
+        rig=rig,
+        cutoff=band,
+        side=run.side_at(t),
+    )
+    residual = -values.scale * rig.polarity * second_derivative(missed, step)
+    edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
+    inside = np.zeros(len(t), dtype=np.bool_)
+    inside[edge : len(t) - edge] = True
+    for hole in np.flatnonzero((np.diff(run.t) > 8.0 * step) | ahead.drive.restart[1:]):
+        near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
+        inside[near] = False
+    return t[inside], residual[inside], motion.at(inside)
+
+
+def second_derivative(y: Array, step: float) -> Array:
+    """Second derivative of uniform samples, sixth order inside, second order at the two ends."""
+    d = np.zeros_like(y)
+    if len(y) < 7:
+        return np.asarray(np.gradient(np.gradient(y, step), step))
+    d[1:-1] = y[2:] - 2.0 * y[1:-1] + y[:-2]
+    c = (2.0 / 180.0, -27.0 / 180.0, 270.0 / 180.0, -490.0 / 180.0)
+    d[3:-3] = c[3] * y[3:-3] + c[2] * (y[2:-4] + y[4:-2]) + c[1] * (y[1:-5] + y[5:-1]) + c[0] * (y[:-6] + y[6:])
+    d[0], d[-1] = d[1], d[-2]
+    return d / step**2
+
+
+def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
+    """Mean residual against time and every variable of the motion."""
+    run, noise = ahead.run, ahead.noise
+    density = 2.0 * noise.q * ahead.values.scale**2  # one-sided, of the output
+    # The mean of T seconds of noise with that density has variance density/(2 T).
+    step = run.reading_step
+    variables = {
+        "time": (t, "s"),
+        "position": (motion.p + run.origins.p, "m"),
+        "velocity": (motion.v, "m/s"),
+        "acceleration": (motion.a, "m/s²"),
+        "jerk": (motion.jerk, "m/s³"),
+        **{
+            name: (y + (run.origins.temperature if name == "temperature" else 0.0), run.recording.side[name].unit)
+            for name, y in motion.side.items()
+        },
+    }
+    found = []
+    for name, (x, unit) in variables.items():
+        low, high = (float(v) for v in np.quantile(x, [0.001, 0.999]))
+        if not high > low:
+            continue
+        edges = np.linspace(low, high, BINS + 1)
+        index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
+        count = np.bincount(index, minlength=BINS)
+        total = np.bincount(index, weights=residual, minlength=BINS)
+        mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
+        std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
+        found.append(Bins(name, unit, edges, mean, std))
+    return found
+
+
+def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
+    """Density of the residual over the predicted one, in bins of frequency up to the band."""
+    rate = 1.0 / ahead.run.reading_step
+    segment = int(min(len(residual), max(64, 2 ** round(math.log2(8.0 * BINS * rate / band)))))
+    if segment < 16:
+        return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
+    f, density = scipy.signal.welch(residual, fs=rate, nperseg=segment)
+    noise, scale = ahead.noise, ahead.values.scale
+    encoder = 2.0 * noise.r * ahead.run.reading_step * (2.0 * np.pi * f) ** 4
+    passed = 1.0 / (1.0 + (f / band) ** (2 * ORDER)) ** 2  # the low-pass ran forwards and backwards
+    expected = scale**2 * (2.0 * noise.q + encoder) * passed
+    edges = np.linspace(0.0, 0.8 * band, BINS + 1)
+    ratio, std = np.ones(BINS), np.zeros(BINS)
+    averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
+    for i in range(BINS):
+        rows = (f > edges[i]) & (f <= edges[i + 1])
+        if rows.any():
+            ratio[i] = float(np.mean(density[rows] / expected[rows]))
+            std[i] = 1.3 / math.sqrt(averages * float(rows.sum()))  # neighbours of a Hann window overlap
+    return Bins("frequency", "Hz", edges, ratio, std)
+
+
+def worst_of(bins: Sequence[Bins]) -> str:
+    """The region that stands out most, in words.
+
+    Any error has a spectrum, so frequency is named only where no variable of the motion stands out.
+    """
+    found = [(float(np.max(np.abs(b.score))), b, int(np.argmax(np.abs(b.score)))) for b in bins]
+    explaining = [one for one in found if one[1].variable != "frequency" and one[0] >= NOTABLE]
+    best = max(explaining or found, key=lambda one: one[0], default=None)
+    if best is None:
+        return "the record is too short to say where the model fails"
+    score, one, i = best
+    if score < NOTABLE:
+        return f"no region stands out: the largest of {sum(len(b.mean) for b in bins)} deviations is {score:.1f} sigma"
+    where = f"{one.variable} between {one.edges[i]:.4g} and {one.edges[i + 1]:.4g} {one.unit}".rstrip()
+    if one.variable == "frequency":
+        return f"{where}: the residual is {math.sqrt(one.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
+    return f"{where}: mean residual {one.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
+
+
+def outside(fit: Fit, motion: Signals) -> tuple[str, ...]:
+    """Sentences on what this run does beyond the range that the fit has seen."""
+    said = []
+    for key, y, unit in (("a", motion.a, "m/s²"), ("v", motion.v, "m/s"), ("p", motion.p + fit.origins.p, "m")):
+        if key in fit.validity:
+            low, high = fit.validity[key]
+            share = float(np.mean((y < low) | (y > high)))
+            if share > 0.001:
+                span = f"[{low:.4g}, {high:.4g}] {unit}"
+                said.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
+    return tuple(said)

@@ -1,0 +1,118 @@
+"""The two walks that the demo takes: the main job, and the loop on a hidden effect with a sealed answer."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from accelcal.diagnose import scan
+from accelcal.effects import CATALOGUE, Effect, find
+from accelcal.effects.memory import lagged
+from accelcal.fit import iterate
+from accelcal.model import Model
+from accelcal.motion import Motion
+from accelcal.recording import Array, Channel, Recording
+from accelcal.replay import Run
+from accelcal.rig import Rig
+from accelcal.signals import Origins, Signals
+from accelcal.simulate import CXL02_RIG, Simulated, simulate
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01}
+"""Base parameters of every hidden-effect demo."""
+SECONDS = 60.0
+STRENGTH = 5.0
+"""A hidden effect is this many times the smallest one that the record would show: plain, but not glaring."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hidden:
+    """What was put into a pair of recordings."""
+
+    train: Recording
+    holdout: Recording
+    effect: str | None
+    """None when nothing is hidden."""
+    size: float
+    shape: Mapping[str, float]
+
+
+def hide(name: str, seed: int) -> Hidden:
+    """Two recordings of one rig with the same hidden effect.
+
+    Parameters
+    ----------
+    name : an effect of the catalogue, "random" or "none".
+    seed : of everything random.
+
+    Raises
+    ------
+    ValueError
+        If the effect is unknown, belongs to the base, or cannot be put into a record of this rig.
+    """
+    choice, *motions = np.random.SeedSequence(seed).spawn(3)
+    rng = np.random.default_rng(choice)
+    made = [
+        simulate("interleaved", seconds=SECONDS, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(s))
+        for s in motions
+    ]
+    train, holdout = (one.recording for one in made)
+    if name == "none":
+        return Hidden(train, holdout, None, 0.0, {})
+    run = Run(train)
+    one = iterate(Model.linear(), [run], [None]).passes[0]
+    limits = scan([one], Model.linear()).detection_limits
+    possible = [n for n, effect in CATALOGUE.items() if n in limits and not effect.family and effect.port == "output"]
+    effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
+    if effect.name not in possible:
+        raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
+    assert one.signals is not None
+    shape = {key: float(rng.choice(declared.grid(one.signals))) for key, declared in effect.shapes.items()}
+    size = float(rng.choice([1.0] if effect.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
+    origins = run.origins
+    return Hidden(
+        with_effect(made[0], effect, size, shape, origins),
+        with_effect(made[1], effect, size, shape, origins),
+        effect.name,
+        size,
+        shape,
+    )
+
+
+def with_effect(
+    made: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins
+) -> Recording:
+    """The recording as it would be with an effect in the sensor, in front of the low-pass."""
+    recording, rig = made.recording, made.recording.rig
+    accel = recording.accel
+    s = exact_signals(made.truth.motion, accel.t, rig, origins)
+    added = size * effect.column(s, **shape)
+    if rig.lowpass is not None:
+        added = lagged(added, rig.lowpass.tau, s.step, float(added[0]))
+    return replace(recording, accel=Channel(accel.name, accel.t, accel.y + added, accel.unit))
+
+
+def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signals:
+    """Signals of a motion that is known exactly."""
+    p, v, a, jerk = motion.derivatives(t)
+    return Signals(
+        t=t - origins.t,
+        p=p - origins.p,
+        v=v,
+        a=rig.polarity * (a + rig.gravity),
+        jerk=rig.polarity * jerk,
+        scale=1.0 + TRUTH["scale_factor"],
+        rig=rig,
+    )
+
+
+def seal(hidden: Hidden, path: Path) -> None:
+    """Write the answer so that a glance does not give it away."""
+    answer = {"effect": hidden.effect, "size": hidden.size, "shape": dict(hidden.shape), **TRUTH}
+    text = base64.b64encode(json.dumps(answer).encode()).decode()
+    content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}
+    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")

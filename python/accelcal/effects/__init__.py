@@ -1,0 +1,36 @@
+"""The catalogue: an effect is one function, its card and its column are the same place."""
+
+from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
+    base,
+    cross,
+    disturbances,
+    drift,
+    dynamics,
+    encoder,
+    families,
+    nonlinear,
+    stage,
+    thermal,
+)
+from accelcal.effects.cards import card, cards
+from accelcal.effects.catalogue import CATALOGUE, Effect, Shape, effect, find
+from accelcal.effects.channels import side_channel, side_channels
+from accelcal.effects.own import EffectsFileError, load_effects
+
+HOUSE = tuple(CATALOGUE.values())
+"""The effects that come with accelcal, without side channels and users' own."""
+
+__all__ = [
+    "CATALOGUE",
+    "HOUSE",
+    "Effect",
+    "EffectsFileError",
+    "Shape",
+    "card",
+    "cards",
+    "effect",
+    "find",
+    "load_effects",
+    "side_channel",
+    "side_channels",
+]

@@ -1,0 +1,98 @@
+"""The base model: bias, scale factor, time offset, and what a turned sensor separates from them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from accelcal.effects.catalogue import effect
+from accelcal.recording import Array
+from accelcal.rig import STANDARD_GRAVITY
+from accelcal.signals import Signals
+
+
+@effect("bias", unit="m/s²", symbol="K0", scale=0.1, source="IIS2ICLX: ±8 mg; LIS3DH: ±40 mg; ADXL105: up to ±2.5 g")
+def bias(s: Signals) -> Array:
+    """Constant output without acceleration (IEEE 1293 K0).
+
+    Equation: e = K0.
+    Looks like: a constant residual.
+    Easily confused with: level error g0 sin(theta), misalignment times gravity, ADC offset.
+    Separate by: turning the sensor by 180 degrees about the vertical axis; K0 stays, tilt changes sign.
+    """
+    return np.ones_like(s.t)
+
+
+@effect("scale_factor", unit="1", symbol="k", scale=0.01, source="IIS2ICLX: ±2 %")
+def scale_factor(s: Signals) -> Array:
+    """Scale error: output = (1 + k) a + K0 (paper, eq. 3).
+
+    Equation: e = k a.
+    Looks like: a residual proportional to acceleration.
+    Easily confused with: encoder scale, cos(misalignment), cross-axis product with gravity.
+    Separate by: tumble in gravity, roll by 180 degrees, interferometer on the encoder.
+    """
+    return s.a
+
+
+@effect("time_offset", unit="s", owner="timing", symbol="t0", scale=1e-4, source="hold of samples: half a period")
+def time_offset(s: Signals) -> Array:
+    """Accelerometer output late by t0 (physics 7 E1): output(t) = f(a(t - t0)).
+
+    Equation: e = -(1 + k) t0 jerk.
+    Looks like: a residual proportional to jerk.
+    Easily confused with: sensor lag, tolerance of a known low-pass, resonance.
+    Separate by: a common trigger on both channels; several frequencies.
+    """
+    return -s.scale * s.jerk
+
+
+@effect(
+    "tilt",
+    unit="rad",
+    owner="rig",
+    symbol="theta",
+    scale=1e-3,
+    source="level instrument: 0.05 degrees (paper)",
+    visible=False,
+)
+def tilt(s: Signals) -> Array:
+    """The stage is not level: gravity adds g0 sin(theta) along the stage axis.
+
+    Equation: e = (1 + k) theta g0, with the sign of the mount.
+    Looks like: a bias.
+    Easily confused with: bias; on a level rig with one mount they are one number.
+    Separate by: turning the sensor by 180 degrees about the vertical axis.
+    """
+    return np.full_like(s.t, s.scale * s.rig.polarity * STANDARD_GRAVITY)
+
+
+@effect(
+    "misalignment",
+    unit="rad",
+    owner="mounting",
+    symbol="delta",
+    scale=2e-3,
+    source="inter-axis 0.1 degrees: ADXL203",
+    visible=False,
+)
+def misalignment(s: Signals) -> Array:
+    """The input axis leans by delta towards the vertical: gravity adds delta g0.
+
+    Equation: e = (1 + k) delta g0, with the sign of the roll.
+    Looks like: a bias.
+    Easily confused with: bias and tilt.
+    Separate by: rolling the sensor by 180 degrees about its input axis; the bias changes by 2 delta g0.
+    """
+    return np.full_like(s.t, s.scale * s.rig.roll * STANDARD_GRAVITY)
+
+
+@effect("cross_axis_gravity", unit="(m/s²)⁻¹", symbol="Kin", scale=1e-3, source="paper, eq. 7", visible=False)
+def cross_axis_gravity(s: Signals) -> Array:
+    """Product of acceleration and gravity on the vertical axis (paper, eq. 7): Kin g0 a.
+
+    Equation: e = Kin g0 a, with the sign of the roll.
+    Looks like: a scale error.
+    Easily confused with: scale_factor; on a level rig with one roll angle they are one number.
+    Separate by: rolling the sensor by 180 degrees about its input axis; k changes by 2 g0 Kin.
+    """
+    return s.rig.roll * STANDARD_GRAVITY * s.a

@@ -1,0 +1,66 @@
+"""The catalogue as a page: `python -m accelcal.effects > docs/effects.md`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from accelcal.effects.catalogue import CARD, Effect
+
+PORTS = {
+    "output": "adds to the output",
+    "position": "adds to the encoder reading",
+    "noise": "adds variance",
+    "process": "a wandering state",
+}
+
+
+def cards(effects: Iterable[Effect]) -> str:
+    """One Markdown page: a table of all effects, then the card of each."""
+    effects = tuple(effects)
+    lines = [
+        "# Catalogue of effects",
+        "",
+        "Written by `python -m accelcal.effects`; the text lives in `python/accelcal/effects/`.",
+        "",
+        "| effect | symbol | unit of the coefficient | acts by | owner | refined |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| [{e.name}](#{e.name}) | {_cell(e.symbol)} | {e.unit} | {PORTS[e.port]} | {e.owner} | {_refined(e)} |"
+        for e in effects
+    ]
+    for e in effects:
+        lines += ["", *card(e).splitlines()]
+    return "\n".join(lines) + "\n"
+
+
+def card(effect: Effect) -> str:
+    """What is said about one effect, as Markdown."""
+    about = effect.card.split("\nEquation:")[0]
+    lines = [f"## {effect.name}", "", " ".join(about.split()), ""]
+    lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
+    lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
+    lines.append(f"- Typical size: {effect.scale:g} ({effect.source}).")
+    for label, refined in (("Refined by likelihood", True), ("Set by the record, kept by the model", False)):
+        each = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
+        if each:
+            lines.append(f"- {label}: {', '.join(each)}.")
+    if effect.width > 1:
+        lines.append(f"- Columns: {', '.join(effect.parts)}.")
+    if effect.needs:
+        lines.append(f"- Needs the side channel {' and '.join(effect.needs)}.")
+    if effect.includes:
+        lines.append(f"- Includes: {', '.join(effect.includes)}.")
+    if effect.positive:
+        lines.append("- Only a positive coefficient is physical.")
+    if not effect.visible:
+        lines.append("- No motion of a level, untouched rig can show it.")
+    return "\n".join(lines) + "\n"
+
+
+def _refined(effect: Effect) -> str:
+    return ", ".join(name for name, shape in effect.shapes.items() if shape.refined) or "–"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")

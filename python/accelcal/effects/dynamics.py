@@ -1,0 +1,131 @@
+"""Clocks and the dynamics of the sensor: what changes when a value appears in the output."""
+
+from __future__ import annotations
+
+from accelcal.effects.catalogue import Shape, effect
+from accelcal.effects.memory import instants, lagged, since, slow, snap
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+
+@effect(
+    "time_offset_step",
+    unit="s",
+    owner="timing",
+    symbol="dt0",
+    scale=6e-4,
+    source="one dropped sample at 1666 Hz",
+    shapes={"instant": Shape("s", instants, trials=16)},
+    includes=("time_offset",),
+)
+def time_offset_step(s: Signals, instant: float) -> Array:
+    """The delay of the output jumps once: a sample was dropped or stored twice.
+
+    Equation: e = -(1 + k) dt0 jerk [t >= instant].
+    Looks like: a residual proportional to jerk before or after an instant only.
+    Easily confused with: clock_skew.
+    Separate by: sample counters; a common trigger at the beginning and at the end.
+    """
+    return -s.scale * since(s, instant) * s.jerk
+
+
+@effect(
+    "clock_skew",
+    unit="1",
+    owner="timing",
+    symbol="alpha",
+    scale=5e-5,
+    source="crystal: 50 ppm",
+    includes=("time_offset",),
+)
+def clock_skew(s: Signals) -> Array:
+    """The accelerometer's clock gains: its delay grows at a steady rate.
+
+    Equation: e = -(1 + k) alpha t jerk.
+    Looks like: a residual proportional to jerk whose size is a straight line over time.
+    Easily confused with: time_offset_step, scale_drift when the motion has one frequency.
+    Separate by: a longer record; a common trigger at the beginning and at the end.
+    """
+    return -s.scale * s.t * s.jerk
+
+
+@effect(
+    "timing_jitter",
+    unit="s²",
+    port="noise",
+    owner="timing",
+    symbol="sigma_t²",
+    scale=1e-10,
+    source="10 µs",
+    positive=True,
+)
+def timing_jitter(s: Signals) -> Array:
+    """Time stamps scatter with variance sigma_t².
+
+    Equation: variance of the output = sigma_t² ((1 + k) jerk)².
+    Looks like: noise that grows with |jerk|, without a mean.
+    Easily confused with: vibration, whose noise follows v⁴.
+    Separate by: the histogram of the time stamps; motion at high jerk and low speed.
+    """
+    return (s.scale * s.jerk) ** 2
+
+
+@effect(
+    "sensor_lag",
+    unit="1",
+    symbol="l",
+    scale=1.0,
+    source="RC filter of 159 Hz: tau = 1.0 ms (paper)",
+    shapes={"tau": Shape("s", (1e-4, 1e-2), trials=4, spacing="log")},
+    includes=("time_offset",),
+    positive=True,
+)
+def sensor_lag(s: Signals, tau: float) -> Array:
+    """First-order low-pass that was not declared; time_offset, in every base, already holds its delay tau.
+
+    Equation: e = (1 + k) l (x - a), tau x' = a - x; with l = 1, beyond the delay, tau²/2 times the snap a''.
+    Looks like: beyond a delay, an output that falls short the more the higher the frequency.
+    Easily confused with: time_offset and sensor_resonance; while tau is small only l tau² is seen.
+    Separate by: a sweep of frequency up to a tenth of 1/tau; declaring and removing the low-pass.
+    """
+    return s.scale * (lagged(s.a, tau, s.step, float(s.a[0])) - s.a)
+
+
+@effect(
+    "sensor_resonance",
+    unit="s²",
+    owner="mounting",
+    symbol="1/w0²",
+    scale=3e-8,
+    source="900 Hz: IIS2ICLX; brackets 100 Hz to 500 Hz",
+    includes=("time_offset",),
+    positive=True,
+)
+def sensor_resonance(s: Signals) -> Array:
+    """Resonance of sensor or bracket, well above the motion; time_offset already holds its delay 1/(Q w0).
+
+    Equation: e = -(1 + k) c a'', c = (1 - 1/(2 Q²))/w0².
+    Looks like: beyond a delay, an output that is too large the more the higher the frequency.
+    Easily confused with: time_offset, and sensor_lag, which is the same shape with the other sign.
+    Separate by: a sweep of frequency to a tenth of the resonance; a tap test; a second bracket.
+    """
+    return -s.scale * snap(s)
+
+
+@effect(
+    "creep",
+    unit="1",
+    symbol="cc",
+    scale=3e-4,
+    source="1e-4 to 1e-3, no published figure",
+    shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log")},
+)
+def creep(s: Signals, tau: float) -> Array:
+    """The element relaxes: part of its response comes late; before the record it was at rest.
+
+    Equation: e = cc x, tau x' = a - x.
+    Looks like: a slow tail after a hold.
+    Easily confused with: warm_up, bias_gauss_markov, velocity when tau is long.
+    Separate by: a long constant tilt step.
+    """
+    return lagged(s.a, tau, s.step, s.rest)

@@ -1,0 +1,137 @@
+"""The encoder: what it adds to the position, m."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from accelcal.effects.catalogue import Shape, effect
+from accelcal.effects.memory import direction, instants, periods, since
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+
+@effect(
+    "encoder_outliers",
+    unit="m²",
+    port="noise",
+    owner="encoder",
+    symbol="rp",
+    scale=1e-12,
+    source="no published figure",
+    positive=True,
+)
+def encoder_outliers(s: Signals) -> Array:
+    """Single readings are wrong: dirt on the scale, a bit lost.
+
+    Equation: variance of the reading = rp, their rate times their mean square height.
+    Looks like: single innovations far outside the distribution of the rest, followed by one of opposite sign.
+    Easily confused with: encoder_step, real impacts.
+    Separate by: counting them; a repeat, in which dirt recurs at the same place.
+    """
+    return np.ones_like(s.t)
+
+
+@effect(
+    "encoder_cyclic",
+    unit="m",
+    port="position",
+    owner="encoder",
+    symbol="ec",
+    scale=2e-7,
+    source="1 % of a signal period of 20 µm",
+    shapes={"period": Shape("m", periods, trials=8, spacing="log")},
+    parts=("sin", "cos"),
+)
+def encoder_cyclic(s: Signals, period: float) -> Array:
+    """Interpolation error: periodic in position with the period of the scale.
+
+    Equation: b = c sin(2 pi p/period) + d cos(2 pi p/period).
+    Looks like: noise of the readings that is a wave when folded on position.
+    Easily confused with: rail_wave, encoder noise.
+    Separate by: a slow scan folded on the period; two speeds: the encoder's wave grows with the square of speed.
+    """
+    angle = (2.0 * np.pi / period) * s.p
+    return np.column_stack([np.sin(angle), np.cos(angle)])
+
+
+@effect(
+    "encoder_backlash",
+    unit="m",
+    port="position",
+    owner="encoder",
+    symbol="d",
+    scale=1e-6,
+    source="µm, no published figure",
+)
+def encoder_backlash(s: Signals) -> Array:
+    """Slack between carriage and reading head: the reading depends on the direction of the last move.
+
+    Equation: b = (d/2) sgn v, kept through rests and smooth across a reversal: (p - play(p))/w.
+    Looks like: two levels of the reading, one for either direction; impulses at reversals.
+    Easily confused with: coulomb, hysteresis, velocity.
+    Separate by: approaching the same place from both sides, then resting.
+    """
+    return 0.5 * direction(s)
+
+
+@effect(
+    "encoder_nonlinearity",
+    unit="m⁻¹, m⁻²",
+    port="position",
+    owner="encoder",
+    symbol="e2, e3",
+    scale=1e-3,
+    source="10 µm over 0.1 m (paper)",
+    parts=("p²", "p³"),
+)
+def encoder_nonlinearity(s: Signals) -> Array:
+    """Long-wave error of the scale; its straight part is encoder_scale, which no level rig shows.
+
+    Equation: b = e2 p² + e3 p³, felt as the acceleration b'' = (2 e2 + 6 e3 p) v² + (2 e2 p + 3 e3 p²) a.
+    Looks like: a scale error that depends on position.
+    Easily confused with: acceleration_velocity, rail_slope, velocity_squared.
+    Separate by: a shifted start position; the encoder reversed; runs at different speed.
+    """
+    return np.column_stack([s.p**2, s.p**3])
+
+
+@effect(
+    "encoder_step",
+    unit="m",
+    port="position",
+    owner="encoder",
+    symbol="ds",
+    scale=2e-5,
+    source="one signal period missed",
+    shapes={"instant": Shape("s", instants, trials=16)},
+)
+def encoder_step(s: Signals, instant: float) -> Array:
+    """Counts were missed: the position jumps once and stays.
+
+    Equation: b = ds [t >= instant].
+    Looks like: one innovation far outside the rest, with a decay behind it.
+    Easily confused with: encoder_outliers, an impact.
+    Separate by: a reference mark passed before and after.
+    """
+    return since(s, instant)
+
+
+@effect(
+    "encoder_scale",
+    unit="1",
+    port="position",
+    owner="encoder",
+    symbol="eps",
+    scale=1e-4,
+    source="10 µm over 0.1 m (paper)",
+    visible=False,
+)
+def encoder_scale(s: Signals) -> Array:
+    """The scale of the encoder is too long or too short.
+
+    Equation: b = eps p.
+    Looks like: a scale error of the accelerometer, k = -eps.
+    Easily confused with: scale_factor; on a level rig they are one number.
+    Separate by: an interferometer on the encoder; a tumble in gravity.
+    """
+    return s.p

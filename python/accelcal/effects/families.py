@@ -1,0 +1,277 @@
+"""Shapes without a name: smooth functions of one variable, for what no physical effect explains.
+
+The ends of their range are set by the record of the fit and kept by the model, so that the same coefficients are the
+same function on any other record; beyond the range the function is held. The constant and the straight line are within
+their reach; who fits them removes what the base already explains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from accelcal.effects.catalogue import Shape, effect
+from accelcal.effects.memory import direction, held_sign
+from accelcal.recording import Array
+from accelcal.signals import TINY, Signals
+
+PIECES = 7
+"""Pieces of a cubic spline."""
+SPLINES = tuple(f"s{j}" for j in range(1, PIECES + 4))
+KNOT_NOISE = 6.0
+"""Knots stand at least this many standard deviations apart, or noise of the variable blurs the pieces."""
+COSINES = tuple(f"c{j}" for j in range(1, 13))
+AGES = (0.02, 0.1, 0.5, 2.5)
+"""Times since a reversal at which a shape has a knot, s."""
+
+
+def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
+    """Columns weights_j cos(pi j (t - start)/length), j = 1.., held beyond both ends; (n, len(weights))."""
+    share = np.clip((t - start) / length, 0.0, 1.0)
+    first = np.cos(np.pi * share)
+    rows = np.empty((len(weights) + 1, len(t)))
+    rows[0] = 1.0
+    rows[1] = first
+    twice = 2.0 * first
+    for j in range(2, len(rows)):  # cos(j x) = 2 cos x cos((j - 1) x) - cos((j - 2) x)
+        np.multiply(twice, rows[j - 1], out=rows[j])
+        rows[j] -= rows[j - 2]
+    return (rows[1:] * weights[:, None]).T
+
+
+def splines(x: Array, low: float, high: float) -> Array:
+    """Uniform cubic B-splines on [low, high], which sum to 1; x is held at the ends; (n, PIECES + 3)."""
+    u = np.clip((x - low) * (PIECES / (high - low)), 0.0, PIECES)
+    piece = np.minimum(u.astype(np.intp), PIECES - 1)
+    f = u - piece
+    g = 1.0 - f
+    columns = np.zeros((len(x), PIECES + 3))
+    flat, at = columns.reshape(-1), np.arange(len(x)) * (PIECES + 3) + piece
+    flat[at] = g**3 / 6.0
+    flat[at + 1] = (4.0 - 6.0 * f**2 + 3.0 * f**3) / 6.0
+    flat[at + 2] = (4.0 - 6.0 * g**2 + 3.0 * g**3) / 6.0
+    flat[at + 3] = f**3 / 6.0
+    return columns
+
+
+def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:
+    """The range of a variable with a given noise, as shapes that the record sets."""
+
+    def ends(s: Signals) -> tuple[float, float]:
+        y, std = variable(s)
+        low, high = float(np.min(y)), float(np.max(y))
+        middle = 0.5 * (low + high)
+        width = max(high - low, KNOT_NOISE * std * PIECES, TINY, 1e-9 * abs(middle))
+        return middle - 0.5 * width, middle + 0.5 * width
+
+    def low(s: Signals) -> tuple[float, float]:
+        return ends(s)[0], ends(s)[0]
+
+    def high(s: Signals) -> tuple[float, float]:
+        return ends(s)[1], ends(s)[1]
+
+    return {"low": Shape(unit, low, trials=1), "high": Shape(unit, high, trials=1)}
+
+
+def _start(s: Signals) -> tuple[float, float]:
+    return float(s.t[0]), float(s.t[0])
+
+
+def _length(s: Signals) -> tuple[float, float]:
+    return s.length, s.length
+
+
+RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, trials=1)}
+"""The stretch of time on which cosines stand: set by the record of the fit and kept by the model."""
+
+
+@effect(
+    "shape_of_time",
+    unit="m/s²",
+    symbol="f(t)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=RECORD,
+    parts=COSINES,
+    family=True,
+    includes=("bias",),
+)
+def shape_of_time(s: Signals, start: float, length: float) -> Array:
+    """A bias that is some slow function of time.
+
+    Equation: e = sum_j c_j cos(pi j (t - start)/length).
+    Looks like: a residual that depends on time only.
+    Easily confused with: bias_drift, warm_up, bias_step, bias_random_walk, temperature_bias.
+    Separate by: logging what else changes with time; a second record.
+    """
+    return cosines(s.t, start, length, np.ones(len(COSINES)))
+
+
+@effect(
+    "shape_of_position",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(p)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m", lambda s: (s.p, s.p_std)),
+    parts=SPLINES,
+    family=True,
+    includes=("bias",),
+)
+def shape_of_position(s: Signals, low: float, high: float) -> Array:
+    """An acceleration that is some function of the place on the rail.
+
+    Equation: e = sum_j c_j B_j(p), cubic splines.
+    Looks like: a residual that depends on position only, at any speed.
+    Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
+    Separate by: a very slow traverse; two speeds.
+    """
+    return s.rig.polarity * splines(s.p, low, high)
+
+
+@effect(
+    "shape_of_velocity",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(v)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s", lambda s: (s.v, s.v_std)),
+    parts=SPLINES,
+    family=True,
+    includes=("bias",),
+)
+def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
+    """An acceleration that is some function of velocity.
+
+    Equation: e = sum_j c_j B_j(v), cubic splines.
+    Looks like: a residual that depends on velocity only.
+    Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
+    Separate by: several steady speeds in both directions.
+    """
+    return s.rig.polarity * splines(s.v, low, high)
+
+
+@effect(
+    "shape_of_acceleration",
+    unit="m/s²",
+    symbol="f(a)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s²", lambda s: (s.a, s.a_std)),
+    parts=SPLINES,
+    family=True,
+    includes=("bias", "scale_factor"),
+)
+def shape_of_acceleration(s: Signals, low: float, high: float) -> Array:
+    """A characteristic of the sensor that is some function of acceleration.
+
+    Equation: e = sum_j c_j B_j(a), cubic splines.
+    Looks like: a residual that depends on acceleration only.
+    Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
+    Separate by: several amplitudes at several frequencies.
+    """
+    return splines(s.a, low, high)
+
+
+@effect(
+    "shape_of_jerk",
+    unit="m/s²",
+    owner="timing",
+    symbol="f(j)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
+    parts=SPLINES,
+    family=True,
+    includes=("bias", "time_offset"),
+)
+def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
+    """An error that is some function of the rate of change of acceleration.
+
+    Equation: e = sum_j c_j B_j(jerk), cubic splines.
+    Looks like: a residual that depends on jerk only.
+    Easily confused with: hysteresis, time_offset, a slew-rate limit.
+    Separate by: rests after either direction; several amplitudes.
+    """
+    return splines(s.jerk, low, high)
+
+
+@effect(
+    "shape_of_temperature",
+    unit="m/s²",
+    symbol="f(T)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("K", lambda s: (s.temperature, 0.0)),
+    needs=("temperature",),
+    parts=SPLINES,
+    family=True,
+    includes=("bias",),
+)
+def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
+    """A bias that is some function of temperature.
+
+    Equation: e = sum_j c_j B_j(T), cubic splines.
+    Looks like: a residual that depends on temperature only.
+    Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
+    Separate by: a temperature cycle that is not monotone in time.
+    """
+    return splines(s.temperature, low, high)
+
+
+@effect(
+    "shape_since_reversal",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(r)",
+    scale=1e-3,
+    source="0.1 mg",
+    parts=tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
+    family=True,
+    includes=("bias",),
+)
+def shape_since_reversal(s: Signals) -> Array:
+    """A response to reversals of the stage: some function of the time since the last, alike or odd in direction.
+
+    Equation: e = sum_j (c_j + d_j sgn v) h_j(r), h_j hats over log r, r the time since the last reversal.
+    Looks like: a transient after each reversal.
+    Easily confused with: coulomb, hysteresis, creep, encoder_backlash.
+    Separate by: rests of several lengths between moves.
+    """
+    heading = direction(s)
+    way = held_sign(heading)
+    turned = np.flatnonzero(way[1:] != way[:-1]) + 1
+    last = np.full(len(s.t), -1, dtype=np.intp)
+    last[turned] = turned
+    last = np.maximum.accumulate(last)
+    moved = last >= 0
+    age = np.where(moved, s.t - s.t[last], 0.0)
+    u = np.interp(np.log(np.maximum(age, AGES[0])), np.log(AGES), np.arange(len(AGES), dtype=np.float64))
+    hats = np.maximum(1.0 - np.abs(u[:, None] - np.arange(len(AGES))), 0.0) * moved[:, None]
+    return s.rig.polarity * np.hstack([hats, hats * heading[:, None]])
+
+
+@effect(
+    "encoder_shape_of_position",
+    unit="m",
+    port="position",
+    owner="encoder",
+    symbol="b(p)",
+    scale=1e-6,
+    source="at most 10 µm (paper)",
+    shapes=over("m", lambda s: (s.p, s.p_std)),
+    parts=SPLINES,
+    family=True,
+)
+def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
+    """An error of the encoder that is some function of position; its straight part is encoder_scale.
+
+    Equation: b = sum_j c_j B_j(p), cubic splines.
+    Looks like: a residual that depends on position and grows with the square of speed.
+    Easily confused with: encoder_nonlinearity, encoder_cyclic, shape_of_position.
+    Separate by: two speeds; a shifted start position.
+    """
+    return splines(s.p, low, high)

@@ -1,0 +1,82 @@
+"""What effects with memory are made of: the low-pass, the play operator, the direction of travel, steps and spans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import scipy
+
+from accelcal import _core
+from accelcal.recording import Array
+from accelcal.signals import CORNER_NOISE, TINY, Signals, derivative
+
+EDGE = 0.03
+"""Share of the record at either end in which no instant is sought."""
+SLACK = 1e-4
+"""Share of the stroke after which a turn counts as a reversal, so that noise at rest does not."""
+
+
+def lagged(y: Array, tau: float, step: float, start: float) -> Array:
+    """First-order low-pass tau x' = y - x, exact for straight lines between samples.
+
+    Parameters
+    ----------
+    y : (n,) uniform samples.
+    tau, step : time constant and spacing, s.
+    start : x at the first sample.
+    """
+    decay = float(np.exp(-step / tau))
+    mean = -float(np.expm1(-step / tau)) * tau / step
+    new, old = 1.0 - mean, mean - decay
+    x, _ = scipy.signal.lfilter([new, old], [1.0, -decay], y, zi=[start - new * y[0]])
+    return np.asarray(x, dtype=np.float64)
+
+
+def play(x: Array, width: float, start: float) -> Array:
+    """What a slack of full `width` lets through of `x`, (n,); it keeps its memory through rests."""
+    return _core.play(np.ascontiguousarray(x), width, start)
+
+
+def direction(s: Signals) -> Array:
+    """+1 while the stage travels forwards, -1 backwards, kept through rests, smooth across a reversal; 0 before the
+    first move."""
+    width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
+    return (s.p - play(s.p, width, float(s.p[0]))) / (0.5 * width)
+
+
+def held_sign(heading: Array) -> Array:
+    """Sign of a direction, changed only where it is at least half sure, so that noise at rest reverses nothing."""
+    sure = np.maximum.accumulate(np.where(np.abs(heading) >= 0.5, np.arange(len(heading)), -1))
+    return np.where(sure >= 0, np.sign(heading[sure]), 0.0)
+
+
+def since(s: Signals, instant: float) -> Array:
+    """0 before `instant` and 1 after it, straight across one spacing so that the instant can be refined."""
+    return np.clip((s.t - instant) / s.step + 0.5, 0.0, 1.0)
+
+
+def instants(s: Signals) -> tuple[float, float]:
+    """Times at which something may change, away from the ends, s."""
+    return float(s.t[0]) + EDGE * s.length, float(s.t[-1]) - EDGE * s.length
+
+
+def slow(low: float, high: float) -> Callable[[Signals], tuple[float, float]]:
+    """Time constants between two shares of the record's length, s."""
+
+    def bounds(s: Signals) -> tuple[float, float]:
+        return low * s.length, high * s.length
+
+    return bounds
+
+
+def periods(s: Signals) -> tuple[float, float]:
+    """Periods in position that the spacing of the times resolves at top speed, up to the stroke, m."""
+    stroke = max(float(np.ptp(s.p)), TINY)
+    travel = float(np.max(np.abs(s.v))) * s.step
+    return min(max(4.0 * travel, 1e-6 * stroke), 0.5 * stroke), stroke
+
+
+def snap(s: Signals) -> Array:
+    """Second derivative of the specific force, m/s⁴."""
+    return derivative(s.jerk, s.step)

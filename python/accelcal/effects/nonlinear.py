@@ -1,0 +1,119 @@
+"""Nonlinearity of the sensing element: what depends on the specific force alone, now or before."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from accelcal.effects.catalogue import Shape, effect
+from accelcal.effects.memory import play
+from accelcal.recording import Array
+from accelcal.signals import TINY, Signals
+
+
+@effect("quadratic", unit="(m/s²)⁻¹", symbol="K2", scale=1e-4, source="0.1 % of ±2 g: ADXL358, IIS2ICLX")
+def quadratic(s: Signals) -> Array:
+    """Second-order nonlinearity (IEEE 1293 K2).
+
+    Equation: e = K2 a².
+    Looks like: second harmonic and a shift of the mean, both growing with the square of the amplitude.
+    Easily confused with: scale_asymmetry, and velocity_squared when the motion has one frequency.
+    Separate by: two frequencies at equal amplitude; a wider range of amplitudes.
+    """
+    return s.a**2
+
+
+@effect("cubic", unit="(m/s²)⁻²", symbol="K3", scale=1e-5, source="0.1 % of ±2 g: ADXL358, IIS2ICLX")
+def cubic(s: Signals) -> Array:
+    """Third-order nonlinearity (IEEE 1293 K3).
+
+    Equation: e = K3 a³.
+    Looks like: third harmonic, growing with the cube of the amplitude.
+    Easily confused with: scale_factor when there is one amplitude, odd_quadratic, the onset of saturation.
+    Separate by: two amplitudes; the third harmonic of K3 grows with the cube, that of a|a| with the square.
+    """
+    return s.a * s.a * s.a
+
+
+@effect("odd_quadratic", unit="(m/s²)⁻¹", symbol="Koq", scale=1e-4, source="no published figure; taken as K2")
+def odd_quadratic(s: Signals) -> Array:
+    """Odd second-order nonlinearity (IEEE 1293 Koq).
+
+    Equation: e = Koq a|a|.
+    Looks like: third harmonic, growing with the square of the amplitude.
+    Easily confused with: cubic, and scale_factor when there is one amplitude.
+    Separate by: a sweep of the amplitude; the third harmonic of Koq grows with the square, that of K3 with the cube.
+    """
+    return s.a * np.abs(s.a)
+
+
+@effect("scale_asymmetry", unit="1", symbol="K1'/2", scale=1e-4, source="small in open-loop MEMS; no published figure")
+def scale_asymmetry(s: Signals) -> Array:
+    """Scale factor that differs between the two directions (IEEE 1293 K1'/2).
+
+    Equation: e = (K1'/2) |a|, the corner rounded: sqrt(a² + w²).
+    Looks like: even harmonics and a shift of the mean, both growing in proportion to the amplitude.
+    Easily confused with: quadratic.
+    Separate by: a sweep of the amplitude; |a| grows with it, a² with its square.
+    """
+    return np.hypot(s.a, s.a_width)
+
+
+@effect("dead_zone", unit="m/s²", symbol="K0'/2", scale=1e-3, source="no published figure; 0.1 mg")
+def dead_zone(s: Signals) -> Array:
+    """Bias that changes sign with the acceleration: dead zone if negative (IEEE 1293 K0'/2).
+
+    Equation: e = (K0'/2) sgn a, the corner rounded: tanh(a/w).
+    Looks like: a step of the residual where the acceleration passes zero.
+    Easily confused with: hysteresis, coulomb.
+    Separate by: fast and slow motion; a dead zone does not depend on velocity and has no loop.
+    """
+    return np.tanh(s.a / s.a_width)
+
+
+def _levels(s: Signals) -> tuple[float, float]:
+    largest = max(float(np.max(np.abs(s.a))), TINY)
+    return 0.5 * largest, 0.99 * largest
+
+
+@effect(
+    "saturation",
+    unit="1",
+    symbol="s",
+    scale=1.0,
+    source="the output clips: ±2 g to ±5 g (paper)",
+    shapes={"level": Shape("m/s²", _levels, trials=5)},
+    positive=True,
+)
+def saturation(s: Signals, level: float) -> Array:
+    """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
+
+    Equation: e = s (clip(a, -level, level) - a).
+    Looks like: residuals at the largest |a| only, towards zero.
+    Easily confused with: cubic with a negative coefficient, vibration_rectification.
+    Separate by: the edge of the histogram of the output; a smaller amplitude, at which it vanishes.
+    """
+    return np.clip(s.a, -level, level) - s.a
+
+
+def _slacks(s: Signals) -> tuple[float, float]:
+    rms = max(float(np.sqrt(np.mean((s.a - s.rest) ** 2))), TINY)
+    return 0.1 * rms, 2.0 * rms
+
+
+@effect(
+    "hysteresis",
+    unit="1",
+    symbol="h",
+    scale=1e-3,
+    source="no published figure",
+    shapes={"width": Shape("m/s²", _slacks, trials=5, spacing="log")},
+)
+def hysteresis(s: Signals, width: float) -> Array:
+    """Play of full `width` between acceleration and output, at any rate and kept through rests.
+
+    Equation: e = h play(a, width); the scale factor takes the part in proportion to a, the loop remains.
+    Looks like: a loop of the residual over acceleration that does not depend on how fast it is run through.
+    Easily confused with: velocity, time_offset, dead_zone.
+    Separate by: slow against fast loops; the loop of a delay grows with frequency. Rests after either direction.
+    """
+    return play(s.a, width, s.rest)

@@ -1,0 +1,135 @@
+"""The stage: what velocity and place on the rail add to the acceleration that the sensor feels.
+
+These are accelerations along the stage; a sensor that is reversed on it sees them with the other sign.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from accelcal.effects.catalogue import Shape, effect
+from accelcal.effects.memory import periods
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+
+@effect("velocity", unit="s⁻¹", owner="rig", symbol="cv", scale=1e-3, source="1e-4 m/s² at 0.1 m/s")
+def velocity(s: Signals) -> Array:
+    """In proportion to velocity: eddy currents, cable drag, an amplifier's high-pass.
+
+    Equation: e = cv v.
+    Looks like: a residual proportional to velocity.
+    Easily confused with: time_offset when the motion has one frequency, velocity_odd, coulomb.
+    Separate by: a sweep of frequency: cv v stays, t0 jerk grows with its square; several speeds.
+    """
+    return s.rig.polarity * s.v
+
+
+@effect("velocity_squared", unit="m⁻¹", owner="rig", symbol="cvv", scale=1e-3, source="1e-5 m/s² at 0.1 m/s")
+def velocity_squared(s: Signals) -> Array:
+    """In proportion to v²: centripetal acceleration on a curved rail, pitch of the carriage.
+
+    Equation: e = cvv v².
+    Looks like: a shift of the mean that grows with speed, alike in both directions.
+    Easily confused with: quadratic when the motion has one frequency, vibration_rectification.
+    Separate by: a sweep of frequency at equal amplitude of acceleration.
+    """
+    return s.rig.polarity * s.v**2
+
+
+@effect("velocity_odd", unit="m⁻¹", owner="rig", symbol="cvo", scale=1e-2, source="1e-4 m/s² at 0.1 m/s")
+def velocity_odd(s: Signals) -> Array:
+    """In proportion to v|v|: drag of air or fluid.
+
+    Equation: e = cvo v|v|.
+    Looks like: a residual that changes sign with direction and grows with the square of speed.
+    Easily confused with: velocity, coulomb.
+    Separate by: several speeds over a ratio of 4 or more.
+    """
+    return s.rig.polarity * s.v * np.abs(s.v)
+
+
+@effect("coulomb", unit="m/s²", owner="rig", symbol="cf", scale=1e-3, source="no published figure; 0.1 mg")
+def coulomb(s: Signals) -> Array:
+    """Changes sign with the direction of travel: dry friction that tips the carriage, drive current picked up.
+
+    Equation: e = cf sgn v, the corner rounded: tanh(v/w).
+    Looks like: two levels of the residual, one for either direction.
+    Easily confused with: velocity, velocity_odd, hysteresis, encoder_backlash.
+    Separate by: several speeds; rests, in which it vanishes and hysteresis stays.
+    """
+    return s.rig.polarity * np.tanh(s.v / s.v_width)
+
+
+@effect("acceleration_velocity", unit="s/m", owner="rig", symbol="cav", scale=1e-3, source="no published figure")
+def acceleration_velocity(s: Signals) -> Array:
+    """Product of acceleration and velocity: a scale factor that depends on speed.
+
+    Equation: e = cav a v.
+    Looks like: a residual proportional to acceleration with opposite sign in either direction.
+    Easily confused with: encoder_nonlinearity, clock_skew.
+    Separate by: the same acceleration at several speeds; a shifted centre of the stroke.
+    """
+    return s.a * s.v
+
+
+@effect(
+    "rail_slope",
+    unit="s⁻²",
+    owner="rig",
+    symbol="c1",
+    scale=9.8e-3,
+    source="bow of 1 km radius: g0 per km",
+    includes=("bias",),
+)
+def rail_slope(s: Signals) -> Array:
+    """The rail sags: its angle to level, and with it gravity along the stage, changes in proportion to place.
+
+    Equation: e = c1 p.
+    Looks like: a residual proportional to position, at any speed.
+    Easily confused with: scale_factor when the motion has one frequency, rail_curve.
+    Separate by: a very slow traverse; equal motion at another centre of the stroke.
+    """
+    return s.rig.polarity * s.p
+
+
+@effect(
+    "rail_curve",
+    unit="m⁻¹ s⁻²",
+    owner="rig",
+    symbol="c2",
+    scale=0.1,
+    source="no published figure; 1e-3 m/s² at 0.1 m",
+    includes=("rail_slope", "bias"),
+)
+def rail_curve(s: Signals) -> Array:
+    """The bow of the rail is not even: second power of place.
+
+    Equation: e = c2 p².
+    Looks like: a residual that is a parabola over position, at any speed.
+    Easily confused with: quadratic and velocity_squared when the motion has one frequency.
+    Separate by: a very slow traverse over the full travel.
+    """
+    return s.rig.polarity * s.p**2
+
+
+@effect(
+    "rail_wave",
+    unit="m/s²",
+    owner="rig",
+    symbol="cw",
+    scale=1e-3,
+    source="no published figure; 0.1 mrad of waviness",
+    shapes={"period": Shape("m", periods, trials=8, spacing="log")},
+    parts=("sin", "cos"),
+)
+def rail_wave(s: Signals, period: float) -> Array:
+    """The rail is wavy: gravity along the stage changes periodically with place.
+
+    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period).
+    Looks like: a residual periodic in position, the same in both directions and at any speed.
+    Easily confused with: encoder_cyclic, rail_curve, bias_step.
+    Separate by: two speeds: a wave of the rail stays, a wave of the encoder grows with the square of speed.
+    """
+    angle = (2.0 * np.pi / period) * s.p
+    return s.rig.polarity * np.column_stack([np.sin(angle), np.cos(angle)])

@@ -1,0 +1,153 @@
+"""What the loop found, as plain values ready for JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from accelcal.channels import ChannelFinding
+from accelcal.compare import Comparison
+from accelcal.diagnose import Candidate
+from accelcal.loop import Diagnosis, Improvement, Tie
+from accelcal.rig import STANDARD_GRAVITY
+from accelcal.store import comparison_to_dict, to_dict
+
+DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
+IMPROVE_SCHEMA = "accelcal/improve/1"
+HISTORY_SCHEMA = "accelcal/history/1"
+
+
+def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
+    """Content of `diagnose --json`; candidates by rank."""
+    range_ = found.fit.rig.sensor.range
+    return {
+        "schema": DIAGNOSIS_SCHEMA,
+        "suspect_data": list(found.suspect),
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "effects": list(found.effects),
+        "classes": ties(found.classes),
+        "inseparable": ties(found.inseparable),
+        "breaks": list(found.breaks),
+        "used": [list(span) for span in found.used],
+        "candidates": [candidate(c, range_) for c in found.scan.candidates],
+        "channels": [channel(test) for test in found.channels],
+        "candidates_examined": found.scan.examined,
+        "alpha": found.alpha,
+        "detection_limits": dict(found.scan.detection_limits),
+        "parameters": parameters(found),
+        "where": where(found.where),
+    }
+
+
+def where(seen: Comparison) -> dict[str, Any]:
+    """Where the model fails: the worst region in words, and tiles of excess over every variable, in sigmas."""
+    return {
+        "worst": seen.worst,
+        "tiles": [
+            {"variable": b.variable, "unit": b.unit, "edges": b.edges.tolist(), "sigma": b.score.tolist()}
+            for b in seen.bins
+        ],
+    }
+
+
+def candidate(c: Candidate, range_: float | None) -> dict[str, Any]:
+    """One candidate; an effect of several columns has lists."""
+    single = len(c.estimate) == 1
+    return {
+        "effect": c.effect,
+        "shape": dict(c.shape),
+        "estimate": c.estimate[0] if single else list(c.estimate),
+        "unit": c.unit,
+        "std": c.std[0] if single else list(c.std),
+        "snr": c.snr,
+        "p_value": c.p_value,
+        "p_raw": c.p_raw,
+        "log_evidence": c.log_evidence,
+        "class": list(c.members),
+        "largest_contribution": sizes(c.largest, range_),
+    }
+
+
+def channel(test: ChannelFinding) -> dict[str, Any]:
+    """A significant effect that the mean cannot see."""
+    return {
+        "effect": test.effect,
+        "estimate": test.estimate,
+        "unit": test.unit,
+        "std": test.std,
+        "p_raw": test.p_value,
+        "sentence": test.sentence,
+        "parts": dict(test.parts),
+    }
+
+
+def sizes(value: float, range_: float | None) -> dict[str, float | None]:
+    """A contribution in m/s², mg and percent of full scale."""
+    return {
+        "m_per_s2": value,
+        "mg": 1e3 * value / STANDARD_GRAVITY,
+        "percent_of_full_scale": 100.0 * value / range_ if range_ else None,
+    }
+
+
+def ties(several: Sequence[Tie]) -> list[dict[str, Any]]:
+    """Equivalence classes."""
+    return [{"effect": t.effect, "members": list(t.members), "experiment": t.experiment} for t in several]
+
+
+def parameters(found: Diagnosis) -> list[dict[str, Any]]:
+    """Parameters of the fitted model with their largest contribution."""
+    range_ = found.fit.rig.sensor.range
+    return [
+        {
+            "name": e.name,
+            "symbol": e.symbol,
+            "unit": e.unit,
+            "value": e.value,
+            "std": e.std,
+            "owner": e.owner,
+            "run": e.run,
+            "largest_contribution": sizes(found.largest[e.name], range_),
+        }
+        for e in found.fit.estimates
+    ]
+
+
+def improvement_to_dict(found: Improvement) -> dict[str, Any]:
+    """Content of `improve --json`."""
+    last = found.diagnosis
+    return {
+        "schema": IMPROVE_SCHEMA,
+        "suspect_data": list(last.suspect),
+        "verdict": last.verdict,
+        "sentence": last.sentence,
+        "effects": list(found.effects),
+        "classes": ties(found.classes),
+        "inseparable": ties(last.inseparable),
+        "breaks": list(last.breaks),
+        "used": [list(span) for span in last.used],
+        "heldout_is_same_run": found.same_run,
+        "steps": [
+            {
+                "effects": list(step.effects),
+                "train": comparison_to_dict(step.train),
+                "heldout": comparison_to_dict(step.heldout),
+            }
+            for step in found.steps
+        ],
+        "parameters": parameters(last),
+        "channels": [channel(test) for test in last.channels],
+        "detection_limits": dict(last.scan.detection_limits),
+        "candidates_examined": found.examined,
+        "alpha": last.alpha,
+        "model": to_dict(last.fit),
+    }
+
+
+def history_to_dict(models: Sequence[str], steps: Sequence[Comparison]) -> dict[str, Any]:
+    """Content of `history --json`: one comparison for each model."""
+    return {
+        "schema": HISTORY_SCHEMA,
+        "steps": [{"model": m, "heldout": comparison_to_dict(c)} for m, c in zip(models, steps, strict=True)],
+    }

@@ -1,0 +1,46 @@
+"""pyarrow arrays as columns of numbers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from accelcal.io.tables import Column
+
+
+def column(cells: Any) -> Column:
+    """Take the numbers out of a pyarrow array; null means an empty cell, stamps become seconds from the first.
+
+    Parameters
+    ----------
+    cells : pyarrow array of shape (n,): numbers, time stamps or durations.
+
+    Raises
+    ------
+    pyarrow.ArrowNotImplementedError
+        If they are none of these.
+    """
+    import pyarrow as pa
+
+    cells = _seconds(cells)
+    if cells.type != pa.float64():
+        cells = cells.cast(pa.float64(), safe=False)
+    if not cells.null_count:
+        return Column(cells.to_numpy(zero_copy_only=True))
+    return Column(cells.to_numpy(zero_copy_only=False), cells.is_valid().to_numpy(zero_copy_only=False))
+
+
+def _seconds(cells: Any) -> Any:
+    import pyarrow as pa
+    from pyarrow import compute
+
+    if pa.types.is_timestamp(cells.type):
+        count = cells.cast(pa.timestamp("ns", cells.type.tz)).cast(pa.int64())
+        given = count.drop_null()
+        count = compute.subtract(count, given[0] if len(given) else 0)
+    elif pa.types.is_duration(cells.type):
+        count = cells.cast(pa.duration("ns")).cast(pa.int64())
+    elif pa.types.is_integer(cells.type) or pa.types.is_floating(cells.type) or pa.types.is_decimal(cells.type):
+        return cells
+    else:
+        raise pa.ArrowNotImplementedError(f"no numbers: {cells.type}")
+    return compute.multiply(count.cast(pa.float64()), 1e-9)

@@ -1,0 +1,158 @@
+"""Which column is which channel: as the sidecar maps them, or by their names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from accelcal import units
+from accelcal.io import naming
+from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
+from accelcal.io.tables import Table
+from accelcal.recording import Finding, RecordingError
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Which column serves which channel, before any number is read."""
+
+    sources: Mapping[str, Source]
+    """By channel name; each with its clock."""
+    sidecar: Path
+    """Where the user declares what is missing."""
+
+
+def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[Plan, list[Finding]]:
+    """Assign columns and clocks to channels: those that the sidecar maps, then by name those that it leaves out.
+
+    Parameters
+    ----------
+    table : the file.
+    declared : its sidecar.
+    required : the channels without which the file is of no use.
+
+    Returns
+    -------
+    The plan, and a note on columns that nobody asked for.
+
+    Raises
+    ------
+    RecordingError
+        If a channel or clock is missing or ambiguous; it shows the lines to write.
+    """
+    sidecar = declared.path or sidecar_of(table.path)
+    sources, notes = _sources(table, declared, sidecar)
+    for name in ("accel", "position"):
+        if name in required and name not in sources:
+            raise RecordingError(_absent(table, name, sidecar, declared.channels))
+        if name in sources and name not in required and sources[name].column not in table.columns:
+            del sources[name]
+    clock = declared.time or _common_clock(table, sidecar)
+    for name, source in sources.items():
+        stamps = source.time or clock
+        if stamps is None:
+            raise RecordingError(_absent(table, "time", sidecar, declared.channels))
+        for column in (source.column, stamps.column):
+            if column is not None and table.columns.count(column) != 1:
+                raise RecordingError(_wrong_column(table, name, column, sidecar))
+        sources[name] = replace(source, time=stamps)
+    return Plan(sources, sidecar), notes
+
+
+def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, Source], list[Finding]]:
+    """Return a column for each channel; side channels are looked for only when no sidecar lists the channels."""
+    sources = dict(declared.channels)
+    mapped = {source.column for source in sources.values()}
+    unused = []
+    for column, (channel, own_clock) in discover(table).items():
+        essential = channel in ("accel", "position")
+        if channel == "time" or channel in declared.channels or column in mapped:
+            continue
+        if essential or (not declared.channels and _has_unit(table, column)):
+            if channel in sources:
+                raise RecordingError(
+                    f'{table.path}: columns "{sources[channel].column}" and "{column}" can both be {channel}; '
+                    + fix(sidecar, line(channel, column, "..."))
+                )
+            sources[channel] = Source(column, time=own_clock)
+        elif not declared.channels:
+            unused.append(column)
+    text = f"columns without a known unit are not used: {', '.join(unused)}; declare them in [channels] to use them"
+    return sources, [Finding("unused_columns", "", len(unused), 0.0, text)] if unused else []
+
+
+def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
+    """Return by column the channel that its name speaks of, and the clock column of its own that it has, if any.
+
+    Clocks, common or own, are called "time".
+    """
+    named = {column: naming.take_apart(column).base for column in table.columns}
+    clocks = {}
+    for column, base in named.items():
+        aliases = naming.ROLES.get(naming.role(base) or "", (base.lower(),))
+        stamps = {f"{alias}_{stamp}" for alias in aliases for stamp in naming.ROLES["time"]}
+        own = next((other for other, other_base in named.items() if other_base.lower() in stamps), None)
+        if own is not None:
+            clocks[column] = Clock(column=own)
+    owned = {clock.column for clock in clocks.values()}
+    return {
+        column: ("time" if column in owned else naming.role(base) or base, clocks.get(column))
+        for column, base in named.items()
+    }
+
+
+def _common_clock(table: Table, sidecar: Path) -> Clock | None:
+    common = [column for column in table.columns if naming.role(naming.take_apart(column).base) == "time"]
+    if len(common) > 1:
+        names = " and ".join(f'"{column}"' for column in common)
+        raise RecordingError(
+            f"{table.path}: columns {names} can both be time; " + fix(sidecar, line("time", common[0], "..."))
+        )
+    return Clock(column=common[0]) if common else None
+
+
+def _has_unit(table: Table, column: str) -> bool:
+    name = naming.take_apart(column)
+    unit = table.units.get(column) or name.suffix or name.brackets
+    return unit is not None and units.is_unit(unit)
+
+
+def line(channel: str, column: str, unit: str) -> str:
+    """Return the lines of a sidecar that declare one channel."""
+    return f'[channels]\n{channel} = {{ column = "{column}", unit = "{unit}" }}'
+
+
+def fix(sidecar: Path, lines: str) -> str:
+    """Say where to write `lines`, and show them."""
+    indented = "\n".join(f"    {line}" for line in lines.splitlines())
+    return f"write in {sidecar}:\n{indented}"
+
+
+def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) -> str:
+    close = difflib.get_close_matches(channel, list(declared), n=1)
+    hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
+    lines = line(channel, "...", USUAL_UNIT[channel])
+    if channel == "time":
+        lines += '\n# or, without a time column: rate = "1667 Hz"'
+    return (
+        f"{table.path}: no column for {channel}{hint}; columns are: {', '.join(table.columns)}. "
+        f"Name it like {'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or "
+        + fix(sidecar, lines)
+    )
+
+
+def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str:
+    if column in table.columns:
+        return f'{table.path}: {table.columns.count(column)} columns are called "{column}"; rename all but one.'
+    close = difflib.get_close_matches(column, table.columns, n=1)
+    hint = f'did you mean "{close[0]}"? ' if close else ""
+    return (
+        f'{table.path}: there is no column "{column}", which {sidecar.name} names for {channel}; '
+        f"{hint}columns are: {', '.join(table.columns)}"
+    )
+
+
+USUAL_UNIT = {"time": "s", "accel": "m/s^2", "position": "m", "temperature": "degC"}
+"""The unit that a message proposes."""

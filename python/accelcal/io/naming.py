@@ -1,0 +1,85 @@
+"""What a column name says of itself: the quantity, the unit in a suffix or in brackets, and the role it can play."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from accelcal import units
+
+ROLES = {
+    "time": ("t", "time", "timestamp"),
+    "accel": ("accel", "acceleration", "acc"),
+    "position": ("position", "pos"),
+    "temperature": ("temperature", "temp"),
+}
+"""Names, without unit and in lower case, by which a column is recognised when no sidecar maps it."""
+
+SUFFIXES = {
+    "m_per_s2": "m/s^2",
+    "mm_per_s2": "mm/s^2",
+    "rad_per_s": "rad/s",
+    "deg_per_s": "deg/s",
+    "m_per_s": "m/s",
+    "mm_per_s": "mm/s",
+} | {
+    unit: unit
+    for family in (
+        ("s", "ms", "us", "ns", "min", "h"),
+        ("m", "mm", "um", "nm", "cm", "inch", "ft"),
+        ("g", "mg", "ug", "Gal"),
+        ("V", "mV", "uV", "count", "counts", "LSB"),
+        ("degC", "degF", "K"),
+        ("rad", "deg", "dps"),
+        ("Hz", "kHz", "Pa", "hPa", "kPa", "bar", "psi", "A", "mA", "percent"),
+    )
+    for unit in family
+}
+"""Unit suffixes of column names, after an underscore; letter case counts."""
+
+_BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*(?:\([^()]*\)[^()]*)*)\))\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A column name taken apart."""
+
+    base: str
+    """The quantity, without its unit."""
+    suffix: str | None
+    """Unit after the last underscore."""
+    brackets: str | None
+    """Unit in brackets."""
+
+
+def take_apart(column: str) -> Named:
+    """Split a column name into quantity and unit.
+
+    Examples
+    --------
+    >>> take_apart("accel_m_per_s2")
+    Named(base='accel', suffix='m/s^2', brackets=None)
+    >>> take_apart("Position [µm]")
+    Named(base='Position', suffix=None, brackets='µm')
+    """
+    base, brackets = column.strip(), None
+    match = _BRACKETS.fullmatch(base)
+    if match and (match["square"] is not None or units.is_unit(match["round"])):
+        base, brackets = match["base"], match["square"] if match["square"] is not None else match["round"]
+    parts = base.split("_")
+    for k in range(1, len(parts)):  # the longest suffix first: m_per_s2 before s2
+        suffix = "_".join(parts[k:])
+        if suffix in SUFFIXES:
+            return Named("_".join(parts[:k]), SUFFIXES[suffix], brackets)
+    return Named(base, None, brackets)
+
+
+def role(base: str) -> str | None:
+    """Return the role that a quantity called `base` plays: time, accel, position, temperature, or None."""
+    return next((role for role, names in ROLES.items() if base.lower() in names), None)
+
+
+def column_name(channel: str, unit: str) -> str:
+    """Name a column so that `take_apart` gives back `channel` and `unit`."""
+    suffix = next((suffix for suffix, known in SUFFIXES.items() if known == unit), None)
+    return f"{channel}_{suffix}" if suffix else f"{channel} [{unit}]"

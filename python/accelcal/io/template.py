@@ -1,0 +1,140 @@
+"""A first sidecar for a recording: filled with what its file says, the rest marked or commented out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from accelcal import units
+from accelcal.io import naming
+from accelcal.io.assign import discover
+from accelcal.io.convert import UNKNOWN
+from accelcal.io.sidecar import sidecar_of
+from accelcal.io.tables import Table, open_table
+from accelcal.io.write import atomic_write, toml_key, toml_text
+from accelcal.recording import RecordingError
+
+
+def init(path: str | Path) -> str:
+    """Write ``NAME.toml`` beside a recording file, and return its text.
+
+    Raises
+    ------
+    RecordingError
+        If the sidecar exists already, or the recording cannot be read.
+    """
+    target = sidecar_of(Path(path))
+    if target.exists():
+        raise RecordingError(f"{target}: there is a sidecar already; edit it, or remove it first.")
+    text = template(path)
+    atomic_write(target, text)
+    return text
+
+
+def template(path: str | Path) -> str:
+    """Return the text of a commented sidecar, with columns, units and rates as far as the file tells them.
+
+    What must be added by hand is marked FILL IN; its value is ``"?"``, which `accelcal.io.load` refuses.
+
+    Raises
+    ------
+    RecordingError
+        If the recording cannot be read.
+    """
+    path = Path(path)
+    table = open_table(path)
+    by_name = {column: channel for column, (channel, _) in discover(table).items()}
+    columns = {name: _column_for(name, by_name) for name in ("time", "accel", "position")}
+    others = [column for column in table.columns if column not in columns.values()]
+    channels = [_required(table, name, column) for name, column in columns.items()]
+    electrical = _dimension(table, columns["accel"]) in ("V", "count")
+    return (
+        _TEXT.replace("NAME", path.name)
+        .replace("SCALE", _SCALE_NEEDED if electrical else _SCALE_OPTIONAL)
+        .replace("CHANNELS", "\n".join(channels + [_optional(table, column, by_name[column]) for column in others]))
+    )
+
+
+_TEXT = """\
+# What accelcal is told about NAME: sensor, rig and columns. Lines marked FILL IN need you;
+# lines that begin with # are examples of what else can be declared.
+[sensor]
+# model = "ADXL105"
+# serial = "12"
+# noise = "225 ug/sqrt(Hz)"     # one-sided density
+# range = "5 g"
+SCALE
+
+[rig]
+# axis = "level"                # level | up | down
+# mount = "normal"              # normal | reversed | rolled
+# gravity_along_axis = "0 m/s^2"
+
+[clock]
+# offset_tolerance = "0 us"     # how far the clocks of accel and position may disagree
+
+[channels]                      # accel may add: lowpass = { kind = "RC", fc = "159 Hz", tolerance = 0.0 }
+                                # position may add: resolution = "1 um", its own time = { column = "...", unit = "s" }
+CHANNELS
+
+[uncertainty]                   # standard uncertainties, for the budget
+# encoder_scale = 1e-5
+# level = "0.05 deg"
+# misalignment = "0.1 deg"
+"""
+_SCALE_OPTIONAL = """\
+# scale = "0.25 V/g"            # when the channel is in V or counts
+# zero  = "2.5 V\""""
+_SCALE_NEEDED = """\
+scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"
+# zero  = "2.5 V"               # output at zero acceleration"""
+_UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um"}
+
+
+def _column_for(name: str, by_name: dict[str, str]) -> str | None:
+    found = [column for column, channel in by_name.items() if channel == name]
+    return found[0] if found else None
+
+
+def _unit(table: Table, column: str) -> str | None:
+    named = naming.take_apart(column)
+    unit = table.units.get(column) or named.suffix or named.brackets
+    return unit if unit is not None and units.is_unit(unit) else None
+
+
+def _dimension(table: Table, column: str | None) -> str | None:
+    unit = _unit(table, column) if column is not None else None
+    return units.conversion(unit).si if unit is not None else None
+
+
+def _required(table: Table, name: str, column: str | None) -> str:
+    if column is None:
+        rate = ', or in its place: rate = "1667 Hz"' if name == "time" else ""
+        return f'{name} = {{ column = "{UNKNOWN}", unit = "{UNKNOWN}" }}  # FILL IN: one of the columns below{rate}'
+    unit = _unit(table, column)
+    line = f"{name} = {{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)} }}"
+    notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
+    if name == "time":
+        notes.append(_clock_note(table, column, unit))
+    return f"{line}  # {'; '.join(notes)}" if notes else line
+
+
+def _optional(table: Table, column: str, channel: str) -> str:
+    unit = _unit(table, column)
+    mark = "" if unit else "# "
+    return f"{mark}{toml_key(channel)} = {{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)} }}"
+
+
+def _clock_note(table: Table, column: str, unit: str | None) -> str:
+    """Say how many rows there are and how they follow each other, in seconds if the unit is known."""
+    read = table.read([column])[column]
+    t = read.values if read.present is None else read.values[read.present]
+    if len(t) < 2:
+        return f"{len(t)} rows"
+    if unit is None:
+        return f"{len(t)} rows from {t[0]:g} to {t[-1]:g}, median step {np.median(np.diff(t)):.4g}"
+    t = units.conversion(unit, "time").apply(t)
+    step = float(np.median(np.diff(t)))
+    rate = f" ({1.0 / step:.6g} Hz)" if step > 0 else ""
+    return f"{len(t)} rows from {t[0]:g} s to {t[-1]:g} s, median step {step:.4g} s{rate}"

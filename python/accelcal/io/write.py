@@ -1,0 +1,244 @@
+"""Recordings and rigs to files; a file appears whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from accelcal.io import naming, sidecar
+from accelcal.io.sidecar import Clock, Source
+from accelcal.recording import Channel, Recording, RecordingError
+from accelcal.rig import Rig
+
+
+@contextmanager
+def atomic(path: str | Path) -> Iterator[Path]:
+    """Give a name to write to; it becomes `path` when the block ends well, and vanishes when it does not.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> target = Path(tempfile.mkdtemp(), "fit.json")
+    >>> with atomic(target) as part:
+    ...     _ = part.write_text("{}")
+    >>> target.read_text()
+    '{}'
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def atomic_write(path: str | Path, content: str | bytes) -> None:
+    """Write a whole file at once: text as UTF-8 with the line ends it has, or bytes."""
+    with atomic(path) as part:
+        part.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Source]:
+    """Write a recording as CSV, units in the column names; a channel not sampled at an instant leaves its cell empty.
+
+    Parameters
+    ----------
+    recording : channels of shape (n,) each on its own clock; the rows are the union of their stamps.
+    path : the file to write; replaced if it exists.
+
+    Returns
+    -------
+    By channel, the column it was written to: what `write_sidecar` wants to know.
+
+    Raises
+    ------
+    RecordingError
+        If a channel has a name that would be read back as something else.
+    """
+    import pyarrow as pa
+    from pyarrow import csv
+
+    columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
+    _require_readable(recording, columns)
+    table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
+    with atomic(path) as part:
+        csv.write_csv(table, part, csv.WriteOptions(quoting_style="needed"))
+    return _sources(recording, "t_s", columns)
+
+
+def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | Source]:
+    """Write a recording as Parquet, units in the metadata of the columns; null where a channel was not sampled.
+
+    Parameters, return value and errors are those of `write_csv`.
+    """
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    columns = {channel.name: channel.name for channel in _channels(recording)}
+    _require_readable(recording, columns)
+    units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
+    schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
+    table = pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema)
+    with atomic(path) as part:
+        parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
+    return _sources(recording, "t", columns)
+
+
+def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | Path) -> None:
+    """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
+
+    Parameters
+    ----------
+    rig : what it merely assumes is not written.
+    channels : by channel name, time included, the column it stands in.
+    path : the sidecar to write; replaced if it exists.
+    """
+    tables = {
+        "sensor": _sensor(rig),
+        "rig": _rig(rig),
+        "clock": _clock(rig),
+        "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
+        "uncertainty": _uncertainty(rig),
+    }
+    text = "\n".join(
+        f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items())
+        for name, entries in tables.items()
+        if entries
+    )
+    atomic_write(path, text)
+
+
+def toml_key(name: str) -> str:
+    """Return `name` as a TOML key, in quotes only if it needs them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
+
+
+def toml_text(value: str) -> str:
+    """Return `value` as a TOML string in quotes."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _channels(recording: Recording) -> list[Channel]:
+    position = [recording.position] if len(recording.position) else []
+    return [recording.accel, *position, *recording.side.values()]
+
+
+def _require_readable(recording: Recording, columns: Mapping[str, str]) -> None:
+    """Check that each column name is read back as the channel and unit that it stands for."""
+    for channel in _channels(recording):
+        named = naming.take_apart(columns[channel.name])
+        name = naming.role(named.base) or named.base
+        differing = [unit for unit in (named.suffix, named.brackets) if unit not in (None, channel.unit)]
+        if name != channel.name or differing:
+            read = f"{name} in {differing[0]}" if differing else name
+            raise RecordingError(
+                f'channel "{channel.name}" in {channel.unit} would be read back as {read}; rename it before writing.'
+            )
+
+
+def _stamps(recording: Recording) -> Any:
+    """Return all instants at which anything was sampled, shape (n,), s."""
+    clocks = [channel.t for channel in _channels(recording)]
+    if all(np.array_equal(clock, clocks[0]) for clock in clocks[1:]):
+        return clocks[0]
+    return np.unique(np.concatenate(clocks))
+
+
+def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
+    """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
+    import pyarrow as pa
+
+    t = _stamps(recording)
+    for channel in _channels(recording):
+        values, missing = np.zeros(len(t)), np.ones(len(t), dtype=bool)
+        at = np.searchsorted(t, channel.t)
+        values[at], missing[at] = channel.y, False
+        yield channel.name, pa.array(values, mask=missing)
+
+
+def _sources(recording: Recording, time: str, columns: Mapping[str, str]) -> dict[str, Clock | Source]:
+    sources = {channel.name: Source(columns[channel.name], channel.unit) for channel in _channels(recording)}
+    return {"time": Clock(column=time, unit="s"), **sources}
+
+
+def _declared(entries: Mapping[str, str | None]) -> dict[str, str]:
+    return {key: value for key, value in entries.items() if value is not None}
+
+
+def _amount(value: float | None, unit: str) -> str | None:
+    return None if value is None else f'"{value!r} {unit}"'
+
+
+def _ratio(value: float | None) -> str | None:
+    return None if value is None else repr(float(value))
+
+
+def _sensor(rig: Rig) -> dict[str, str]:
+    sensor = rig.sensor
+    return _declared(
+        {
+            "model": toml_text(sensor.model) if sensor.model else None,
+            "serial": toml_text(sensor.serial) if sensor.serial else None,
+            "noise": _amount(sensor.noise, "m/s^2/Hz^0.5"),
+            "range": _amount(sensor.range, "m/s^2"),
+            "scale": _amount(sensor.scale, f"{sensor.scale_unit}/(m/s^2)"),
+            "zero": _amount(sensor.zero, sensor.scale_unit),
+        }
+    )
+
+
+def _rig(rig: Rig) -> dict[str, str]:
+    assumed = rig.assumptions
+    return _declared(
+        {
+            "axis": None if sidecar.ASSUMED_AXIS in assumed else toml_text(rig.axis),
+            "mount": None if sidecar.ASSUMED_MOUNT in assumed else toml_text(rig.mount),
+            "gravity_along_axis": _amount(rig.gravity_along_axis, "m/s^2"),
+        }
+    )
+
+
+def _clock(rig: Rig) -> dict[str, str]:
+    assumed = sidecar.ASSUMED_OFFSET_TOLERANCE in rig.assumptions
+    return _declared({"offset_tolerance": None if assumed else _amount(rig.offset_tolerance, "s")})
+
+
+def _uncertainty(rig: Rig) -> dict[str, str]:
+    declared = rig.uncertainty
+    return _declared(
+        {
+            "encoder_scale": _ratio(declared.encoder_scale),
+            "level": _amount(declared.level, "rad"),
+            "misalignment": _amount(declared.misalignment, "rad"),
+        }
+    )
+
+
+def _channel(rig: Rig, name: str, source: Clock | Source) -> dict[str, str]:
+    """Return the entries of one channel; low-pass and resolution are declared beside the channel they belong to."""
+    entries = {
+        "column": toml_text(source.column) if source.column is not None else None,
+        "unit": toml_text(source.unit) if source.unit is not None else None,
+    }
+    if isinstance(source, Clock):
+        return _declared(entries | {"rate": _amount(source.rate, "Hz")})
+    if source.time is not None:
+        entries["time"] = _inline(_channel(rig, "time", source.time))
+    if name == "accel" and rig.lowpass is not None:
+        low = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}
+        entries["lowpass"] = _inline(_declared(low))
+    if name == "position":
+        entries["resolution"] = _amount(rig.resolution, "m")
+    return _declared(entries)
+
+
+def _inline(entries: Mapping[str, str]) -> str:
+    return "{ " + ", ".join(f"{key} = {value}" for key, value in entries.items()) + " }"

@@ -1,0 +1,414 @@
+"""The loop: fit, diagnose, add, refit, and watch the error fall on data that no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import special
+
+from accelcal.breaks import faults, usable
+from accelcal.channels import ChannelFinding, channel_findings
+from accelcal.compare import Comparison, compare
+from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
+from accelcal.effects import Effect, find
+from accelcal.fit import Fit, NotIdentifiable, Solution, iterate, result, solve_runs
+from accelcal.model import Model, evaluate
+from accelcal.recording import Recording
+from accelcal.replay import Run
+
+HELD_OUT = 0.3
+"""Share at the end of a recording that is held out when no other recording is."""
+MOST_EFFECTS = 3
+"""Effects that `improve` adds unless told otherwise."""
+NOISE_LIMIT = 1.5
+"""A fit whose noise density exceeds the declared one by more than this is never adequate."""
+GROUPS = (
+    (
+        ("bias", "tilt", "misalignment"),
+        "turn the sensor by 180 degrees about the vertical axis and fit both runs together; roll it for misalignment",
+    ),
+    (
+        ("scale_factor", "encoder_scale", "cross_axis_gravity"),
+        "roll the sensor by 180 degrees about its input axis; check the encoder by interferometer or tumble in gravity",
+    ),
+)
+"""What a level, untouched rig can never tell apart, and the experiment that can."""
+DELAY_CLASS = ("time_offset", "sensor_lag", "sensor_resonance")
+DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
+
+
+@dataclass(frozen=True, slots=True)
+class Tie:
+    """An effect with everything that it cannot be told from, and the experiment that would."""
+
+    effect: str
+    members: tuple[str, ...]
+    experiment: str
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What a model lacks on a recording."""
+
+    verdict: Verdict
+    sentence: str
+    effects: tuple[str, ...]
+    """What would enter, in order; a significant delay comes first."""
+    classes: tuple[Tie, ...]
+    inseparable: tuple[Tie, ...]
+    scan: Scan
+    fit: Fit
+    """The model, profiled anew on this recording."""
+    used: tuple[tuple[float, float], ...]
+    """Stretches that were used, s."""
+    channels: tuple[ChannelFinding, ...]
+    """Effects that the mean cannot see, tested on channels of their own; the significant ones."""
+    where: Comparison
+    """The model against the recording it was judged on: where the residual is large."""
+    largest: Mapping[str, float]
+    """Largest contribution of each coefficient over the used range, m/s² (m at the encoder)."""
+    alpha: float = ALPHA
+    breaks: tuple[float, ...] = ()
+    """When the model breaks for good, s."""
+    suspect: tuple[str, ...] = ()
+    """Faults in the data, each a sentence; they are said first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One model on the way, on the data it was fitted to and on held-out data."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    train: Comparison
+    heldout: Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """The falling error: every step, and what is still missing from the last model."""
+
+    steps: tuple[Step, ...]
+    diagnosis: Diagnosis
+    """Of the last model."""
+    classes: tuple[Tie, ...]
+    """One for each effect that was added."""
+    examined: int
+    same_run: bool
+    """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names in the order added."""
+        return self.steps[-1].effects
+
+
+def diagnose(
+    fit: Fit,
+    recordings: Recording | Sequence[Recording],
+    *,
+    extra: Sequence[Effect] = (),
+    alpha: float = ALPHA,
+    start: float | None = None,
+    end: float | None = None,
+) -> Diagnosis:
+    """Say which physical effect a model lacks on a recording, if any.
+
+    Parameters
+    ----------
+    fit : the model; on another recording than its own all coefficients are profiled anew.
+    recordings : one or several runs.
+    extra : effects of the user's own, beside the catalogue.
+    alpha : family-wise false-alarm rate.
+    start, end : s, optional; only this part is used.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the motion does not excite what the model already contains.
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    stretch = Stretch.of(several[0], start, end)
+    solution = solve_runs(fit.model, several, start=stretch.start, end=stretch.end, origins=fit.origins)
+    return judge_model(fit.model, solution, stretch, extra, alpha)
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """The part of a recording on which one model can hold, and the faults in it."""
+
+    start: float
+    end: float
+    breaks: tuple[float, ...]
+    suspect: tuple[str, ...]
+
+    @classmethod
+    def of(cls, recording: Recording, start: float | None, end: float | None) -> Stretch:
+        """Look for faults and for the first instant at which the relation of the channels breaks for good.
+
+        A stretch that the user chose is taken as it is.
+        """
+        breaks: tuple[float, ...] = ()
+        if start is None and end is None:
+            found = usable(recording)
+            start, end, breaks = found.start, found.end, found.breaks
+        run = Run(recording, start=start, end=end)
+        suspect = tuple(fault.sentence for fault in faults(recording, run))
+        return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
+
+
+def judge_model(
+    model: Model,
+    solution: Solution,
+    stretch: Stretch,
+    extra: Sequence[Effect] = (),
+    alpha: float = ALPHA,
+) -> Diagnosis:
+    """Verdict on a model that has just been fitted."""
+    profiled = result(model, solution)
+    found = scan(solution.passes, model, extra=extra, alpha=alpha)
+    tests = [test for one in solution.passes for test in channel_findings(one)]
+    level = alpha / (found.examined + len(tests))
+    loud = heard([test for test in tests if test.p_value < level and test.effect not in model.effects])
+    delay = "time_offset" not in model.fixed and delayed(completed(model, solution, profiled, found), found, alpha)
+    if found.blocks < LEAST_BLOCKS:
+        loud = ()
+    ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
+    named = list(dict.fromkeys(test.effect for test in loud if test.effect != "whiteness"))
+    ties += [Tie(name, (name,), find(name).experiment) for name in named]
+    if delay:
+        ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+    verdict, sentence = conclude(profiled, found, loud)
+    return Diagnosis(
+        verdict=verdict,
+        sentence=sentence,
+        effects=tuple(tie.effect for tie in ties),
+        classes=tuple(ties),
+        inseparable=inseparable(model),
+        scan=found,
+        fit=profiled,
+        used=tuple((run.start, run.end) for run in profiled.runs),
+        channels=loud,
+        where=compare(profiled, solution.passes[0].run.recording, start=stretch.start, end=stretch.end),
+        largest=contributions(profiled, solution),
+        alpha=alpha,
+        breaks=stretch.breaks,
+        suspect=stretch.suspect,
+    )
+
+
+SAME_LINE = 0.25
+"""A line within this share of the frequency of a vibration belongs to it."""
+
+
+EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whiteness",)}
+"""What a coarse converter or wild readings raise besides themselves."""
+
+
+def heard(loud: Sequence[ChannelFinding]) -> tuple[ChannelFinding, ...]:
+    """Significant findings that stand on their own feet.
+
+    A line near a vibration belongs to it; a line inside the band of the motion may be a harmonic of a missing
+    nonlinearity, which is judged elsewhere.
+    """
+    shaking = [test.parts["frequency"] for test in loud if test.effect == "vibration" and "frequency" in test.parts]
+    raised = {other for test in loud for other in EXPLAINED_BY.get(test.effect, ())}
+
+    def own(test: ChannelFinding) -> bool:
+        if test.effect in raised:
+            return False
+        if test.effect != "tone":
+            return True
+        f = test.parts["frequency"]
+        return not test.parts.get("within_motion") and all(abs(f - g) > SAME_LINE * g for g in shaking)
+
+    return tuple(test for test in loud if own(test))
+
+
+def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
+    """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
+    found: dict[str, float] = {}
+    for number, one in enumerate(solution.passes):
+        values = fit.values(number)
+        assert one.signals is not None
+        for term, column in zip(values.terms, evaluate(values.terms, one.signals), strict=True):
+            size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
+            found[term.name] = max(size, found.get(term.name, 0.0))
+    return found
+
+
+def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tuple[Verdict, str]:
+    """The verdict and the sentence that opens every output."""
+    named = [test for test in loud if test.effect != "whiteness"]
+    looked = f"{found.examined} candidates examined"
+    if found.blocks < LEAST_BLOCKS:
+        return "too_short", f"The record is too short for a verdict: {found.blocks} blocks, {LEAST_BLOCKS} are needed."
+    ratios = [run.noise.ratio for run in profiled.runs if run.noise.ratio is not None]
+    ratio = max(ratios, default=None)
+    if found.found:
+        first = found.found[0]
+        candidate = next((c for c in found.candidates if c.effect == first.effect), None)
+        sigma = f"{candidate.snr:.0f} sigma; " if candidate is not None else ""
+        effect = find(first.effect)
+        if effect.family:
+            variable = first.effect.replace("shape_of_", "").replace("_", " ")
+            return "shape", f"Something is missing that has no name here: a function of {variable} ({sigma}{looked})."
+        others = [m for m in first.members if m != first.effect]
+        text = f"{first.effect} explains what the model lacks ({sigma}{looked})."
+        if others:
+            rivals = ", ".join(others)
+            text += f" {rivals} cannot be told from it on this record: {first.experiment}."
+            return "tied", text
+        return "named", text
+    if named:
+        return "named", f"{named[0].sentence} ({looked})."
+    if ratio is not None and ratio > NOISE_LIMIT:
+        return "unexplained", (
+            f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "
+            f"({looked})."
+        )
+    if loud or any(run.noise.band is not None for run in profiled.runs):
+        return "unexplained", f"The residual is not white and no candidate explains it ({looked})."
+    return "adequate", f"Nothing is missing ({looked}); see the detection limits for what would have been seen."
+
+
+def completed(model: Model, solution: Solution, profiled: Fit, found: Scan) -> Fit:
+    """The fit with everything that was found: what a missing effect leaves over can pose as a delay."""
+    if not found.found:
+        return profiled
+    try:
+        for finding in found.found:
+            model = finding.enter(model)
+        again = iterate(model, [one.run for one in solution.passes], [one.band for one in solution.passes])
+        return result(model, again)
+    except ValueError:
+        return profiled
+
+
+def delayed(fit: Fit, found: Scan, alpha: float) -> bool:
+    """Whether the time offset is significant beyond what was declared (the delay rule)."""
+    tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
+    needed = -float(special.ndtri(alpha / max(1, found.examined) / 2.0))
+    estimates = [e for e in fit.estimates if e.name == "time_offset"]
+    return any(e.std > 0.0 and abs(e.value) - tolerance > needed * e.std for e in estimates)
+
+
+def inseparable(model: Model) -> tuple[Tie, ...]:
+    """Groups that no motion of this rig can separate, as long as the model holds one of each."""
+    return tuple(
+        Tie(members[0], members, experiment)
+        for members, experiment in GROUPS
+        if not any(name in model.effects for name in members[1:])
+    )
+
+
+def add(fit: Fit, recordings: Recording | Sequence[Recording], *names: str, extra: Sequence[Effect] = ()) -> Fit:
+    """Return a new fit with further effects; shape parameters are found by likelihood.
+
+    Raises
+    ------
+    ValueError
+        If an effect is unknown, already in the model, or cannot be evaluated on the recording.
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    model = fit.model
+    for name in names:
+        if name in model.effects:
+            raise ValueError(f"{name!r} is already in the model")
+        effect = find(name)
+        solution = solve_runs(model, several, origins=fit.origins)
+        alone = scan(solution.passes, model, extra=extra, only=(effect,))
+        if not alone.entered:
+            lacking = [n for n in effect.needs if n not in several[0].side]
+            why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
+            raise ValueError(f"{name!r} cannot be added: {why}")
+        model = alone.entered[0].enter(model)
+    return result(model, solve_runs(model, several, origins=fit.origins))
+
+
+def drop(fit: Fit, recordings: Recording | Sequence[Recording], *names: str) -> Fit:
+    """Return a new fit without some effects."""
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    model = fit.model.drop(*names)
+    return result(model, solve_runs(model, several, origins=fit.origins))
+
+
+def history(fits: Sequence[Fit], recording: Recording) -> list[Comparison]:
+    """Compare several models with one recording: the falling error."""
+    return [compare(one, recording) for one in fits]
+
+
+def improve(
+    recordings: Recording | Sequence[Recording],
+    *,
+    holdout: Recording | None = None,
+    most: int = MOST_EFFECTS,
+    extra: Sequence[Effect] = (),
+    alpha: float = ALPHA,
+    start: float | None = None,
+    end: float | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> Improvement:
+    """Fit the base model, diagnose, add the effect that is missing, refit, until nothing is missing.
+
+    Parameters
+    ----------
+    recordings : one or several runs to learn from.
+    holdout : a run to show the falling error on; by default the last 30 % of the first run, which then is not fitted.
+    most : most effects to add.
+    extra : effects of the user's own.
+    alpha : family-wise false-alarm rate.
+    start, end : s, optional; only this part of the recordings is used.
+    report : called with the share of the work that is done.
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    first = several[0]
+    same_run = holdout is None
+    stretch = Stretch.of(first, start, end)
+    begin, finish = stretch.start, stretch.end
+    split = finish - HELD_OUT * (finish - begin) if same_run else finish
+    test = first if holdout is None else holdout
+    test_begin, test_end = (split, finish) if same_run else (None, None)
+
+    def step(effects: tuple[str, ...], model: Model) -> tuple[Step, Solution]:
+        solution = solve_runs(model, several, start=begin if len(several) == 1 else None, end=split)
+        found = result(model, solution)
+        train = compare(found, first, start=begin, end=split)
+        return Step(effects, found, train, compare(found, test, start=test_begin, end=test_end)), solution
+
+    model = Model.linear()
+    free, solution = step((), model)
+    verdict = judge_model(model, solution, stretch, extra, alpha)
+    report(0.3)
+    steps = [free]
+    ties: list[Tie] = []
+    effects: tuple[str, ...] = ()
+    examined = verdict.scan.examined
+    for number in range(most):
+        if not verdict.scan.found:
+            break
+        entering = verdict.scan.found[0]
+        try:
+            grown = entering.enter(model)
+            next_step, solution = step((*effects, entering.effect), grown)
+        except (NotIdentifiable, ValueError):
+            break
+        model, effects = grown, (*effects, entering.effect)
+        ties.append(Tie(entering.effect, entering.members, entering.experiment))
+        steps.append(next_step)
+        verdict = judge_model(model, solution, stretch, extra, alpha)
+        examined += verdict.scan.examined
+        report(0.3 + 0.7 * (number + 1) / most)
+    if delayed(steps[-1].fit, verdict.scan, alpha):
+        held, _ = step((), Model.linear().freeze(time_offset=0.0))
+        effects = ("time_offset", *effects)
+        ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+        steps = [held, *(replace(one, effects=("time_offset", *one.effects)) for one in steps)]
+    for tie in verdict.classes:
+        if tie.effect in {test.effect for test in verdict.channels} and tie.effect not in effects:
+            effects = (*effects, tie.effect)
+            ties.append(tie)
+    steps[-1] = replace(steps[-1], effects=effects)
+    return Improvement(tuple(steps), verdict, tuple(ties), examined, same_run)

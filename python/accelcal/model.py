@@ -1,0 +1,184 @@
+"""A model: which effects the output is made of, and which of their coefficients are free."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from accelcal.effects import Effect, find
+from accelcal.effects.catalogue import Owner, Port
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+BASE = ("bias", "scale_factor", "time_offset")
+"""The three parameters of every model."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is believed of a coefficient before the fit."""
+
+    mean: float
+    std: float
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One coefficient of a model: an effect, or one of its columns, at given shape parameters."""
+
+    effect: Effect
+    part: int = 0
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def name(self) -> str:
+        """The effect's name, with the column's where it has several: rail_wave.sin."""
+        return self.effect.name if self.effect.width == 1 else f"{self.effect.name}.{self.effect.parts[self.part]}"
+
+    @property
+    def symbol(self) -> str:
+        """Letter in tables."""
+        return self.effect.symbol if self.effect.width == 1 else f"{self.effect.symbol}_{self.effect.parts[self.part]}"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the coefficient."""
+        return self.effect.unit
+
+    @property
+    def owner(self) -> Owner:
+        """Who carries it."""
+        return self.effect.owner
+
+    @property
+    def port(self) -> Port:
+        """Where it adds; a slowly wandering state adds to the output."""
+        return "output" if self.effect.port == "process" else self.effect.port
+
+    def column(self, s: Signals) -> Array:
+        """Contribution per unit coefficient, (n,)."""
+        y = self.effect.column(s, **self.shape)
+        return y if self.effect.width == 1 else np.ascontiguousarray(y[:, self.part])
+
+
+def terms_of(effect: Effect, shape: Mapping[str, float] | None = None) -> tuple[Term, ...]:
+    """Every coefficient of an effect at given shape parameters."""
+    shape = shape or {}
+    return tuple(Term(effect, part, shape) for part in range(effect.width))
+
+
+def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
+    """Columns of several terms in turn, (n,) each; an effect with several columns is evaluated once."""
+    last: tuple[Effect, Mapping[str, float]] | None = None
+    columns = np.empty(0)
+    for term in terms:
+        if term.effect.width == 1:
+            yield term.column(s)
+            continue
+        if last is None or last[0] is not term.effect or last[1] is not term.shape:
+            columns, last = term.effect.column(s, **term.shape), (term.effect, term.shape)
+        yield columns[:, term.part]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """Base and effects in forward sense: output(t + t0) = (1 + k) a + K0 + sum c_j e_j.
+
+    Every coefficient is free unless `fixed` gives its value; `priors` adds belief to free ones. Both go by the name of
+    the coefficient, which is the effect's where it has one column.
+    """
+
+    effects: tuple[str, ...] = BASE
+    """Names in the order in which they were added; the base comes first."""
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    priors: Mapping[str, Prior] = field(default_factory=dict)
+    shapes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    """Shape parameters by effect."""
+
+    def __post_init__(self) -> None:
+        if self.effects[: len(BASE)] != BASE:
+            raise ValueError(f"a model begins with {', '.join(BASE)}; found {', '.join(self.effects)}")
+        if len(set(self.effects)) != len(self.effects):
+            raise ValueError(f"an effect can enter a model once; found {', '.join(self.effects)}")
+        for name in self.effects:
+            missing = set(find(name).shapes) - set(self.shapes.get(name, {}))
+            if missing:
+                raise ValueError(f"{name} needs a value of {', '.join(sorted(missing))}")
+        known = {term.name for term in self.terms}
+        for name in (*self.fixed, *self.priors):
+            if name not in known:
+                raise ValueError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
+
+    @classmethod
+    def linear(cls) -> Model:
+        """Bias, scale factor and time offset (paper, eq. 3)."""
+        return cls()
+
+    @classmethod
+    def cubic(cls) -> Model:
+        """The linear model with K2 and K3 (paper, eq. 4)."""
+        return cls((*BASE, "quadratic", "cubic"))
+
+    def add(
+        self,
+        *names: str,
+        shapes: Mapping[str, Mapping[str, float]] | None = None,
+        priors: Mapping[str, Prior] | None = None,
+    ) -> Model:
+        """Return the model with further effects, all free.
+
+        Parameters
+        ----------
+        names : effects to add.
+        shapes : shape parameters of those that have some, by effect.
+        priors : belief in coefficients, by name.
+        """
+        return replace(
+            self,
+            effects=(*self.effects, *names),
+            shapes={**self.shapes, **(shapes or {})},
+            priors={**self.priors, **(priors or {})},
+        )
+
+    def drop(self, *names: str) -> Model:
+        """Return the model without some of its effects.
+
+        Raises
+        ------
+        ValueError
+            If one of them is not in the model or belongs to the base.
+        """
+        for name in names:
+            if name not in self.effects or name in BASE:
+                raise ValueError(
+                    f"{name!r} is not an added effect of this model; it has {', '.join(self.added) or 'none'}"
+                )
+        gone = {term.name for term in self.terms if term.effect.name in names}
+        return replace(
+            self,
+            effects=tuple(n for n in self.effects if n not in names),
+            fixed={n: c for n, c in self.fixed.items() if n not in gone},
+            priors={n: b for n, b in self.priors.items() if n not in gone},
+            shapes={n: s for n, s in self.shapes.items() if n not in names},
+        )
+
+    def freeze(self, **values: float) -> Model:
+        """Return the model with some coefficients held at given values (SI)."""
+        return replace(self, fixed={**self.fixed, **values})
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Effects beyond the base."""
+        return self.effects[len(BASE) :]
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Every coefficient, free or fixed."""
+        return tuple(term for name in self.effects for term in terms_of(find(name), self.shapes.get(name, {})))
+
+    @property
+    def free(self) -> tuple[Term, ...]:
+        """The coefficients that a fit estimates."""
+        return tuple(term for term in self.terms if term.name not in self.fixed)

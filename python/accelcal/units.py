@@ -1,0 +1,307 @@
+"""The one place where units convert: text as people write it in, SI numbers out.
+
+The vocabulary is our own and closed, because two conventions of our field contradict the general one: ``g`` is standard
+gravity (elsewhere it is the gram, and "5 g" a mass), and counts and angles are dimensions (elsewhere they are pure
+numbers, so that "10 rad/s" passes for "10 Hz"). pint does the algebra over this vocabulary; it is imported only when a
+unit is not already SI.
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DEFINITIONS = """
+n- = 1e-9
+u- = 1e-6 = µ- = μ-
+m- = 1e-3
+c- = 1e-2
+h- = 1e2
+k- = 1e3
+M- = 1e6
+s = [time] = _ = sec = second = seconds
+m = [length] = _ = metre = meter
+kg = [mass]
+K = [temperature]; offset: 0 = _ = kelvin
+V = [voltage] = _ = volt
+A = [current]
+count = [count] = _ = counts = LSB = lsb = digit
+rad = [angle]
+degC = K; offset: 273.15 = _ = celsius
+degF = K; offset: 0
+min = 60 * s
+h = 3600 * s
+inch = 0.0254 * m = _ = in
+ft = 0.3048 * m
+g = 9.80665 * m / s ** 2 = _ = g0 = gn
+Gal = 0.01 * m / s ** 2
+Hz = 1 / s
+deg = 0.017453292519943295 * rad
+dps = deg / s
+N = kg * m / s ** 2
+Pa = N / m ** 2
+bar = 100000 * Pa
+psi = 6894.757293168361 * Pa
+J = N * m
+W = J / s
+T = kg / A / s ** 2
+percent = 0.01
+ppm = 1e-6
+"""
+# h is the hour and the prefix of hPa; the exact name wins. degF is here for its dimension alone (see _TEMPERATURES).
+
+
+class UnitError(ValueError):
+    """A unit or a quantity that cannot be understood, or of the wrong dimension. The text says what was expected."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """What a number is about, and therefore which units it may carry."""
+
+    name: str
+    """With its article, for messages: "an acceleration"."""
+    si: str
+    """Unit that the program counts it in."""
+    example: str
+    """A quantity as a data sheet prints it."""
+
+
+KINDS = {
+    "time": Kind("a time", "s", "20 us"),
+    "length": Kind("a length", "m", "1 um"),
+    "speed": Kind("a speed", "m/s", "5 mm/s"),
+    "acceleration": Kind("an acceleration", "m/s^2", "5 g"),
+    "noise density": Kind("an acceleration noise density", "m/s^2/Hz^0.5", "225 ug/sqrt(Hz)"),
+    "voltage": Kind("a voltage", "V", "2.5 V"),
+    "count": Kind("a number of counts", "count", "2048 count"),
+    "scale in volts": Kind("an electrical scale factor", "V/(m/s^2)", "0.25 V/g"),
+    "scale in counts": Kind("an electrical scale factor", "count/(m/s^2)", "1024 count/g"),
+    "temperature": Kind("a temperature", "degC", "23 degC"),
+    "angle": Kind("an angle", "rad", "0.05 deg"),
+    "angular rate": Kind("an angular rate", "rad/s", "10 deg/s"),
+    "frequency": Kind("a frequency", "Hz", "159 Hz"),
+    "pressure": Kind("a pressure", "Pa", "101.3 kPa"),
+    "current": Kind("a current", "A", "20 mA"),
+    "ratio": Kind("a pure number", "1", "1e-5"),
+}
+"""Every kind of quantity that a sidecar or a known channel may hold."""
+
+_KIND_OF_SI = {kind.si: name for name, kind in KINDS.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class Conversion:
+    """From one unit to SI: ``si_value = factor * value + offset``."""
+
+    factor: float
+    offset: float
+    si: str
+    """The unit after conversion."""
+
+    def apply(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return `values`, shape (n,), in the unit `si`; the same array when nothing changes."""
+        if self.factor == 1.0 and self.offset == 0.0:
+            return values
+        return values * self.factor + self.offset
+
+
+def quantity(text: object, kind: str) -> float:
+    """Read a number with its unit, as a data sheet prints it.
+
+    Parameters
+    ----------
+    text : str such as ``"250 ug/sqrt(Hz)"``; a ratio may also be a bare number.
+    kind : a key of `KINDS`.
+
+    Returns
+    -------
+    The value in the SI unit of its kind (temperature: degC).
+
+    Raises
+    ------
+    UnitError
+        If the number or the unit is missing or unknown, or the unit is of another dimension.
+
+    Examples
+    --------
+    >>> quantity("0.25 V/g", "scale in volts") * 9.80665
+    0.25
+    >>> round(quantity("225 ug/sqrt(Hz)", "noise density"), 9)
+    0.002206496
+    """
+    expected = KINDS[kind]
+    if isinstance(text, int | float) and not isinstance(text, bool):
+        if kind != "ratio":
+            raise UnitError(f'{text!r} has no unit; expected {expected.name} such as "{expected.example}"')
+        number, unit = float(text), ""
+    else:
+        match = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+        if match is None:
+            raise UnitError(f'{text!r} is not a quantity; expected {expected.name} such as "{expected.example}"')
+        number, unit = float(match["number"]), match["unit"]
+        if not unit and kind != "ratio":
+            raise UnitError(f'"{text}" has no unit; expected {expected.name} such as "{expected.example}"')
+    if not math.isfinite(number):
+        raise UnitError(f"{text!r} is not finite; expected {expected.name} such as {expected.example!r}")
+    rule = conversion(unit or "1", kind)
+    return number * rule.factor + rule.offset
+
+
+@functools.cache
+def conversion(unit: str, kind: str | None = None) -> Conversion:
+    """Find how `unit` converts to SI.
+
+    Parameters
+    ----------
+    unit : as people write it: ``m/s^2``, ``m/s²``, ``mm/s**2``, ``m_per_s2``, ``ug/sqrt(Hz)``, ``µm`` (either µ).
+    kind : a key of `KINDS`; None accepts every dimension and converts to its SI base units.
+
+    Raises
+    ------
+    UnitError
+        If the unit is unknown or of another dimension than `kind`.
+    """
+    text = normalise(unit)
+    known = _KIND_OF_SI.get(text)
+    if known is not None and kind in (None, known):
+        return Conversion(1.0, 0.0, text)
+
+    if text in _TEMPERATURES and kind in (None, "temperature"):
+        return _TEMPERATURES[text]
+
+    registry = _registry()
+    parsed = _parse(unit, text)
+    if kind is None:
+        kind = _kind_of(parsed)
+    si = _si_text(parsed) if kind is None else KINDS[kind].si
+    target = _parse(si, si)
+    if parsed.dimensionality != target.dimensionality:
+        expected = KINDS[kind or "ratio"]
+        raise UnitError(f'"{unit}" does not measure {expected.name}; expected a unit as in "{expected.example}"')
+    return Conversion(float(registry.Quantity(1.0, parsed).to(target).magnitude), 0.0, si)
+
+
+def same_unit(a: str, b: str) -> bool:
+    """Tell whether two texts name the same unit ("m/s²" and "m_per_s2" do, "g" and "m/s^2" do not)."""
+    try:
+        return normalise(a) == normalise(b) or conversion(a) == conversion(b)
+    except UnitError:
+        return False
+
+
+def is_unit(text: str) -> bool:
+    """Tell whether `text` names a unit that this program knows."""
+    try:
+        conversion(text)
+    except UnitError:
+        return False
+    return True
+
+
+def normalise(unit: str) -> str:
+    """Write a unit in one spelling: ASCII ``^`` powers, ``u`` for micro, ``/`` for per, no spaces at the ends."""
+    text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
+    text = text.replace("_per_", "/").replace("**", "^")
+    text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
+    return re.sub(r"(?<=[A-Za-z])([23])(?![\d.])", r"^\1", text)
+
+
+_QUANTITY = re.compile(r"\s*(?P<number>[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(?P<unit>.*?)\s*", re.DOTALL)
+_SYMBOLS = str.maketrans({"µ": "u", "μ": "u", "·": "*", "×": "*", "−": "-", "°": "deg", "%": "percent"})
+_SUPERSCRIPT = re.compile("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_TEMPERATURES = {
+    "degC": Conversion(1.0, 0.0, "degC"),
+    "celsius": Conversion(1.0, 0.0, "degC"),
+    "K": Conversion(1.0, -273.15, "degC"),
+    "kelvin": Conversion(1.0, -273.15, "degC"),
+    "degF": Conversion(5.0 / 9.0, -160.0 / 9.0, "degC"),
+}
+_LONGEST = 60  # characters; no unit of this field is longer, and a wrong column of prose fails fast
+_LEGAL = re.compile(r"[A-Za-z0-9_ ()*/^.+-]*")
+
+
+def _root(match: re.Match[str]) -> str:
+    return f"({match[1] or match[2] or match[3]})^0.5"
+
+
+def _algebra(text: str) -> str:
+    return text.replace("^", "**")
+
+
+def _parse(unit: str, text: str) -> Any:
+    """Return pint's unit for the normalised `text`; `unit` is what the user wrote."""
+    if text == "1":
+        return _registry().parse_units("")
+    if len(text) <= _LONGEST and _LEGAL.fullmatch(text) and re.search("[A-Za-z]", text):
+        try:
+            return _registry().parse_units(_algebra(text))
+        except Exception:  # pint raises its own, tokenize's, and ArithmeticError, depending on the text
+            pass
+    close = difflib.get_close_matches(text, _known_names(), n=1, cutoff=0.5)
+    hint = f' (nearest known: "{close[0]}")' if close else ""
+    raise UnitError(f'unknown unit "{unit[:_LONGEST]}"{hint}')
+
+
+def _kind_of(parsed: Any) -> str | None:
+    for name, kind in KINDS.items():
+        if _parse(kind.si, kind.si).dimensionality == parsed.dimensionality:
+            return name
+    return None
+
+
+def _si_text(parsed: Any) -> str:
+    base = _registry().get_base_units(parsed)[1]
+    return f"{base:~C}".replace("**", "^")
+
+
+@functools.cache
+def _known_names() -> list[str]:
+    return sorted(
+        {"m/s^2", "mm/s^2", "um", "mm", "mg", "ug", "mV", "ms", "us", "kPa", "hPa", "rad/s", "deg/s"} | set(_registry())
+    )
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry: Any = pint.UnitRegistry(None, autoconvert_offset_to_baseunit=False)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+MICRO_G = 1e-6 * 9.80665
+"""1 ug in m/s²."""
+
+_USUAL = {
+    "m/s²": ("mg", 1e3 * MICRO_G),
+    "(m/s²)⁻¹": ("ug/g²", 1.0 / (1e6 * 9.80665)),
+    "(m/s²)⁻²": ("ug/g³", 1.0 / (1e6 * 9.80665**2)),
+    "s": ("us", 1e-6),
+    "rad": ("deg", math.pi / 180.0),
+}
+"""Unit of a coefficient -> the unit that test engineers use for it, and how much SI one of it is."""
+
+
+def display(unit: str, value: float, std: float) -> str | None:
+    """Return an SI value in the unit that test engineers use for it, None where SI is that unit.
+
+    Examples
+    --------
+    >>> display("(m/s²)⁻¹", 1.02e-7, 0.0)
+    '1 ug/g²'
+    """
+    if unit not in _USUAL:
+        return None
+    name, size = _USUAL[unit]
+    shown = f"{value / size:.4g}"
+    return f"{shown} ± {std / size:.2g} {name}" if std > 0.0 else f"{shown} {name}"

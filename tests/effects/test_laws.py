@@ -1,0 +1,274 @@
+"""Closed forms that single effects must meet."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from accelcal import _core
+from accelcal.effects import HOUSE, find
+from accelcal.effects.families import cosines, splines
+from accelcal.rig import Rig
+
+from .motions import PERIOD, moves, sines
+
+AMPLITUDE = 3.0
+CYCLES = 60.0
+W = 2.0 * np.pi * CYCLES / PERIOD
+
+
+def one_tone(**more):
+    return sines(((CYCLES, AMPLITUDE, 0.0),), n=60_000, **more)
+
+
+def harmonic(y, k):
+    """Sine and cosine amplitude of the k-th harmonic over the second half of the record."""
+    t = one_tone().t
+    late = slice(len(t) // 2, None)
+    angle = k * W * t[late]
+    factor = 1.0 if k == 0 else 2.0
+    return factor * np.mean(y[late] * np.sin(angle)), factor * np.mean(y[late] * np.cos(angle))
+
+
+@pytest.mark.parametrize(
+    ("name", "k", "sine", "cosine"),
+    [
+        ("quadratic", 0, 0.0, AMPLITUDE**2 / 2.0),
+        ("quadratic", 2, 0.0, -(AMPLITUDE**2) / 2.0),
+        ("cubic", 1, 0.75 * AMPLITUDE**3, 0.0),
+        ("cubic", 3, -0.25 * AMPLITUDE**3, 0.0),
+        ("odd_quadratic", 1, 8.0 / (3.0 * np.pi) * AMPLITUDE**2, 0.0),
+        ("odd_quadratic", 3, -8.0 / (15.0 * np.pi) * AMPLITUDE**2, 0.0),
+        ("velocity", 1, 0.0, -AMPLITUDE / W),
+        ("time_offset", 1, 0.0, -1.01 * AMPLITUDE * W),
+        ("rail_slope", 1, -AMPLITUDE / W**2, 0.0),
+        ("sensor_resonance", 1, 1.01 * AMPLITUDE * W**2, 0.0),
+        ("vibration_rectification", 0, 0.0, 3.0 / 8.0 * (AMPLITUDE / W) ** 4),
+        ("vibration", 0, 0.0, 3.0 / 16.0 * (AMPLITUDE / W) ** 4),
+    ],
+)
+def test_harmonics_of_a_sine(name, k, sine, cosine):
+    size = abs(sine) + abs(cosine)
+    # Derivatives of fourth order err by (w h)^4/30, below 1e-9; corners of a|a| between samples by 1e-6.
+    np.testing.assert_allclose(harmonic(find(name).column(one_tone()), k), (sine, cosine), atol=3e-6 * size)
+
+
+def test_rounded_corners_are_the_sharp_ones_away_from_zero():
+    s = one_tone()
+    # width 0.2 % of the amplitude: tanh is sharp to e^-14 beyond 7 widths, the root to w²/2a
+    far = np.abs(s.a) > 0.02 * AMPLITUDE
+    np.testing.assert_allclose(find("dead_zone").column(s)[far], np.sign(s.a)[far], atol=1e-8)
+    np.testing.assert_allclose(find("scale_asymmetry").column(s), np.abs(s.a), atol=0.0021 * AMPLITUDE)
+    assert np.mean(find("scale_asymmetry").column(s)) == pytest.approx(2.0 * AMPLITUDE / np.pi, rel=1e-4)
+
+
+def test_corners_are_as_wide_as_the_noise_asks():
+    quiet, noisy = one_tone(), one_tone(a_std=0.1)
+    assert quiet.a_width == pytest.approx(0.002 * AMPLITUDE, rel=1e-6)
+    assert noisy.a_width == pytest.approx(0.4)
+    near = np.argmin(np.abs(quiet.a - 0.4))
+    assert find("dead_zone").column(noisy)[near] == pytest.approx(np.tanh(quiet.a[near] / 0.4))
+
+
+@pytest.mark.parametrize("name", ["sensor_lag", "creep"])
+@pytest.mark.parametrize("tau", [1e-3, 8e-3, 0.3])
+def test_a_lag_has_the_gain_and_phase_of_its_pole(name, tau):
+    s = one_tone(scale=1.0)
+    sine, cosine = harmonic(find(name).column(s, tau=tau), 1)
+    pole = 1.0 / (1.0 + 1j * W * tau) - (1.0 if name == "sensor_lag" else 0.0)
+    # Straight lines between samples: (w h)²/12 = 1.3e-5 of the amplitude.
+    np.testing.assert_allclose([sine / AMPLITUDE, cosine / AMPLITUDE], [pole.real, pole.imag], atol=2e-5)
+
+
+def test_self_heating_settles_at_the_mean_square():
+    y = find("self_heating").column(one_tone(), tau=2.0)
+    assert y[0] == 0.0
+    assert np.mean(y[-30_000:]) == pytest.approx(AMPLITUDE**2 / 2.0, rel=1e-5)  # e^-15 after 30 s
+
+
+def test_memory_begins_at_rest_in_gravity():
+    s = sines(rig=Rig(axis="up"))
+    assert s.rest == pytest.approx(9.80665)
+    upright = dataclasses.replace(s, a=np.full_like(s.a, s.rest))
+    np.testing.assert_allclose(find("creep").column(upright, tau=5.0), s.rest, rtol=1e-12)
+    np.testing.assert_allclose(find("self_heating").column(upright, tau=5.0), s.rest**2, rtol=1e-12)
+
+
+def by_hand(x, width, start):
+    y, held = [], start
+    for value in x:
+        if value - held > width / 2:
+            held = value - width / 2
+        elif held - value > width / 2:
+            held = value + width / 2
+        y.append(held)
+    return np.array(y)
+
+
+@pytest.mark.parametrize("width", [0.0, 0.1, 1.3, 50.0])
+def test_play_equals_a_plain_loop(width):
+    x = np.cumsum(np.random.default_rng(4).standard_normal(5000))
+    np.testing.assert_array_equal(_core.play(x, width, 0.4), by_hand(x, width, 0.4))
+
+
+def test_the_loop_of_play_has_its_area_at_any_rate():
+    width = 1.0
+    for cycles in (15.0, CYCLES):
+        s = sines(((cycles, AMPLITUDE, 0.0),), n=120_000)
+        y = find("hysteresis").column(s, width=width)
+        late = slice(60_000, None)
+        area = -np.sum(0.5 * (y[late][1:] + y[late][:-1]) * np.diff(s.a[late])) / cycles
+        # A parallelogram, `width` wide and 2 A - width high; samples cut its corners by (w h)²/8.
+        assert abs(area) == pytest.approx(width * (2.0 * AMPLITUDE - width), rel=1e-4)
+
+
+def test_a_play_keeps_its_memory_through_rests():
+    s = moves()
+    y = find("hysteresis").column(s, width=0.1)
+    resting = (np.mod(s.t, 6.0) > 2.1) & (np.mod(s.t, 6.0) < 3.9)
+    np.testing.assert_allclose(np.abs(y[resting]), 0.05, atol=1e-9)  # half the width, left by the braking
+
+
+def test_backlash_knows_the_last_direction_in_rests():
+    s = moves()
+    y = find("encoder_backlash").column(s)
+    phase = np.mod(s.t, 6.0)
+    assert np.all(y[s.t < 1.0] == 0.0)
+    np.testing.assert_allclose(y[(phase > 2.0) & (phase < 4.0)], 0.5)
+    np.testing.assert_allclose(y[(s.t > 6.0) & ((phase > 5.0) | (phase < 1.0))], -0.5)
+
+
+def test_backlash_is_not_written_by_noise_at_rest():
+    s = moves()
+    noise = 1e-7 * np.random.default_rng(3).standard_normal(len(s.t))
+    noisy = dataclasses.replace(s, p=s.p + noise, p_std=1e-6)
+    phase = np.mod(s.t, 6.0)
+    y = find("encoder_backlash").column(noisy)
+    assert np.all(y[(phase > 2.0) & (phase < 4.0)] > 0.45)
+
+
+def test_time_since_reversal_starts_anew_at_each_turn():
+    s = moves()
+    y = find("shape_since_reversal").column(s)
+    both, odd = y[:, :4], y[:, 4:]
+    assert np.all(y[s.t < 1.0] == 0.0)
+    after = s.t > 1.5
+    np.testing.assert_allclose(both[after].sum(axis=1), 1.0)
+    phase = np.mod(s.t, 6.0)
+    assert np.all(both[(phase > 3.9) & (phase < 4.0), 3] == 1.0)  # 2.5 s and more after the turn
+    np.testing.assert_allclose(odd[(phase > 3.0) & (phase < 4.0)].sum(axis=1), 1.0)
+    np.testing.assert_allclose(odd[(s.t > 6.0) & (phase < 1.0)].sum(axis=1), -1.0)
+
+
+def test_clipping_with_coefficient_one_is_a_clipped_output():
+    s = one_tone()
+    level = 0.8 * AMPLITUDE
+    assert np.max(np.abs(s.a + find("saturation").column(s, level=level))) == pytest.approx(level)
+
+
+@pytest.mark.parametrize("name", ["bias_step", "encoder_step"])
+def test_a_step_is_continuous_in_its_instant(name):
+    s = one_tone()
+    at = [np.sum(find(name).column(s, instant=20.0 + share * s.step)) for share in (0.0, 0.25, 0.5, 1.0)]
+    np.testing.assert_allclose(at[0] - np.array(at), (0.0, 0.25, 0.5, 1.0), atol=1e-8)  # sums of 4e4 ones
+
+
+def test_the_cosines_of_a_random_walk_have_its_covariance():
+    s = sines(n=2000)
+    effect = find("bias_random_walk")
+    y = effect.column(s, start=0.0, length=s.length)
+    t = s.t
+    centred = np.eye(len(t)) - 1.0 / len(t)
+    walk = centred @ np.minimum.outer(t, t) @ centred
+    spectrum = np.linalg.eigvalsh(walk)[::-1][: effect.width]
+    found = np.linalg.eigvalsh(y.T @ y)[::-1]
+    # On 2000 samples instead of a line: an end counts half a spacing too much, j/2000 of a column.
+    np.testing.assert_allclose(found, spectrum, rtol=0.02)
+    # What is cut off: sum over j > 16 of 1/j², of pi²/6.
+    total = np.trace(walk)
+    assert np.sum(found) / total == pytest.approx(np.sum(1.0 / np.arange(1, 17) ** 2) / (np.pi**2 / 6.0), rel=0.01)
+
+
+def test_a_slow_gauss_markov_bias_is_a_random_walk():
+    s = sines(n=500)
+    tau = 1e4 * s.length
+    markov = find("bias_gauss_markov").column(s, start=0.0, length=s.length, tau=tau)
+    walk = find("bias_random_walk").column(s, start=0.0, length=s.length)
+    np.testing.assert_allclose(markov, walk * np.sqrt(2.0 / tau), rtol=1e-6, atol=1e-9)
+
+
+def test_a_fast_gauss_markov_bias_has_variance_one():
+    tau, length = 3.0, 600.0
+    w = np.pi * np.arange(1, 200_000) / length
+    weights = np.sqrt(4.0 * tau / length / (1.0 + (w * tau) ** 2))
+    # The mean square of a cosine is a half; the series sums to coth(L/tau) - tau/L, and its tail here is 2e-4.
+    assert 0.5 * np.sum(weights**2) == pytest.approx(1.0 - tau / length, abs=3e-4)
+
+
+def test_cosines_are_cosines():
+    t = np.linspace(0.0, 7.0, 1001)
+    y = cosines(t, 0.0, 7.0, np.ones(16))
+    np.testing.assert_allclose(y, np.cos(np.outer(t, np.pi * np.arange(1, 17) / 7.0)), atol=1e-12)  # 16 recursions
+
+
+def test_splines_hold_every_cubic_and_sum_to_one():
+    x = np.linspace(-2.0, 5.0, 400)
+    B = splines(x, -2.0, 5.0)
+    np.testing.assert_allclose(B.sum(axis=1), 1.0, atol=1e-14)
+    for power in (1, 2, 3):
+        weights, *_ = np.linalg.lstsq(B, x**power, rcond=None)
+        np.testing.assert_allclose(B @ weights, x**power, atol=1e-11)  # of values up to 125
+    np.testing.assert_array_equal(splines(np.array([-9.0, 9.0]), -2.0, 5.0), B[[0, -1]])
+
+
+def test_knots_keep_their_distance_from_noise():
+    effect = find("shape_of_acceleration")
+    s = sines(a_std=0.5)
+    low, high = (effect.shapes[name].grid(s)[0] for name in ("low", "high"))
+    assert (high - low) / 7.0 == pytest.approx(6.0 * 0.5)
+    assert low < np.min(s.a) < np.max(s.a) < high
+
+
+def test_a_reversed_sensor_sees_the_stage_with_the_other_sign():
+    s = sines()
+    turned = dataclasses.replace(s, rig=Rig(mount="reversed"))
+    for name in ("velocity", "velocity_squared", "rail_slope", "rail_curve", "coulomb", "tilt"):
+        np.testing.assert_array_equal(find(name).column(turned), -find(name).column(s))
+    np.testing.assert_array_equal(find("bias").column(turned), find("bias").column(s))
+
+
+@pytest.mark.parametrize("mount", ["normal", "reversed"])
+def test_resampled_motion_is_the_motion_at_those_times(mount):
+    rig = Rig(axis="up", mount=mount)
+    coarse, fine = sines(n=6000), sines(n=36_000)
+
+    def felt(s):
+        return dataclasses.replace(s, rig=rig, a=rig.polarity * (s.a + rig.gravity), jerk=rig.polarity * s.jerk)
+
+    coarse, fine = felt(coarse), felt(fine)
+    inside = fine.t < coarse.t[-1]
+    fine = fine.at(inside)
+    found = coarse.resampled(fine.t)
+    # Cubic Hermite errs by (w h)^4/384, w h = 0.2: 4e-6 of the fastest line.
+    for name in ("p", "v", "a"):
+        wanted = getattr(fine, name)
+        np.testing.assert_allclose(getattr(found, name), wanted, atol=5e-6 * np.ptp(wanted), err_msg=name)
+    period = 5e-4  # m; the coarse grid passes it in a tenth of a spacing
+    wanted = find("encoder_cyclic").column(fine, period=period)
+    np.testing.assert_allclose(find("encoder_cyclic").column(found, period=period), wanted, atol=1e-2)
+    every = [effect for effect in HOUSE if effect.port == "position"]
+    assert len(every) == 6
+    for effect in every:
+        shape = {name: float(each.grid(fine)[0]) for name, each in effect.shapes.items()}
+        one, two = effect.column(found, **shape), effect.column(fine, **shape)
+        np.testing.assert_allclose(one, two, atol=2e-2 * np.max(np.abs(two)), err_msg=effect.name)
+
+
+def test_shapes_of_a_record_describe_the_same_function_on_another():
+    one, two = sines(), sines(((8.0, 0.2, 0.0),))
+    effect = find("shape_of_velocity")
+    shape = {name: float(each.grid(one)[0]) for name, each in effect.shapes.items()}
+    whole, part = effect.column(one, **shape), effect.column(two, **shape)
+    for k in range(0, len(two.t), 5000):
+        near = np.argmin(np.abs(one.v - two.v[k]))
+        np.testing.assert_allclose(part[k], whole[near], atol=0.01)  # nearest of 25 000 speeds

@@ -1,0 +1,1 @@
+"""The product on records of the independent worlds: does it name what was hidden, and nothing else?"""

@@ -1,0 +1,267 @@
+"""Trials of the hidden bars: a world is drawn, written to files, and the product is run on the files."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from accelcal import loop
+from accelcal.fit import Fit
+from accelcal.io import load
+from accelcal.recording import Recording
+from tests.worlds import CATALOGUE, MOTIONS, OUTSIDE, SENSORS, Hidden, Nuisances, World, at_d, signatures
+from tests.worlds.scene import REFERENCE_TEMPERATURE
+
+Outcome = dict[str, Any]
+"""What a trial found, as plain values for a line of JSON."""
+
+MIXES = [(motion, sensor) for motion in MOTIONS for sensor in SENSORS]
+VISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind != "invisible"]
+INVISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind == "invisible"]
+DELAYS = ("time_offset", "sensor_lag", "sensor_resonance")
+MOST_ALIKE = 0.9
+"""Two effects of a pair are less alike than this."""
+STRENGTHS = (10.0, 20.0, 40.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One record of one bar; the same trial always gives the same record."""
+
+    bar: int
+    number: int
+    seed: int
+    names: tuple[str, ...] = ()
+    """What is hidden."""
+    d: float = 0.0
+
+    @property
+    def rng(self) -> np.random.Generator:
+        """Generator of everything that is drawn for this trial."""
+        return np.random.default_rng([self.seed, self.bar, self.number, round(10 * self.d)])
+
+    @property
+    def key(self) -> str:
+        """Identifier under which its outcome is kept."""
+        return f"{self.seed}/{self.bar}/{self.number}/{self.d:g}/{'+'.join(self.names)}"
+
+
+def plan(bar: int, records: int, seed: int, effects: Sequence[str] = ()) -> Iterator[Trial]:
+    """Trials of a bar, evenly over effects, strengths, motions and sensors."""
+    single = [name for name in effects or VISIBLE if name in VISIBLE]
+    for n in range(records):
+        if bar == 1:
+            yield Trial(1, n, seed)
+        elif bar == 2:
+            for d in STRENGTHS:
+                yield Trial(2, n, seed, (single[n % len(single)],), d)
+        elif bar == 3:
+            yield Trial(3, n, seed, (single[n % len(single)],), 3.0)
+        elif bar == 4:
+            yield Trial(4, n, seed, _several(n, seed, single, 3 if n % 5 == 4 else 2), 30.0 if n % 5 == 4 else 20.0)
+        elif bar == 5:
+            yield Trial(5, n, seed, (INVISIBLE[n % len(INVISIBLE)],))
+        elif bar == 6:
+            outside = [name for name in effects or OUTSIDE if name in OUTSIDE]
+            yield Trial(6, n, seed, (outside[n % len(outside)],), 30.0)
+        elif bar == 8:
+            yield Trial(8, n, seed, (single[n % len(single)],), 30.0)
+
+
+def _several(number: int, seed: int, names: Sequence[str], count: int) -> tuple[str, ...]:
+    rng = np.random.default_rng([seed, 4, number])
+    while True:
+        chosen = tuple(str(name) for name in rng.choice(names, count, replace=False))
+        if sum(name in DELAYS for name in chosen) < 2:
+            return chosen
+
+
+def draw(trial: Trial) -> World:
+    """The world of a trial, its hidden effects at their strength.
+
+    Raises
+    ------
+    ValueError
+        If the effects cannot be seen, or not be told apart, on any motion that was tried.
+    """
+    rng = trial.rng
+    first = trial.number // max(1, _cycle(trial)) + int(rng.integers(len(MIXES))) if trial.names else trial.number
+    nuisances = Nuisances.draw(rng)
+    if trial.names:  # d counts what the base leaves of an effect; the base knows the low-pass
+        nuisances = replace(nuisances, lowpass_error=0.0, lowpass_tolerance=0.0)
+    if set(trial.names) & set(DELAYS):
+        nuisances = replace(nuisances, clock_offset=0.0, clock_tolerance=0.0)
+    seed = int(rng.integers(2**31))
+    signs = rng.choice([-1.0, 1.0], len(trial.names))
+    why = "nothing was tried"
+    for attempt in range(5):
+        motion, sensor = MIXES[(first + 3 * attempt) % len(MIXES)]
+        hidden = tuple(_hide(name, sign) for name, sign in zip(trial.names, signs, strict=True))
+        world = World(motion, sensor, hidden, seed=seed, nuisances=nuisances)
+        try:
+            if trial.d:
+                for _ in range(2 if len(hidden) > 1 else 1):
+                    for index in range(len(hidden)):
+                        world = at_d(world, trial.d, index)
+            if len(hidden) > 1 and _alike(world) >= MOST_ALIKE:
+                raise ValueError(f"{' and '.join(trial.names)} look alike on {motion}")
+            return world
+        except ValueError as refused:
+            why = str(refused)
+    raise ValueError(why)
+
+
+def _cycle(trial: Trial) -> int:
+    return {6: len(OUTSIDE), 5: len(INVISIBLE)}.get(trial.bar, len(VISIBLE))
+
+
+def _hide(name: str, sign: float) -> Hidden:
+    effect = (CATALOGUE | OUTSIDE)[name]
+    signed = effect.kind == "mean" and name not in ("saturation", *DELAYS[1:])
+    return Hidden(name, sign * abs(effect.typical) if signed else abs(effect.typical))
+
+
+def _alike(world: World) -> float:
+    """Largest correlation between two hidden mean effects on this record."""
+    mean = tuple(h for h in world.hidden if h.effect.kind == "mean")
+    if len(mean) < 2:
+        return 0.0
+    X = signatures(replace(world, hidden=mean))
+    size = np.linalg.norm(X, axis=0)
+    rho = np.abs(X.T @ X / np.outer(size, size)) - np.eye(len(size))
+    return float(np.max(rho))
+
+
+def nearest_rival(world: World) -> float:
+    """Largest correlation of the hidden effect with any other mean effect of the catalogue at its typical size."""
+    name = world.hidden[0].name
+    base = ("1", "a") if name in DELAYS else ("1", "a", "jerk")
+    if world.hidden[0].effect.kind != "mean":
+        return 0.0
+    rivals = tuple(
+        Hidden(rival, effect.typical)
+        for rival, effect in CATALOGUE.items()
+        if effect.kind == "mean" and rival != name and not (rival in DELAYS and name not in DELAYS)
+    )
+    X = signatures(replace(world, hidden=(world.hidden[0], *rivals)), base)
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-12)
+    return float(np.max(np.abs(X[:, 1:].T @ X[:, 0]) / (size[1:] * size[0])))
+
+
+def run(trial: Trial) -> Outcome:
+    """Draw, write, load, improve, judge nothing: what came out."""
+    begin = time.process_time()
+    outcome: Outcome = {"key": trial.key, **asdict(trial)}
+    try:
+        world = draw(trial)
+    except ValueError as refused:
+        return {**outcome, "skipped": str(refused)}
+    settled = world.settled()
+    outcome |= {
+        "motion": world.motion,
+        "sensor": world.sensor,
+        "nuisances": asdict(world.nuisances),
+        "hidden": [[h.name, h.magnitude, dict(h.shape)] for h in settled.hidden],
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        recording = load(world.record().write(folder))
+        outcome["world_seconds"] = time.process_time() - begin
+        begin = time.process_time()
+        if trial.bar == 8:
+            other = next(m for m in (*MOTIONS, *MOTIONS) if m != world.motion and m not in ("tones", "long_rest"))
+            unseen = load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
+            outcome |= held_out(trial, recording, unseen)
+        else:
+            outcome |= improved(loop.improve(recording, holdout=recording), settled)
+    outcome["seconds"] = time.process_time() - begin
+    if trial.bar == 2:
+        outcome["rival"] = nearest_rival(world)
+    return outcome
+
+
+def improved(found: loop.Improvement, world: World) -> Outcome:
+    """Names, classes, verdict and estimates of an improvement."""
+    first = found.steps[0].fit
+    return {
+        "effects": list(found.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
+        "verdict": found.diagnosis.verdict,
+        "sentence": found.diagnosis.sentence,
+        "top": [[c.effect, c.gain, c.dof, c.p_value] for c in found.diagnosis.scan.candidates[:4]],
+        "noise_ratio": first.runs[0].noise.ratio,
+        "estimates": errors(found.steps[-1].fit, world),
+        "inseparable": [list(tie.members) for tie in found.diagnosis.inseparable],
+    }
+
+
+def errors(fit: Fit, world: World) -> dict[str, list[float]]:
+    """Estimate, its standard deviation and the truth, for what has one number in both worlds."""
+    k = float(world.scale_factor or 0.0)
+    found: dict[str, list[float]] = {}
+    truth = {"scale_factor": k}
+    for hidden in world.hidden:
+        place = hidden.effect.place
+        truth[hidden.name] = hidden.magnitude * ((1.0 + k) if place in ("force", "dynamics") else 1.0)
+        if hidden.name == "saturation":
+            truth[hidden.name] = 1.0
+        if hidden.name == "temperature_scale":  # k is told at the model's reference temperature
+            truth["scale_factor"] += hidden.magnitude * (fit.origins.temperature - REFERENCE_TEMPERATURE)
+    for estimate in fit.estimates:
+        if estimate.name in truth and estimate.std > 0.0:
+            found[estimate.name] = [estimate.value, estimate.std, truth[estimate.name]]
+    return found
+
+
+def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
+    """Coasting on another motion: base, found model, and the model that was told the true effect."""
+    found = loop.improve(recording, holdout=unseen)
+    last = found.steps[-1]
+    outcome = {
+        "effects": list(found.effects),
+        "classes": [[tie.effect, *(m for m in tie.members if m != tie.effect)] for tie in found.classes],
+        "verdict": found.diagnosis.verdict,
+        "base": coasting(found.steps[0].heldout),
+        "found": coasting(last.heldout),
+        "allowed": allowed(last.fit, unseen),
+    }
+    base = found.steps[0].fit
+    told = base if trial.names[0] in base.model.effects else loop.add(base, recording, trial.names[0])
+    if "time_offset" in base.model.fixed:
+        told = found.steps[1].fit
+    return {**outcome, "oracle": coasting(loop.compare(told, unseen))}
+
+
+def coasting(compared: Any) -> dict[str, float | None]:
+    """One-step and rezeroed coasting errors, m."""
+    return {"one_step": compared.one_step_rms, **{f"{h:g} s": v for h, v in compared.coast_rms.items()}}
+
+
+def allowed(fit: Fit, unseen: Recording) -> dict[str, float]:
+    """What the covariance of a model's own parameters adds to its errors on a motion, rms, m.
+
+    One comparison to either side along each principal axis of the covariance: exact for errors that are linear in
+    the parameters.
+    """
+    centre = coasting(loop.compare(fit, unseen))
+    values, vectors = np.linalg.eigh(fit.covariance)
+    total = dict.fromkeys(centre, 0.0)
+    for value, axis in zip(values, vectors.T, strict=True):
+        for side in (1.0, -1.0):
+            moved = coasting(loop.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen))
+            for key, there in moved.items():
+                here = centre[key]
+                if here is not None and there is not None:
+                    total[key] += 0.5 * (there**2 - here**2)
+    return {key: float(np.sqrt(max(value, 0.0))) for key, value in total.items()}
+
+
+def shifted(fit: Fit, step: np.ndarray) -> Fit:
+    """A fit whose free estimates are moved."""
+    moved = {id(e): replace(e, value=e.value + float(s)) for e, s in zip(fit.free, step, strict=True)}
+    return replace(fit, estimates=tuple(moved.get(id(e), e) for e in fit.estimates))

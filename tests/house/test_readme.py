@@ -1,0 +1,49 @@
+"""The README's examples run as they stand."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", README.read_text(), flags=re.M | re.S)
+
+
+def test_python_examples_run(tmp_path):
+    examples = blocks("python")
+    assert examples
+    for example in examples:
+        subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+
+
+def test_shell_examples_run_in_order(tmp_path):
+    lines = [line for block in blocks("sh") for line in block.splitlines() if line]
+    assert lines
+    environment = os.environ | {"COLUMNS": "120"}
+    for line in lines:
+        program, *arguments = shlex.split(line)
+        assert program == "accelcal"
+        command = [sys.executable, "-m", "accelcal", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+def test_the_sidecar_example_is_read(tmp_path):
+    from accelcal.io import read_sidecar
+
+    (example,) = blocks("toml")
+    path = tmp_path / "run.toml"
+    path.write_text(example)
+    rig = read_sidecar(path).rig
+    assert rig.lowpass is not None
+    assert (rig.lowpass.cutoff, rig.sensor.scale_unit, rig.resolution) == (159.0, "V", 1e-6)
+
+
+def test_there_are_exactly_two_set_up_commands():
+    (console,) = blocks("console")
+    assert console.split("\n")[:-1] == ["make demo", "make test"]

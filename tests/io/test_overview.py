@@ -1,0 +1,75 @@
+"""What was understood of a recording, against numbers known by construction."""
+
+import json
+
+import numpy as np
+import pytest
+
+from accelcal.overview import describe, rest, summarise
+from accelcal.recording import Channel, Finding, Recording
+from accelcal.rig import Rig, Sensor
+
+
+def recording(rate=1000.0, **options):
+    t = np.arange(int(4 * rate)) / rate
+    moving = (t >= 1) & (t < 2.5)
+    position = np.where(moving, 0.01 * (1 - np.cos(2 * np.pi * 2 * (t - 1))), 0.0)
+    kept = (t < 3.2) | (t > 3.4)
+    return Recording(
+        accel=Channel("accel", t, np.where(moving, 2.0, 0.5), "m/s^2"),
+        position=Channel("position", t[kept], np.round(position, 6)[kept], "m"),
+        side={"temperature": Channel("temperature", t[:1], np.array([20.0]), "degC")},
+        **({"rig": Rig(sensor=Sensor(range=4.0))} | options),
+    )
+
+
+@pytest.mark.parametrize("resolution", [None, 1e-6])
+def test_rest_is_found_where_the_stage_stands(resolution):
+    found = rest(recording(rig=Rig(resolution=resolution)))
+    np.testing.assert_allclose(found, [(0.0, 1.0), (2.5, 4.0)], atol=0.1)  # judged on spans of 0.1 s
+
+
+def test_motion_without_pause_has_no_rest():
+    t = np.arange(1000) / 1000
+    moving = Channel("position", t, np.sin(30 * t), "m")
+    assert rest(Recording(moving, moving, Rig())) == []
+
+
+def test_stage_that_never_moves_is_at_rest_throughout():
+    t = np.arange(1000) / 1000
+    still = Channel("position", t, np.zeros(1000), "m")
+    assert rest(Recording(still, still, Rig())) == [(0.0, 0.999)]
+
+
+def test_record_without_position_has_no_rest_to_judge():
+    empty = Channel("position", np.empty(0), np.empty(0), "m")
+    run = recording()
+    assert describe(Recording(run.accel, empty, Rig()))["rest_s"] == []
+
+
+def test_description_gives_rates_spans_and_ranges_as_json():
+    found = json.loads(json.dumps(describe(recording())))
+    assert found["range_used"] == 0.5
+    position = found["channels"]["position"]
+    assert position["rate_hz"] == pytest.approx(1000.0, rel=1e-9)
+    assert position["longest_interval_s"] == pytest.approx(0.202, rel=1e-9)
+    assert found["channels"]["temperature"]["rate_hz"] is None
+
+
+def test_summary_says_warnings_before_notes_and_ends_with_assumptions():
+    findings = (Finding("gap", "accel", 1, 0.0, "a gap"), Finding("clipping", "accel", 1, 0.0, "a clip", "warning"))
+    text = summarise(
+        recording(findings=findings, rig=Rig(assumptions=("level",), sensor=Sensor(range=4.0)), name="run.csv")
+    )
+    lines = text.splitlines()
+    assert lines[0] == "run.csv"
+    assert "  range used: 50% of ±4 m/s^2" in lines
+    assert "  temperature: 1 samples, no rate" in text
+    assert "  at rest: 2." in text
+    assert [line.strip() for line in lines[-3:]] == ["warning: a clip", "note: a gap", "assumed: level"]
+
+
+def test_summary_says_when_nothing_rests():
+    t = np.arange(1000) / 1000
+    moving = Channel("position", t, np.sin(30 * t), "m")
+    assert "at rest: never" in summarise(Recording(moving, moving, Rig()))

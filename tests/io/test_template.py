@@ -1,0 +1,76 @@
+"""A first sidecar asks for nothing that the file says, and what it asks for is refused until it is given."""
+
+import pytest
+
+from accelcal import io
+from accelcal.recording import RecordingError
+
+ROWS = "0.0,1,0,20\n0.1,2,1,21\n0.2,1,3,21\n"
+
+
+def write(tmp_path, header, rows=ROWS):
+    path = tmp_path / "run.csv"
+    path.write_text(f"{header}\n{rows}")
+    return path
+
+
+def test_file_that_says_everything_needs_nothing_filled_in(tmp_path):
+    path = write(tmp_path, "t_ms,accel_g,position_mm,temp_degC")
+    before = io.load(path)
+    text = io.init(path)
+    assert "FILL IN;" not in text.split("[sensor]")[1]
+    assert io.sidecar_of(path).read_text() == text
+    assert "3 rows from 0 s to 0.0002 s, median step 0.0001 s (10000 Hz)" in text
+    after = io.load(path)
+    assert after.accel.y.tolist() == before.accel.y.tolist()
+    assert list(after.side) == ["temperature"]
+
+
+def test_units_that_cannot_be_read_are_left_for_the_user(tmp_path):
+    path = write(tmp_path, "t,accel,position,state")
+    text = io.init(path)
+    assert (
+        'time = { column = "t", unit = "?" }  # FILL IN the unit: s, ms, us; 3 rows from 0 to 0.2, median step 0.1'
+        in text
+    )
+    assert 'accel = { column = "accel", unit = "?" }  # FILL IN the unit: m/s^2, g, mg, V, count' in text
+    assert '# state = { column = "state", unit = "?" }' in text
+    with pytest.raises(RecordingError, match="is still to be filled in"):
+        io.load(path)
+    filled = text.replace('"t", unit = "?"', '"t", unit = "s"').replace('"accel", unit = "?"', '"accel", unit = "g"')
+    io.sidecar_of(path).write_text(filled.replace('"position", unit = "?"', '"position", unit = "mm"'))
+    assert len(io.load(path).accel) == 3
+
+
+def test_columns_that_cannot_be_recognised_are_left_for_the_user(tmp_path):
+    path = write(tmp_path, "x1,x2,x3,x4")
+    text = io.init(path)
+    assert (
+        'time = { column = "?", unit = "?" }  # FILL IN: one of the columns below, or in its place: rate = "1667 Hz"'
+        in text
+    )
+    assert '# x1 = { column = "x1", unit = "?" }' in text
+    with pytest.raises(RecordingError, match=r'there is no column "\?"'):
+        io.load(path)
+
+
+def test_electrical_channel_asks_for_its_scale(tmp_path):
+    path = write(tmp_path, "t_s,accel_V,position_mm,temp_degC")
+    assert 'scale = "?"                     # FILL IN, like "0.25 V/g"' in io.init(path)
+    with pytest.raises(RecordingError, match=r"sensor\.scale: '\?' is not a quantity"):
+        io.load(path)
+
+
+@pytest.mark.parametrize(
+    ("rows", "note"), [("0.0,1,0,20\n", "# 1 rows"), ("1,1,0,20\n1,1,0,20\n1,1,0,20\n", "step 0 s\n")]
+)
+def test_clock_without_a_rate_is_described_all_the_same(tmp_path, rows, note):
+    assert note in io.template(write(tmp_path, "t_s,accel_g,position_mm,temp_degC", rows))
+
+
+def test_sidecar_that_exists_is_not_overwritten(tmp_path):
+    path = write(tmp_path, "t,accel,position,state")
+    io.sidecar_of(path).write_text("# mine")
+    with pytest.raises(RecordingError, match="there is a sidecar already; edit it, or remove it first"):
+        io.init(path)
+    assert io.sidecar_of(path).read_text() == "# mine"
