@@ -30,8 +30,9 @@ LINEAR = 1.25
 """Time per sample of an hour over that of ten minutes: linear, with room for caches."""
 
 FIT = """
-import json, resource, sys, time
+import json, sys, time
 from accelcal import io
+from benches.peak import megabytes
 from accelcal.fit import fit
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
@@ -41,7 +42,7 @@ print(json.dumps({
     "samples": len(recording.accel),
     "load_s": loaded,
     "fit_s": time.process_time() - loaded,
-    "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    "megabytes": megabytes(),
     "scale": found.values().scale,
     "std": found["scale_factor"].std,
 }))
@@ -75,7 +76,8 @@ def record(samples: int) -> Recording:
 
 def cost(path: Path) -> dict[str, float]:
     """Fit a file in a process of its own."""
-    done = subprocess.run([sys.executable, "-c", FIT, str(path)], capture_output=True, text=True, check=True)
+    run = [sys.executable, "-c", FIT, str(path)]
+    done = subprocess.run(run, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout))
 
 

@@ -3,14 +3,18 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
+ROOT = Path(__file__).parents[2]
+
 LOAD = """
-import json, resource, sys, time
+import json, sys, time
 from accelcal import io
+from benches.peak import megabytes
 from pyarrow import csv, parquet
 read = csv.read_csv if sys.argv[1].endswith("csv") else parquet.read_table
 def cost(job):
@@ -27,14 +31,15 @@ recording = io.load(sys.argv[1])
 print(json.dumps({
     "samples": len(recording.accel),
     "ratio": (time.process_time() - begin) / bare,
-    "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    "megabytes": megabytes(),
     "imported": [name for name in ("pint", "scipy.stats", "h5py", "pydantic", "matplotlib") if name in sys.modules],
 }))
 """
 
 
 def cost(path, how):
-    done = subprocess.run([sys.executable, "-c", LOAD, str(path), how], capture_output=True, text=True, check=True)
+    run = [sys.executable, "-c", LOAD, str(path), how]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
     print(path.suffix, found)
     return found
