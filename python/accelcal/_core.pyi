@@ -10,6 +10,7 @@ _Flags = NDArray[np.bool_]
 
 __version__: str
 __all__ = [
+    "Bank",
     "FilterError",
     "FilterRows",
     "FilterSetup",
@@ -105,6 +106,25 @@ def replay_log_likelihood(
     r: float,
     prior: tuple[float, float, float, float],
 ) -> float: ...
+
+@final
+class Bank:
+    def __new__(
+        cls,
+        track: ReplayTrack,
+        t: _Array,
+        restart: _Flags,
+        counts: _Flags,
+        *,
+        grid: tuple[float, float, int],
+        from_: int,
+        to: int,
+        group: int,
+    ) -> Bank: ...
+    @property
+    def rows(self) -> int: ...
+    def carry_inputs(self, columns: list[_Array], factor: float, state: _Array, sums: _Array) -> None: ...
+    def carry_readings(self, columns: list[_Array], state: _Array, sums: _Array) -> None: ...
 
 @final
 class ReplayTrack:

@@ -4,6 +4,8 @@
 #![allow(clippy::needless_pass_by_value)] // pyo3 hands views over by value
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in ekf-core
 
+mod bank;
+
 mod effects;
 
 mod filters;
@@ -16,6 +18,9 @@ mod _core {
     #[pymodule_export]
     use super::replay::{ReplayTrack, drive, replay_log_likelihood};
     use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::bank::Bank;
 
     #[pymodule_export]
     use super::effects::play_operator;

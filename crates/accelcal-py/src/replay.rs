@@ -13,7 +13,7 @@ type Out<'py> = Bound<'py, PyArray1<f64>>;
 
 /// Every error of the core reaches Python as a `ValueError` with its sentence.
 #[allow(clippy::needless_pass_by_value)] // the shape `map_err` asks for
-fn refuse(error: impl core::error::Error) -> PyErr {
+pub(crate) fn refuse(error: impl core::error::Error) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
@@ -158,18 +158,7 @@ impl ReplayTrack {
         mut whitened: PyReadwriteArray2<'_, f64>,
     ) -> PyResult<()> {
         let (t, restart) = (t.as_slice()?, restart.as_slice()?);
-        let n = self.data[0].len();
-        if t.len() != n || restart.len() != n || from_ > to || to > n {
-            return Err(PyValueError::new_err(format!("readings {from_}..{to} of {}, track of {n}", t.len())));
-        }
-        let [_, s, gain_p, gain_v, ..] = &self.data;
-        let gains = Gains {
-            t: &t[from_..to],
-            restart: &restart[from_..to],
-            gain_p: &gain_p[from_..to],
-            gain_v: &gain_v[from_..to],
-            S: &s[from_..to],
-        };
+        let gains = self.gains(t, restart, from_, to)?;
         let columns = Columns {
             inputs: on_grid.as_array().ncols(),
             readings: at_readings.as_array().ncols(),
@@ -184,6 +173,28 @@ impl ReplayTrack {
 }
 
 impl ReplayTrack {
+    /// Gains of readings `from..to`.
+    pub(crate) fn gains<'a>(
+        &'a self,
+        t: &'a [f64],
+        restart: &'a [bool],
+        from: usize,
+        to: usize,
+    ) -> PyResult<Gains<'a>> {
+        let n = self.data[0].len();
+        if t.len() != n || restart.len() != n || from > to || to > n {
+            return Err(PyValueError::new_err(format!("readings {from}..{to} of {}, track of {n}", t.len())));
+        }
+        let [_, s, gain_p, gain_v, ..] = &self.data;
+        Ok(Gains {
+            t: &t[from..to],
+            restart: &restart[from..to],
+            gain_p: &gain_p[from..to],
+            gain_v: &gain_v[from..to],
+            S: &s[from..to],
+        })
+    }
+
     fn view(&self) -> replay::TrackView<'_> {
         let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = &self.data;
         replay::TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }

@@ -11,6 +11,7 @@
 
 pub mod accelerometer;
 pub mod aci;
+pub mod bank;
 pub mod belief;
 pub mod condition;
 pub mod cwpa;

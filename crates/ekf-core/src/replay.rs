@@ -5,7 +5,6 @@
 //! afterwards; whitened innovations `y` and columns `X` obey `y = X beta + N(0, I)`.
 
 use crate::condition::{ConditionError, check_samples};
-use crate::interpolate::{Interpolation, Segment};
 
 /// Intensity of the two noises.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -364,14 +363,13 @@ pub fn carry(
     same_length(2 * width, state.len())?;
     same_length(n * width, whitened.len())?;
     same_length(n * columns.readings, columns.at_readings.len())?;
-    let basis = Basis::new(columns.grid.step);
     let (sp, sv) = state.split_at_mut(width);
     let mut previous = before;
     for k in 0..n {
         let now = gains.t[k];
         match previous {
             Some(earlier) if !gains.restart[k] => {
-                advance(&columns, &basis, earlier, now, sp, sv).ok_or(ReplayError::Grid { index: k, t: now })?;
+                advance(&columns, earlier, now, sp, sv).ok_or(ReplayError::Grid { index: k, t: now })?;
             }
             _ => {
                 sp.fill(0.0);
@@ -399,7 +397,7 @@ pub fn carry(
 }
 
 /// Moves the responses from `from` to `to`, one grid cell at a time; `None` when the grid does not cover it.
-fn advance(columns: &Columns<'_>, basis: &Basis, from: f64, to: f64, sp: &mut [f64], sv: &mut [f64]) -> Option<()> {
+fn advance(columns: &Columns<'_>, from: f64, to: f64, sp: &mut [f64], sv: &mut [f64]) -> Option<()> {
     let Columns { inputs, grid, on_grid, .. } = *columns;
     let h = to - from;
     for j in inputs..sp.len() {
@@ -408,70 +406,91 @@ fn advance(columns: &Columns<'_>, basis: &Basis, from: f64, to: f64, sp: &mut [f
     if inputs == 0 {
         return Some(());
     }
-    let rows = on_grid.len() / inputs;
+    cells(grid, on_grid.len() / inputs, from, to, |cell| {
+        let first = cell.row as usize;
+        add_cell(&on_grid[first * inputs..(first + NODES) * inputs], inputs, &cell, sp, sv);
+    })
+}
+
+/// Grid rows that shape the curve inside one cell.
+pub(crate) const NODES: usize = 4;
+
+/// What a part of one grid cell adds to (p, v): `p += h v + second . rows`, `v += first . rows`, the rows being the
+/// four from `row` on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cell {
+    /// First of the four grid rows.
+    pub row: u32,
+    /// Length of the part, s.
+    pub h: f64,
+    /// Weights of the rows in the first integral, s.
+    pub first: [f64; NODES],
+    /// Weights of the rows in the double integral, s^2.
+    pub second: [f64; NODES],
+}
+
+/// Hands out the cells between `from` and `to` in turn; `None` when a grid of `rows` rows does not cover them.
+pub fn cells(grid: Grid, rows: usize, from: f64, to: f64, mut take: impl FnMut(Cell)) -> Option<()> {
     let place = (from - grid.start) / grid.step;
+    let end = (to - grid.start) / grid.step;
     let slack = 1e-6; // rounding of times, in grid steps
-    if rows < NODES || place < -slack || (to - grid.start) / grid.step > (rows - 1) as f64 + slack {
+    if rows < NODES || place < -slack || end > (rows - 1) as f64 + slack {
         return None;
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 0 <= place <= rows - 1, checked above
     let mut cell = (place.max(0.0) as usize).min(rows - 2);
-    let mut a = from;
+    let mut a = place;
     loop {
-        let left = grid.start + cell as f64 * grid.step;
-        let b = if cell + 2 == rows { to } else { to.min(left + grid.step) };
+        let next = (cell + 1) as f64;
+        let b = if cell + 2 == rows { end } else { end.min(next) };
         if b > a {
-            let first = cell.saturating_sub(1).min(rows - NODES);
-            let weights = basis.weights(cell - first, a - left, b - left);
-            add_cell(&on_grid[first * inputs..(first + NODES) * inputs], inputs, &weights, b - a, sp, sv);
+            let row = cell.saturating_sub(1).min(rows - NODES);
+            take(Cell::between(row, a - row as f64, b - row as f64, grid.step));
             a = b;
         }
-        if b >= to {
+        if b >= end {
             return Some(());
         }
         cell += 1;
     }
 }
 
-/// Grid rows that shape the curve inside one cell.
-const NODES: usize = 4;
-
-/// Lagrange polynomials of four grid rows: `polynomial[cell][row]`, in the time since the left edge of the cell.
-struct Basis {
-    polynomial: [[Segment; NODES]; NODES - 1],
-}
-
-/// First and second integral of the four Lagrange polynomials over a part of a cell.
-struct CellWeights {
-    first: [f64; NODES],
-    second: [f64; NODES],
-}
-
-impl Basis {
-    fn new(step: f64) -> Self {
-        let t: [f64; NODES] = core::array::from_fn(|row| row as f64 * step);
-        let unit = |row: usize| core::array::from_fn::<f64, NODES, _>(|k| if k == row { 1.0 } else { 0.0 });
-        Self {
-            polynomial: core::array::from_fn(|cell| {
-                core::array::from_fn(|row| Segment::between(&t, &unit(row), cell, Interpolation::Cubic))
-            }),
-        }
-    }
-
-    fn weights(&self, cell: usize, a: f64, b: f64) -> CellWeights {
-        let integrals = self.polynomial[cell].map(|segment| segment.integrals(a, b));
-        CellWeights { first: integrals.map(|(first, _)| first), second: integrals.map(|(_, second)| second) }
+impl Cell {
+    /// The part between `a` and `b`, in grid steps behind `row`, from the integrals of the Lagrange polynomials.
+    fn between(row: usize, a: f64, b: f64, step: f64) -> Self {
+        let (at_a, at_b) = (moments(a), moments(b));
+        let first: [f64; NODES] = core::array::from_fn(|i| at_b[i].0 - at_a[i].0);
+        let second = core::array::from_fn(|i| step * step * (b * first[i] - (at_b[i].1 - at_a[i].1)));
+        #[allow(clippy::cast_possible_truncation)] // grids are far below 2^32 rows
+        let row = row as u32;
+        Self { row, h: (b - a) * step, first: first.map(|weight| weight * step), second }
     }
 }
 
-fn add_cell(rows: &[f64], inputs: usize, weights: &CellWeights, h: f64, sp: &mut [f64], sv: &mut [f64]) {
-    let [w0, w1, w2, w3] = weights.first;
-    let [x0, x1, x2, x3] = weights.second;
+/// Integrals from 0 to `u` of the Lagrange polynomials on 0, 1, 2, 3, and of `u` times each.
+fn moments(u: f64) -> [(f64, f64); NODES] {
+    const POLYNOMIALS: [[f64; NODES]; NODES] = [
+        [1.0, -11.0 / 6.0, 1.0, -1.0 / 6.0],
+        [0.0, 3.0, -2.5, 0.5],
+        [0.0, -1.5, 2.0, -0.5],
+        [0.0, 1.0 / 3.0, -0.5, 1.0 / 6.0],
+    ];
+    POLYNOMIALS.map(|[c0, c1, c2, c3]| {
+        (
+            u * (c0 + u * (c1 / 2.0 + u * (c2 / 3.0 + u * (c3 / 4.0)))),
+            u * u * (c0 / 2.0 + u * (c1 / 3.0 + u * (c2 / 4.0 + u * (c3 / 5.0)))),
+        )
+    })
+}
+
+fn add_cell(rows: &[f64], inputs: usize, cell: &Cell, sp: &mut [f64], sv: &mut [f64]) {
+    let [w0, w1, w2, w3] = cell.first;
+    let [x0, x1, x2, x3] = cell.second;
     let (r0, rest) = rows.split_at(inputs);
     let (r1, rest) = rest.split_at(inputs);
     let (r2, r3) = rest.split_at(inputs);
     for j in 0..inputs {
-        sp[j] += h * sv[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
+        sp[j] += cell.h * sv[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
         sv[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
     }
 }

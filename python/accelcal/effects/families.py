@@ -46,13 +46,13 @@ def splines(x: Array, low: float, high: float) -> Array:
     piece = np.minimum(u.astype(np.intp), PIECES - 1)
     f = u - piece
     g = 1.0 - f
-    columns = np.zeros((len(x), PIECES + 3))
-    flat, at = columns.reshape(-1), np.arange(len(x)) * (PIECES + 3) + piece
+    n = len(x)
+    flat, at = np.zeros((PIECES + 3) * n), piece * n + np.arange(n)  # each column in one piece of memory
     flat[at] = g**3 / 6.0
-    flat[at + 1] = (4.0 - 6.0 * f**2 + 3.0 * f**3) / 6.0
-    flat[at + 2] = (4.0 - 6.0 * g**2 + 3.0 * g**3) / 6.0
-    flat[at + 3] = f**3 / 6.0
-    return columns
+    flat[at + n] = (4.0 - 6.0 * f**2 + 3.0 * f**3) / 6.0
+    flat[at + 2 * n] = (4.0 - 6.0 * g**2 + 3.0 * g**3) / 6.0
+    flat[at + 3 * n] = f**3 / 6.0
+    return flat.reshape(PIECES + 3, n).T
 
 
 def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:

@@ -21,6 +21,7 @@ from accelcal.diagnose import (
     RIVAL_CORRELATION,
     Evidence,
     Item,
+    Known,
     Search,
     block_length,
     candidates_for,
@@ -267,7 +268,7 @@ def rules_for(one: Pass, examined: int, alpha: float) -> Search:
 
 def evidence_of(one: Pass, model: Model, items: Sequence[Item]) -> Evidence:
     """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return Evidence([one], [t for t in model.terms if t.name not in model.fixed], items)
+    return Evidence([Known(one, [t for t in model.terms if t.name not in model.fixed])], items)
 
 
 def entry_gain(rules: Search, dof: int, *, family: bool = False) -> float:

@@ -1,0 +1,111 @@
+"""What could be missing: every effect of the catalogue at each of its trial shapes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.effects import HOUSE, Effect, Shape, side_channels
+from accelcal.effects.memory import lagged
+from accelcal.fit import Pass
+from accelcal.model import Model, Term, terms_of
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+JUMPS = 8
+"""Instants at which a jump of the encoder is tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """An effect at given shape parameters: what can enter a set."""
+
+    effect: Effect
+    shape: Mapping[str, float]
+    looks: int = 1
+    """Alternatives that this one was picked from before it was tried."""
+
+    @property
+    def terms(self) -> tuple[Term, ...]:
+        """Its coefficients."""
+        return terms_of(self.effect, self.shape)
+
+
+def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> list[Item]:
+    """Every effect that could be missing from a model on this record, at each of its trial shapes."""
+    s = one.signals
+    assert s is not None
+    recorded = [(name, channel.unit) for name, channel in one.run.recording.side.items()]
+    offered = (*HOUSE, *side_channels(recorded), *extra)
+    items = []
+    for effect in offered:
+        taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
+        if taken or any(name not in s.side for name in effect.needs):
+            continue
+        grids = {name: shape.grid(s) for name, shape in effect.shapes.items()}
+        looks = 1
+        if effect.port == "position" and "instant" in grids:
+            grids["instant"] = jumps(one)
+            looks = max(1, int(s.length * 2.0 * np.pi * one.run.crossover(one.noise)))
+        for values in _product(grids):
+            items.append(Item(effect, values, looks))
+    return items
+
+
+def jumps(one: Pass) -> Array:
+    """Instants at which readings may have jumped, on the clock of the effects, s, (at most 8,).
+
+    The filter forgets a jump within its own time constant, so no coarse grid of instants would meet it: those where
+    innovations add up most over one time constant are tried.
+    """
+    span = max(1, int(1.0 / (2.0 * np.pi * one.run.crossover(one.noise) * one.run.reading_step)))
+    y = np.where(one.counts, one.whitened, 0.0)
+    loud = np.abs(np.convolve(y, np.ones(span), mode="full")[span - 1 :])
+    found: list[float] = []
+    for _ in range(JUMPS):
+        k = int(np.argmax(loud))
+        found.append(float(one.run.t[k] - 0.5 * one.run.reading_step - one.run.origins.t))
+        loud[max(0, k - 4 * span) : k + 4 * span] = 0.0
+    return np.array(sorted(found))
+
+
+def _product(grids: Mapping[str, Array]) -> list[dict[str, float]]:
+    combined: list[dict[str, float]] = [{}]
+    for name, values in grids.items():
+        combined = [{**old, name: float(value)} for old in combined for value in values]
+    return combined
+
+
+def _lowpass_error(s: Signals, tau: float) -> Array:
+    """The known low-pass has another time constant than declared: e = -dtau (1 + k) x, tau x' = jerk - x.
+
+    Looks like: a delay, and above 1/(10 tau) a little more.
+    Easily confused with: time_offset, sensor_lag.
+    Separate by: measuring the filter.
+    """
+    return -s.scale * lagged(s.jerk, tau, s.step, 0.0)
+
+
+LOWPASS_ERROR = Effect(
+    name="lowpass_error",
+    unit="s",
+    port="output",
+    owner="timing",
+    symbol="dtau",
+    scale=5e-5,
+    source="declared tolerance of the low-pass",
+    function=_lowpass_error,
+    shapes={"tau": Shape("s", (1e-6, 1.0), trials=1)},
+    visible=False,
+)
+"""Carried beside the base while others are judged, no larger than the declared tolerance allows."""
+
+
+def nuisances(one: Pass) -> list[tuple[Term, float]]:
+    """What is known not to be known, with its standard deviation."""
+    tolerance = one.run.rig.lowpass_tolerance
+    if tolerance <= 0.0:
+        return []
+    return [(Term(LOWPASS_ERROR, 0, {"tau": one.run.tau}), tolerance)]

@@ -1,0 +1,129 @@
+"""Columns of one fitted run carried through its gains, whitened samples summed in groups, in bounded memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from accelcal import _core
+from accelcal.fit import Pass
+from accelcal.model import Term, evaluate
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+OVERSAMPLING = 6.0
+"""Rate of the sums over the larger of crossover and bandwidth of the motion."""
+MOST_SUMS = 1 << 25
+"""Sums, all columns together, that are held at a time: 256 MB."""
+MOST_READINGS = 1 << 19
+"""Readings whose passage through the grid is worked out at a time."""
+ABREAST = 8
+"""Columns that pass the filter side by side."""
+
+
+class Carrier:
+    """A fitted run that columns are carried through.
+
+    Whitened samples are summed in groups over the square root of their number: white stays white, and below a fraction
+    of the rate nothing is lost. Effects are always evaluated over the whole run, since many have a memory or read
+    their scale off it; of a long run the sums are handed out stretch by stretch.
+    """
+
+    def __init__(self, one: Pass) -> None:
+        assert one.signals is not None, "the fit has not been iterated"
+        self.one = one
+        self.signals: Signals = one.signals
+        rate = 1.0 / one.run.reading_step
+        self.group = max(1, int(rate / (OVERSAMPLING * max(self.signals.cutoff, one.run.crossover(one.noise)))))
+        self.rows = int(np.sum(one.counts)) // self.group
+        self._last: tuple[slice, _core.Bank] | None = None
+
+    @property
+    def whitened(self) -> Array:
+        """Sums of the whitened innovations, (rows,)."""
+        y = self.one.whitened[self.one.counts][: self.rows * self.group]
+        return np.asarray(y.reshape(self.rows, self.group).sum(axis=1) / math.sqrt(self.group))
+
+    @property
+    def times(self) -> Array:
+        """Time of the first reading of each sum, (rows,) s."""
+        return self.one.run.t[self.one.counts][: self.rows * self.group : self.group]
+
+    @cached_property
+    def at_readings(self) -> Signals:
+        """The motion at the times of the readings, where effects of the encoder are evaluated."""
+        return self.signals.resampled(self.one.run.t - self.one.run.origins.t)
+
+    def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
+        """Sums of the whitened columns, stretch by stretch.
+
+        Yields
+        ------
+        The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms.
+        """
+        state = np.zeros((len(terms), 2))
+        begin = 0
+        for readings in self._parts(len(terms)):
+            bank = self._bank(readings)
+            sums = np.empty((len(terms), bank.rows))
+            for first, columns, port in batches(terms, self):
+                here = slice(first, first + len(columns))
+                if port == "output":
+                    factor = -self.one.run.rig.polarity / self.signals.scale
+                    bank.carry_inputs(columns, factor, state[here], sums[here])
+                else:
+                    bank.carry_readings([y[readings] for y in columns], state[here], sums[here])
+            yield slice(begin, begin + bank.rows), sums
+            begin += bank.rows
+
+    def whole(self, terms: Sequence[Term]) -> Array:
+        """Sums of a few whitened columns over the whole run, (terms, rows)."""
+        sums = np.empty((len(terms), self.rows))
+        for rows, part in self.stretches(terms):
+            sums[:, rows] = part
+        return sums
+
+    def _parts(self, columns: int) -> list[slice]:
+        """Readings in stretches that each hold whole groups, few enough for their memory."""
+        rows = max(1, min(MOST_SUMS // max(1, columns), MOST_READINGS // self.group))
+        counted = np.flatnonzero(self.one.counts)
+        begins = counted[rows * self.group : self.rows * self.group : rows * self.group]
+        edges = [0, *(int(k) for k in begins), len(self.one.counts)]
+        return [slice(a, b) for a, b in pairwise(edges)]
+
+    def _bank(self, readings: slice) -> _core.Bank:
+        """The gains and the geometry of a stretch; the last one is kept."""
+        if self._last is None or self._last[0] != readings:
+            one, s = self.one, self.signals
+            self._last = None  # gone before the next is made
+            bank = _core.Bank(
+                one.track,
+                one.run.t,
+                one.drive.restart,
+                one.counts,
+                grid=(float(s.t[0]) + one.run.origins.t, s.step, len(s.t)),
+                from_=readings.start,
+                to=readings.stop,
+                group=self.group,
+            )
+            self._last = (readings, bank)
+        return self._last[1]
+
+
+def batches(terms: Sequence[Term], carrier: Carrier) -> Iterator[tuple[int, list[Array], str]]:
+    """Columns of one port at a time: index of the first term, at most `ABREAST` columns, their port."""
+    first = 0
+    for port, run in groupby(terms, key=lambda term: term.port):
+        waiting: list[Array] = []
+        for column in evaluate(list(run), carrier.signals if port == "output" else carrier.at_readings):
+            waiting.append(np.ascontiguousarray(column))
+            if len(waiting) == ABREAST:
+                yield first, waiting, port
+                first, waiting = first + ABREAST, []
+        if waiting:
+            yield first, waiting, port
+            first += len(waiting)

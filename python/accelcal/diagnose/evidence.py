@@ -1,0 +1,144 @@
+"""Gram matrix and scores of the candidates with the base projected out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.diagnose.candidates import Item, nuisances
+from accelcal.diagnose.carry import Carrier
+from accelcal.diagnose.gains import DEGENERATE, score_gain, variance_gain, without
+from accelcal.fit import Pass
+from accelcal.model import Term
+from accelcal.recording import Array
+
+
+class Known:
+    """What one run says of its base: rows of the base and of the innovations, and how to take the base off.
+
+    The base is projected out of each run on its own, so no run's offset can pose as an effect in another.
+    """
+
+    def __init__(self, one: Pass, base: Sequence[Term]) -> None:
+        self.carrier = Carrier(one)
+        unsure = nuisances(one)
+        terms = [*base, *(term for term, _ in unsure)]
+        self.belief: Array = np.array([*np.zeros(len(base)), *(std**-2.0 for _, std in unsure)])
+        self.B: Array = self.carrier.whole(terms)
+        self.y: Array = self.carrier.whitened
+        A = self.B @ self.B.T + np.diag(self.belief)
+        self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
+        self.by: Array = self.B @ self.y
+        self.wy: Array = self.weights(self.by)
+
+    def weights(self, products: Array) -> Array:
+        """Weights with which the base, under its prior information, predicts columns from its products with them."""
+        scaled = (products.T / self.size).T
+        return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
+
+    def left(self, terms: Sequence[Term], *, keep: bool) -> tuple[Array, Array, Array | None]:
+        """Gram matrix (m, m) and scores (m,) of what the base leaves of columns; their rows (m, rows) if kept."""
+        m = len(terms)
+        G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
+        kept: list[Array] = []
+        for rows, Z in self.carrier.stretches(terms):
+            G += Z @ Z.T
+            products += self.B[:, rows] @ Z.T
+            score += Z @ self.y[rows]
+            if keep:
+                kept.append(Z)
+        weights = self.weights(products)
+        G -= products.T @ weights
+        score -= products.T @ self.wy
+        if not keep:
+            return G, score, None
+        return G, score, np.concatenate(kept, axis=1) - weights.T @ self.B
+
+
+class Evidence:
+    """Gram matrix and scores of the candidates over all runs, and what follows from them."""
+
+    def __init__(self, runs: Sequence[Known], items: Sequence[Item], *, keep: bool = False) -> None:
+        self.items = items
+        terms = [term for item in items for term in item.terms]
+        edges = np.cumsum([0, *(item.effect.width for item in items)])
+        self.columns = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        m = len(terms)
+        self.G, self.c = np.zeros((m, m)), np.zeros(m)
+        rows: list[Array] = []
+        for known in runs:
+            G, c, left = known.left(terms, keep=keep)
+            self.G += G
+            self.c += c
+            if left is not None:
+                rows.append(left)
+        self.X: Array = np.concatenate(rows, axis=1).T if keep else np.empty((0, m))
+        """Rows of the columns with the base taken out, if they are kept, (rows, m)."""
+        self.y: Array = np.concatenate([known.y - known.wy @ known.B for known in runs]) if keep else np.empty(0)
+        """Innovations with the base taken out, if they are kept, (rows,)."""
+        clocks = [known.carrier.times for known in runs] if keep else []
+        self.t: Array = np.concatenate([t - t[0] + 1e6 * number for number, t in enumerate(clocks)] or [np.empty(0)])
+        """Time of each row within its run, runs far apart, s."""
+        plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
+        self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
+        self._positive: NDArray[np.bool_] = np.array([item.effect.positive for item in items], dtype=np.bool_)
+        self._after: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
+        self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
+
+    def after(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """Gram matrix and scores once some items have entered: constant coefficients first, then wandering states.
+
+        A wandering state enters with the intensity that it has beside those before it. Free, it would leave to the
+        others what it cannot explain and yet be paid for what it can.
+        """
+        key = tuple(chosen)
+        if key not in self._after:
+            self._after[key] = self._taken_out(key)
+        return self._after[key]
+
+    def _taken_out(self, chosen: tuple[int, ...]) -> tuple[Array, Array]:
+        G, c = self.G, self.c
+        constant = [i for i in chosen if self.items[i].effect.port != "process"]
+        if constant:
+            columns = np.concatenate([np.arange(self.columns[i].start, self.columns[i].stop) for i in constant])
+            G, c = without(G, c, columns)
+        for i in chosen:
+            if i not in constant:
+                columns = np.arange(self.columns[i].start, self.columns[i].stop)
+                _, _, intensity, _ = variance_gain(G[np.ix_(columns, columns)], c[columns])
+                G, c = without(G, c, columns, float(intensity[0]))
+        return G, c
+
+    def gain(self, i: int, chosen: Sequence[int] = ()) -> tuple[float, int, Array, Array]:
+        """Twice the log-likelihood gain of item `i` beside those chosen, its degrees of freedom, estimate, covariance."""
+        G, c = self.after(chosen)
+        columns = self.columns[i]
+        A, b = G[columns, columns], c[columns]
+        if self.items[i].effect.port == "process":
+            return variance_gain(A, b)
+        gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
+        if self.items[i].effect.positive and estimate[0] < 0.0:
+            return 0.0, 0, estimate, covariance
+        return gain, dof, estimate, covariance
+
+    def gains(self, chosen: Sequence[int] = ()) -> tuple[Array, NDArray[np.intp]]:
+        """Gain and degrees of freedom of every item beside those chosen, (items,) each."""
+        key = tuple(chosen)
+        if key in self._gains:
+            return self._gains[key]
+        G, c = self.after(key)
+        gain, dof = np.zeros(len(self.items)), np.zeros(len(self.items), dtype=np.intp)
+        at = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
+        A, b, before = np.diag(G)[at], c[at], np.diag(self.G)[at]
+        alive = (A > DEGENERATE * before) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
+        gain[self._plain] = np.where(alive, b**2 / np.where(alive, A, 1.0), 0.0)
+        dof[self._plain] = alive
+        for i in np.flatnonzero(~self._plain):
+            gain[i], dof[i], _, _ = self.gain(int(i), key)
+        self._gains[key] = (gain, dof)
+        return gain, dof

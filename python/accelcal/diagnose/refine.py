@@ -1,0 +1,69 @@
+"""Which effects deserve a closer look, and their shape parameters by likelihood."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from accelcal.diagnose.candidates import Item
+from accelcal.diagnose.evidence import Evidence, Known
+from accelcal.recording import Array
+
+FINALISTS = 8
+"""Effects whose shapes are refined and whose scores are checked block by block."""
+EVALUATIONS = 14
+"""Trials of each shape parameter."""
+
+
+def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]]) -> list[int]:
+    """Items worth refining: all that the search kept, and the strongest rivals at each place of its best set."""
+    chosen = sets[0]
+    kept = list(dict.fromkeys(i for one in sets for i in one))
+    names = {evidence.items[i].effect.name for i in kept}
+    for position in range(max(1, len(chosen))):
+        gains, dofs = evidence.gains(tuple(i for k, i in enumerate(chosen) if k != position))
+        best: dict[str, tuple[float, int]] = {}
+        for i, item in enumerate(evidence.items):
+            gain, dof = float(gains[i]), int(dofs[i])
+            if dof and gain - dof > best.get(item.effect.name, (-math.inf, -1))[0]:
+                best[item.effect.name] = (gain - dof, i)
+        strongest = sorted(best.values(), reverse=True)[:FINALISTS]
+        kept += [i for _, i in strongest if evidence.items[i].effect.name not in names]
+        names |= {evidence.items[i].effect.name for _, i in strongest}
+    return kept
+
+
+def refine(runs: Sequence[Known], items: Sequence[Item], finalists: Sequence[int]) -> list[Item]:
+    """Finalists, one for each effect, with shape parameters by likelihood."""
+    first = {items[i].effect.name: items[i] for i in reversed(finalists)}
+    return [refined(runs, first[name]) for name in dict.fromkeys(items[i].effect.name for i in finalists)]
+
+
+def refined(runs: Sequence[Known], item: Item) -> Item:
+    """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid."""
+    s = runs[0].carrier.signals
+    shape = dict(item.shape)
+    for name, declared in item.effect.shapes.items():
+        grid = declared.grid(s)
+        if len(grid) < 2 or (item.effect.port == "position" and name == "instant"):
+            continue
+
+        def loss(value: float, name: str = name) -> float:
+            trial = Evidence(runs, [Item(item.effect, {**shape, name: value})])
+            return -trial.gain(0)[0]
+
+        bounds = neighbours(grid, declared.span(s), shape[name])
+        options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
+        best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
+        if float(best.fun) < loss(shape[name]):
+            shape[name] = float(best.x)
+    return Item(item.effect, shape, item.looks)
+
+
+def neighbours(grid: Array, span: tuple[float, float], value: float) -> tuple[float, float]:
+    """Values of the trial grid on either side of one of them, or the end of the span."""
+    k = int(np.argmin(np.abs(grid - value)))
+    return float(grid[k - 1]) if k > 0 else span[0], float(grid[k + 1]) if k + 1 < len(grid) else span[1]

@@ -1,0 +1,184 @@
+"""Which physical effect is missing: one pass of scores, a search over sets, ties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from scipy import special
+
+from accelcal.diagnose.candidates import Item, candidates_for
+from accelcal.diagnose.evidence import Evidence, Known
+from accelcal.diagnose.gains import log_survival
+from accelcal.diagnose.refine import refine, shortlist
+from accelcal.diagnose.search import Robust, Search, block_length
+from accelcal.diagnose.ties import Finding, describe, members
+from accelcal.effects import Effect
+from accelcal.fit import Pass
+from accelcal.model import Model
+from accelcal.recording import Array
+
+Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
+
+ALPHA = 0.005
+"""Family-wise false-alarm rate of a record."""
+LEAST_BLOCKS = 20
+"""Fewer effective blocks than this are too short a record for any verdict."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """What one effect explains, given the model and what entered before it."""
+
+    effect: str
+    shape: Mapping[str, float]
+    estimate: tuple[float, ...]
+    """One value for each column, in `unit`; for a wandering bias its one intensity."""
+    std: tuple[float, ...]
+    unit: str
+    gain: float
+    """Twice the log-likelihood gain, block-robust."""
+    dof: int
+    p_raw: float
+    p_value: float
+    """Family-wise, over everything that was looked at."""
+    log_evidence: float
+    largest: float
+    """Largest contribution over the used range, m/s² (m at the encoder)."""
+    members: tuple[str, ...] = ()
+    """Effects that cannot be told from it on this record, itself included."""
+
+    @property
+    def snr(self) -> float:
+        """Equivalent standard deviations, sqrt of the gain."""
+        return math.sqrt(max(self.gain, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Everything that one pass over a record says about what its model lacks."""
+
+    candidates: tuple[Candidate, ...]
+    """By rank."""
+    found: tuple[Finding, ...]
+    """The set that explains most, in order of entry; empty when nothing is significant."""
+    examined: int
+    """Alternatives that were looked at."""
+    blocks: int
+    """Effective blocks of the record."""
+    detection_limits: Mapping[str, float] = field(default_factory=dict)
+    """Smallest coefficient that would have been seen with 95 % probability, by effect."""
+    entered: tuple[Finding, ...] = ()
+    """Effects that were asked for by name and can be evaluated, whatever they explain."""
+
+
+def scan(
+    passes: Sequence[Pass],
+    model: Model,
+    *,
+    extra: Sequence[Effect] = (),
+    only: Sequence[Effect] = (),
+    alpha: float = ALPHA,
+) -> Scan:
+    """Rank every effect that could be missing, and find the set that explains most.
+
+    Parameters
+    ----------
+    passes : fitted runs.
+    model : the model they were fitted with.
+    extra : effects of the user's own.
+    only : look at these effects alone, significant or not.
+    alpha : family-wise false-alarm rate.
+
+    Notes
+    -----
+    Scores through the filter (Friedland's two stages): no refit is needed to rank. Shape parameters of the finalists
+    are refined by likelihood before effects are compared; scores of the finalists are checked block by block.
+    """
+    items = candidates_for(passes[0], model, extra)
+    if only:
+        names = {effect.name for effect in only}
+        items = [item for item in items if item.effect.name in names]
+        if not items:
+            return Scan((), (), 0, 0)
+    base = [t for t in model.terms if t.name not in model.fixed]
+    length = max(block_length(one) for one in passes)
+    blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
+    search_in = Search(len(items), blocks, alpha)
+    runs = [Known(one, base) for one in passes]
+    evidence = Evidence(runs, items)
+    finalists = shortlist(evidence, search_in.beam(evidence))
+    refined = refine(runs, items, finalists)
+    final = Evidence(runs, refined, keep=True)
+    robust = Robust(final, length)
+    chosen = search_in.best(final, robust)
+    return Scan(
+        rank(final, robust, chosen, search_in, passes),
+        tuple(describe(final, robust, chosen, position, search_in) for position in range(len(chosen))),
+        len(items),
+        blocks,
+        limits(evidence, search_in),
+        tuple(
+            describe(final, robust, (i,), 0, search_in)
+            for i in range(len(refined))
+            if only and final.gain(i)[1]
+        ),
+    )
+
+
+def rank(
+    evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[Pass]
+) -> tuple[Candidate, ...]:
+    """Every finalist as it stands in the first place, best evidence first."""
+    others = chosen[1:]
+    found = []
+    for i, item in enumerate(evidence.items):
+        if i in others:
+            continue
+        gain, dof, estimate, covariance = evidence.gain(i, others)
+        if dof == 0:
+            continue
+        gain /= robust.inflation(i, others)
+        log_p = log_survival(gain, dof)
+        found.append(
+            Candidate(
+                effect=item.effect.name,
+                shape=dict(item.shape),
+                estimate=tuple(float(v) for v in estimate),
+                std=tuple(float(v) for v in np.sqrt(np.diag(covariance))),
+                unit=item.effect.unit,
+                gain=gain,
+                dof=dof,
+                p_raw=math.exp(log_p),
+                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.looks))),
+                log_evidence=rules.price(gain, dof, item) / 2.0,
+                largest=max(largest(item, estimate, one) for one in passes),
+                members=members(evidence, robust, i, others, rules),
+            )
+        )
+    return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
+
+
+def largest(item: Item, estimate: Array, one: Pass) -> float:
+    """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
+    s = one.signals
+    assert s is not None
+    columns = item.effect.column(s, **item.shape).reshape(len(s.t), -1)
+    if item.effect.port == "process":
+        return float(estimate[0] * np.max(np.linalg.norm(columns, axis=1)))
+    return float(np.max(np.abs(columns @ estimate)))
+
+
+def limits(evidence: Evidence, rules: Search) -> dict[str, float]:
+    """Smallest coefficient of each one-column effect that this record would have shown with 95 % probability."""
+    needed = -float(special.ndtri(rules.alpha / max(1, rules.examined) / 2.0)) + 1.645
+    found: dict[str, float] = {}
+    for item, columns in zip(evidence.items, evidence.columns, strict=True):
+        information = float(evidence.G[columns.start, columns.start])
+        if item.effect.width == 1 and item.effect.port in ("output", "position") and information > 0.0:
+            size = needed / math.sqrt(information)
+            found[item.effect.name] = min(size, found.get(item.effect.name, math.inf))
+    return found

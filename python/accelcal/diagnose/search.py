@@ -1,0 +1,170 @@
+"""Beam search over sets of effects: what enters, at what price, checked block by block."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.diagnose.candidates import Item
+from accelcal.diagnose.evidence import Evidence
+from accelcal.diagnose.gains import log_survival
+from accelcal.fit import Pass
+from accelcal.recording import Array
+
+DEPTH = 3
+"""Effects that are searched for together."""
+WIDTH = 5
+"""Sets that are kept at each depth."""
+NAMELESS = 0.95
+"""Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
+SHADOW = 0.1
+"""An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
+SECONDS_PER_BLOCK = 0.25
+"""Length of a block, at least two periods of the crossover."""
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Rules by which effects enter: significance over all alternatives, and what freedom costs."""
+
+    examined: int
+    blocks: int
+    alpha: float
+
+    @property
+    def threshold(self) -> float:
+        """Log probability below which one of the alternatives is significant."""
+        return math.log(self.alpha / max(1, self.examined))
+
+    def significant(self, gain: float, dof: int, item: Item) -> bool:
+        """Whether a gain is beyond what the best of all alternatives would show by chance."""
+        return dof > 0 and log_survival(gain, dof) + math.log(item.looks) < self.threshold
+
+    def price(self, gain: float, dof: int, item: Item) -> float:
+        """Gain less what an effect pays for its freedom, for having been picked, and for having no name."""
+        told = gain * (NAMELESS if item.effect.family else 1.0)
+        looks = max(self.examined, 2) * item.looks
+        return told - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
+
+    def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
+        """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""
+        chosen = list(self.beam(evidence, robust)[0])
+        while len(chosen) > 1:
+            beside = [(self.told(evidence, robust, i, [j for j in chosen if j != i]), i) for i in chosen]
+            idle = [(value, i) for value, i in beside if value == -math.inf]
+            if not idle:
+                break
+            chosen.remove(min(idle, key=lambda one: self.told(evidence, None, one[1], ()))[1])
+        ordered: list[int] = []
+        while chosen:
+            ordered.append(max(chosen, key=lambda i: self.told(evidence, None, i, ordered)))
+            chosen.remove(ordered[-1])
+        return tuple(ordered)
+
+    def told(self, evidence: Evidence, robust: Robust | None, i: int, given: Sequence[int]) -> float:
+        """Gain less price of an item beside others; minus infinity where it is not significant there."""
+        gains, dofs = evidence.gains(given)
+        gain, dof = float(gains[i]), int(dofs[i])
+        sure = gain if robust is None else gain / robust.inflation(i, given)
+        if robust is not None and not self.significant(sure, dof, evidence.items[i]):
+            return -math.inf
+        return self.price(gain, dof, evidence.items[i])
+
+    def beam(self, evidence: Evidence, robust: Robust | None = None) -> list[tuple[int, ...]]:
+        """Beam search: the best set, then every set that was kept on the way."""
+        beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
+        best: tuple[float, tuple[int, ...]] = (0.0, ())
+        seen: list[tuple[int, ...]] = []
+        for _ in range(DEPTH):
+            grown: dict[frozenset[int], tuple[float, tuple[int, ...]]] = {}
+            for total, chosen in beam:
+                for value, i in self.options(evidence, chosen, robust):
+                    key = frozenset((*chosen, i))
+                    if key not in grown or grown[key][0] < total + value:
+                        grown[key] = (total + value, (*chosen, i))
+            beam = self.diverse(evidence, sorted(grown.values(), reverse=True))
+            if not beam:
+                break
+            best = max(best, beam[0])
+            seen += [chosen for _, chosen in beam]
+        return [best[1], *seen]
+
+    def options(self, evidence: Evidence, chosen: tuple[int, ...], robust: Robust | None) -> list[tuple[float, int]]:
+        """What may enter after a set, best first."""
+        gains, dofs = evidence.gains(chosen)
+        taken = {evidence.items[i].effect.name for i in chosen}
+        found: list[tuple[float, int]] = []
+        first = float(evidence.gains()[0][chosen[0]]) if chosen else 0.0
+        for i, item in enumerate(evidence.items):
+            if item.effect.name in taken:
+                continue
+            gain, dof = float(gains[i]), int(dofs[i])
+            if not self.significant(gain, dof, item) or gain < SHADOW * first:
+                continue
+            if robust is not None and not self.significant(gain / robust.inflation(i, chosen), dof, item):
+                continue
+            found.append((self.price(gain, dof, item), i))
+        return sorted(found, reverse=True)
+
+    def diverse(
+        self, evidence: Evidence, ranked: Sequence[tuple[float, tuple[int, ...]]]
+    ) -> list[tuple[float, tuple[int, ...]]]:
+        """The best sets, at most one for each choice of effects, so that trial shapes do not crowd the beam."""
+        kept: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
+        for value, chosen in ranked:
+            names = frozenset(evidence.items[i].effect.name for i in chosen)
+            if names not in kept:
+                kept[names] = (value, chosen)
+            if len(kept) == WIDTH:
+                break
+        return list(kept.values())
+
+
+def block_length(one: Pass) -> float:
+    """Stretch of a record whose scores are independent of the next, s: two periods of the crossover, or 0.25 s."""
+    periods = 2.0 / one.run.crossover(one.noise)
+    span = float(one.run.t[-1] - one.run.t[0])
+    return max(periods, min(SECONDS_PER_BLOCK, span / 80.0))
+
+
+class Robust:
+    """How much more the scores of the finalists scatter from block to block than the model says.
+
+    Scatter is taken from what all finalists together leave over, so that one missing effect does not pass for
+    uncertainty of another.
+    """
+
+    def __init__(self, evidence: Evidence, length: float) -> None:
+        self.evidence = evidence
+        self.block = np.unique(np.floor(evidence.t / length), return_inverse=True)[1]
+        size = np.sqrt(np.maximum(np.diag(evidence.G), 1e-300))
+        scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
+        self.left: Array = evidence.y - evidence.X @ (np.linalg.solve(scaled, evidence.c / size) / size)
+        self.known: dict[tuple[int, tuple[int, ...]], float] = {}
+
+    def inflation(self, i: int, given: Sequence[int]) -> float:
+        """Ratio of block scatter to model variance of an item's score, at least 1."""
+        key = (i, tuple(sorted(given)))
+        if key not in self.known:
+            self.known[key] = self._inflation(*key)
+        return self.known[key]
+
+    def _inflation(self, i: int, given: tuple[int, ...]) -> float:
+        e = self.evidence
+        _, dof, estimate, _ = e.gain(i, given)
+        if e.items[i].effect.port == "process" or dof == 0:
+            return 1.0
+        own = e.columns[i]
+        direction = e.X[:, own] @ estimate
+        if given:
+            rows = np.concatenate([np.arange(e.columns[j].start, e.columns[j].stop) for j in given])
+            weights, *_ = np.linalg.lstsq(e.G[np.ix_(rows, rows)], e.G[rows, own] @ estimate, rcond=1e-9)
+            direction = direction - e.X[:, rows] @ weights
+        power = float(direction @ direction)
+        if power <= 0.0:
+            return 1.0
+        scores = np.bincount(self.block, weights=direction * self.left)
+        return max(1.0, float(scores @ scores) / power)

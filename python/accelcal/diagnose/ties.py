@@ -1,0 +1,113 @@
+"""An effect that entered: what cannot be told from it, and what of it the model already holds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.diagnose.evidence import Evidence
+from accelcal.diagnose.gains import DEGENERATE_MIX, score_gain
+from accelcal.diagnose.search import Robust, Search
+from accelcal.model import Model, Prior
+from accelcal.recording import Array
+
+RIVAL_EVIDENCE = 4.5
+"""A rival within this log-evidence cannot be told apart."""
+RIVAL_CORRELATION = 0.95
+"""Nor can one whose signature is this correlated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An effect that entered, with its equivalence class and the experiment that would separate it."""
+
+    effect: str
+    shape: Mapping[str, float]
+    members: tuple[str, ...]
+    experiment: str
+    prior_std: float | None = None
+    """Intensity of a wandering bias; None for constant coefficients."""
+    fixed: tuple[str, ...] = ()
+    """Columns that the model already contains and that are held at 0."""
+
+    def enter(self, model: Model) -> Model:
+        """Return the model with this effect."""
+        shapes = {self.effect: dict(self.shape)} if self.shape else None
+        grown = model.add(self.effect, shapes=shapes)
+        if self.prior_std is not None:
+            std = self.prior_std
+            names = [t.name for t in grown.terms if t.effect.name == self.effect]
+            grown = model.add(self.effect, shapes=shapes, priors={n: Prior(0.0, std) for n in names})
+        return grown.freeze(**dict.fromkeys(self.fixed, 0.0)) if self.fixed else grown
+
+
+def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], rules: Search) -> tuple[str, ...]:
+    """Effects that cannot be told from item `i` on this record, itself first."""
+    G, _ = evidence.after(others)
+    gains, dofs = evidence.gains(others)
+    gain, dof, estimate, _ = evidence.gain(i, others)
+    item = evidence.items[i]
+    inflation = robust.inflation(i, others)
+    own = rules.price(gain / inflation, dof, item)
+    rivals: list[tuple[float, str]] = []
+    for j, rival in enumerate(evidence.items):
+        if j == i or j in others or (rival.effect.family and not item.effect.family):
+            continue
+        theirs, their_dof = float(gains[j]), int(dofs[j])
+        if their_dof == 0:
+            continue
+        gap = (own - rules.price(theirs / inflation, their_dof, rival)) / 2.0
+        if gap < RIVAL_EVIDENCE or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
+            rivals.append((gap, rival.effect.name))
+    return (item.effect.name, *(name for _, name in sorted(rivals)))
+
+
+def shared(evidence: Evidence, G: Array, i: int, j: int, estimate: Array) -> float:
+    """Correlation between what item `i` contributes and the nearest contribution of item `j`."""
+    a, b = evidence.columns[i], evidence.columns[j]
+    if "process" in (evidence.items[i].effect.port, evidence.items[j].effect.port):
+        return 0.0
+    power = float(estimate @ G[a, a] @ estimate)
+    gain, dof, _, _ = score_gain(G[b, b], G[b, a] @ estimate, evidence.G[b, b])
+    return math.sqrt(max(0.0, gain / power)) if power > 0.0 and dof else 0.0
+
+
+def describe(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], position: int, rules: Search) -> Finding:
+    """The effect at one place of the set, with its class and what would separate it."""
+    i = chosen[position]
+    others = tuple(j for k, j in enumerate(chosen) if k != position)
+    item = evidence.items[i]
+    G, _ = evidence.after(others)
+    _, _, estimate, _ = evidence.gain(i, others)
+    process = item.effect.port == "process"
+    return Finding(
+        effect=item.effect.name,
+        shape=dict(item.shape),
+        members=members(evidence, robust, i, others, rules),
+        experiment=item.effect.experiment.rstrip("."),
+        prior_std=float(estimate[0]) if process else None,
+        fixed=() if process else redundant(evidence, i, G),
+    )
+
+
+def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
+    """Columns of an item that the base and the item's other columns already contain (pivoted Cholesky)."""
+    columns = evidence.columns[i]
+    names = [term.name for term in evidence.items[i].terms]
+    if len(names) == 1:
+        return ()
+    size = np.sqrt(np.maximum(np.diag(evidence.G[columns, columns]), 1e-300))
+    A = G[columns, columns] / np.outer(size, size)
+    kept: list[int] = []
+    for _ in names:
+        left = np.diag(A).copy()
+        left[kept] = 0.0
+        k = int(np.argmax(left))
+        if left[k] < DEGENERATE_MIX:
+            break
+        A = A - np.outer(A[:, k], A[k]) / A[k, k]
+        kept.append(k)
+    return tuple(name for k, name in enumerate(names) if k not in kept)
