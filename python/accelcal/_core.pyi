@@ -15,11 +15,11 @@ __all__ = [
     "FilterRows",
     "FilterSetup",
     "FilterStream",
+    "Parts",
     "ReplayTrack",
     "__version__",
     "drive",
     "play",
-    "replay_log_likelihood",
     "run_filter",
     "swap_form",
 ]
@@ -94,19 +94,6 @@ def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[lis
 def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
 ) -> tuple[_Array, _Array, _Flags]: ...
-def replay_log_likelihood(
-    t: _Array,
-    z: _Array,
-    first: _Array,
-    second: _Array,
-    restart: _Flags,
-    counts: _Flags,
-    *,
-    q: float,
-    r: float,
-    prior: tuple[float, float, float, float],
-) -> float: ...
-
 @final
 class Bank:
     def __new__(
@@ -125,6 +112,12 @@ class Bank:
     def rows(self) -> int: ...
     def carry_inputs(self, columns: list[_Array], factor: float, state: _Array, sums: _Array) -> None: ...
     def carry_readings(self, columns: list[_Array], state: _Array, sums: _Array) -> None: ...
+
+@final
+class Parts:
+    def __new__(cls, parts: list[tuple[_Array, _Array, _Array, _Array, _Flags, _Flags]]) -> Parts: ...
+    def log_likelihood(self, *, q: float, r: float, prior: tuple[float, float, float, float]) -> float: ...
+    def innovations(self, *, q: float, r: float, prior: tuple[float, float, float, float]) -> _Array: ...
 
 @final
 class ReplayTrack:

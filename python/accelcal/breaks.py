@@ -15,6 +15,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal import _core
 from accelcal.recording import Array, Channel, Recording
 from accelcal.replay import HOLE, Drive, Noise, Run, Values
 
@@ -210,15 +211,16 @@ class Columns:
         moving = ~gone
         self.drives = [Drive(plain.t, zero, first * moving, second * moving, gone) for first, second in integrals]
         self.drives.append(Drive(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
+        self.parts = _core.Parts([(*drive.arrays, moving) for drive in self.drives])
 
     def inside(self, band: float) -> Relation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
         run = self.run
         r = run.reading_variance_guess
         noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
-        stack = np.stack([run.track(drive, noise).series("e") for drive in self.drives], axis=1)
         settled = self.drives[0].settled(run.wait(noise))
-        stack = stack[settled]
+        innovations = self.parts.innovations(q=noise.q, r=noise.r, prior=run.prior(noise.r))
+        stack = np.ascontiguousarray(innovations[:, settled].T)
         size = np.sqrt(np.mean(stack**2, axis=0))
         size = np.where(size > 0.0, size, 1.0)
         return Relation(run.t[settled], stack / size, size, band)

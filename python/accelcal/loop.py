@@ -13,7 +13,7 @@ from accelcal.channels import ChannelFinding, channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
 from accelcal.effects import Effect, find
-from accelcal.fit import Fit, NotIdentifiable, Solution, iterate, result, solve_runs
+from accelcal.fit import Fit, NotIdentifiable, Solution, iterate, judge, result, solve_runs
 from accelcal.model import Model, evaluate
 from accelcal.recording import Recording
 from accelcal.replay import Run
@@ -275,14 +275,16 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
 
 
 def completed(model: Model, solution: Solution, profiled: Fit, found: Scan) -> Fit:
-    """The fit with everything that was found: what a missing effect leaves over can pose as a delay."""
+    """The fit with the estimates beside everything that was found: what a missing effect leaves can pose as a delay."""
     if not found.found:
         return profiled
     try:
         for finding in found.found:
             model = finding.enter(model)
-        again = iterate(model, [one.run for one in solution.passes], [one.band for one in solution.passes])
-        return result(model, again)
+        runs = [one.run for one in solution.passes]
+        again = iterate(model, runs, [one.band for one in solution.passes])
+        judge(again.layout, again.x, again.covariance, runs)
+        return replace(profiled, estimates=again.layout.estimates(again.x, again.covariance, model))
     except ValueError:
         return profiled
 

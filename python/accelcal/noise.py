@@ -117,21 +117,20 @@ class Likelihood:
     def __init__(self, run: Run, drive: Drive, near: Noise, counts: Flags | None) -> None:
         self.run = run
         span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
-        self.parts: list[tuple[Drive, Flags]] = []
+        parts: list[tuple[Drive, Flags]] = []
         for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
             part = drive.part(rows)
             count = part.settled(run.wait(near))
             if counts is not None:
                 count = count & counts[rows]
             if count.any():
-                self.parts.append((part, np.ascontiguousarray(count)))
-        self.count = int(sum(count.sum() for _, count in self.parts))
+                parts.append((part, np.ascontiguousarray(count)))
+        self.count = int(sum(count.sum() for _, count in parts))
+        self.parts = _core.Parts([(*part.arrays, count) for part, count in parts])
 
     def __call__(self, log_q: float, log_r: float) -> float:
         q, r = math.exp(log_q), math.exp(log_r)
-        prior = self.run.prior(r)
-        each = (_core.replay_log_likelihood(*part.arrays, count, q=q, r=r, prior=prior) for part, count in self.parts)
-        return float(sum(each))
+        return self.parts.log_likelihood(q=q, r=r, prior=self.run.prior(r))
 
     def spread(self, at: Noise) -> tuple[float, float]:
         """Standard deviations of log q and log R from the curvature of the likelihood."""

@@ -4,6 +4,8 @@
 #![allow(clippy::needless_pass_by_value)] // pyo3 hands views over by value
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in ekf-core
 
+mod abreast;
+
 mod bank;
 
 mod effects;
@@ -16,8 +18,11 @@ mod replay;
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]
-    use super::replay::{ReplayTrack, drive, replay_log_likelihood};
+    use super::replay::{ReplayTrack, drive};
     use pyo3::prelude::*;
+
+    #[pymodule_export]
+    use super::abreast::Parts;
 
     #[pymodule_export]
     use super::bank::Bank;

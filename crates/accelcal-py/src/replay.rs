@@ -70,7 +70,7 @@ impl Views<'_> {
     }
 }
 
-fn prior_of((v, pp, pv, vv): (f64, f64, f64, f64)) -> Prior {
+pub(crate) fn prior_of((v, pp, pv, vv): (f64, f64, f64, f64)) -> Prior {
     Prior { v, P: MotionCovariance { pp, pv, vv } }
 }
 
@@ -199,26 +199,4 @@ impl ReplayTrack {
         let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = &self.data;
         replay::TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }
     }
-}
-
-/// Innovation log-likelihood of the two noises; see `ekf_core::replay::log_likelihood`.
-#[pyfunction]
-#[pyo3(signature = (t, z, first, second, restart, counts, *, q, r, prior))]
-#[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
-pub fn replay_log_likelihood(
-    py: Python<'_>,
-    t: Floats<'_>,
-    z: Floats<'_>,
-    first: Floats<'_>,
-    second: Floats<'_>,
-    restart: Flags<'_>,
-    counts: Flags<'_>,
-    q: f64,
-    r: f64,
-    prior: (f64, f64, f64, f64),
-) -> PyResult<f64> {
-    let views = Views { t, z, first, second, restart };
-    let readings = views.readings()?;
-    let counts = counts.as_slice()?;
-    py.detach(|| replay::log_likelihood(readings, Noise { q, R: r }, prior_of(prior), counts)).map_err(refuse)
 }

@@ -9,6 +9,7 @@
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in Bar-Shalom and the paper
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // `!(s > 0.0)` refuses NaN too
 
+pub mod abreast;
 pub mod accelerometer;
 pub mod aci;
 pub mod bank;

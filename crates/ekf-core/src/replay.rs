@@ -140,18 +140,31 @@ impl From<ConditionError> for ReplayError {
     }
 }
 
+impl Noise {
+    /// Refuses what is not positive and finite.
+    pub(crate) fn check(self) -> Result<(), ReplayError> {
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        if positive(self.q) && positive(self.R) { Ok(()) } else { Err(ReplayError::Noise { q: self.q, R: self.R }) }
+    }
+}
+
 impl Readings<'_> {
     fn check(&self, noise: Noise) -> Result<(), ReplayError> {
+        self.check_samples()?;
+        noise.check()
+    }
+
+    /// Refuses unusable readings and slices of different lengths.
+    pub(crate) fn check_samples(&self) -> Result<(), ReplayError> {
         check_samples(self.t, self.z)?;
         for found in [self.first.len(), self.second.len(), self.restart.len()] {
             same_length(self.t.len(), found)?;
         }
-        let positive = |x: f64| x.is_finite() && x > 0.0;
-        if positive(noise.q) && positive(noise.R) { Ok(()) } else { Err(ReplayError::Noise { q: noise.q, R: noise.R }) }
+        Ok(())
     }
 
     /// True where the filter starts at `k` with the prior.
-    fn starts(&self, k: usize) -> bool {
+    pub(crate) fn starts(&self, k: usize) -> bool {
         k == 0 || self.restart[k]
     }
 }
