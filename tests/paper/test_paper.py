@@ -29,6 +29,7 @@ from accelcal.paper.gaps import (
 )
 from accelcal.paper.honesty import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scale_update_item
+from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
 from accelcal.paper.tracks import CUBIC_SENSOR, parameter_tracks, tracks_item
 from accelcal.paper.tuning import ACI, CWPA
@@ -67,6 +68,7 @@ FALSE_CLAIMS = {
         robustness_item,
         vibration_item,
         gaps_item,
+        question_item,
         lambda plan: tracks_item(plan)[0],
     ],
     ids=[
@@ -78,6 +80,7 @@ FALSE_CLAIMS = {
         "robustness",
         "vibration",
         "gaps",
+        "question",
         "tracks",
     ],
 )
@@ -100,6 +103,12 @@ def test_own_model_nees_sees_a_process_noise_that_is_four_times_too_large() -> N
     timid = replace(OWN, acceleration=OWN.acceleration * 4)
     results: dict[FilterChoice, Consistency] = own_model(PLAN, PAIRS[0], 25, 10.0, timid)
     assert {result.verdict for result in results.values()} == {"underconfident"}
+
+
+def test_a_plainly_curved_sensor_leaves_the_linear_model_far_behind() -> None:
+    drifts = curved(PLAN, 30.0, 2)
+    assert np.all(drifts.snr > 10.0)
+    assert np.all(drifts.linear > 5.0 * drifts.cubic)
 
 
 def test_no_filter_is_faster_than_itself() -> None:

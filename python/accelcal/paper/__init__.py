@@ -16,6 +16,7 @@ from accelcal.paper.convergence import convergence_item, robustness_item
 from accelcal.paper.gaps import gaps_item
 from accelcal.paper.honesty import consistency_item
 from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_item
+from accelcal.paper.question import question_item
 from accelcal.paper.render import render
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.paper.tracks import tracks_item
@@ -34,6 +35,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     robustness_item,
     vibration_item,
     gaps_item,
+    question_item,
 )
 
 
