@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -66,7 +67,14 @@ def hide(name: str, seed: int) -> Hidden:
     run = Run(train)
     one = iterate(Model.linear(), [run], [None]).passes[0]
     limits = scan([one], Model.linear()).detection_limits
-    possible = [n for n, effect in CATALOGUE.items() if n in limits and not effect.family and effect.port == "output"]
+    possible = [
+        n
+        for n, effect in CATALOGUE.items()
+        if math.isfinite(limits.get(n, math.inf))
+        and not effect.family
+        and effect.port == "output"
+        and effect.width == 1
+    ]
     effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
     if effect.name not in possible:
         raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,10 +35,15 @@ def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
         "channels": [channel(test) for test in found.channels],
         "candidates_examined": found.scan.examined,
         "alpha": found.alpha,
-        "detection_limits": dict(found.scan.detection_limits),
+        "detection_limits": detection_limits(found),
         "parameters": parameters(found),
         "where": where(found.where),
     }
+
+
+def detection_limits(found: Diagnosis) -> dict[str, float | None]:
+    """Smallest coefficient of each effect that would have been seen, in its unit; None where it is not visible."""
+    return {name: size if math.isfinite(size) else None for name, size in found.scan.detection_limits.items()}
 
 
 def where(seen: Comparison) -> dict[str, Any]:
@@ -138,7 +144,7 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
         ],
         "parameters": parameters(last),
         "channels": [channel(test) for test in last.channels],
-        "detection_limits": dict(last.scan.detection_limits),
+        "detection_limits": detection_limits(last),
         "candidates_examined": found.examined,
         "alpha": last.alpha,
         "model": to_dict(last.fit),

@@ -29,7 +29,7 @@ LAYERS = (
     ("predict",),
     ("compare", "recursive"),
     ("store",),
-    ("power", "diagnose", "breaks", "channels"),
+    ("power", "diagnose", "breaks", "channels", "detectable"),
     ("loop", "campaign"),
     ("findings",),
 )

@@ -3,6 +3,7 @@
 from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival, score_gain, variance_gain
+from accelcal.diagnose.limits import sizes
 from accelcal.diagnose.scan import ALPHA, LEAST_BLOCKS, Candidate, Scan, Verdict, largest, scan
 from accelcal.diagnose.search import NAMELESS, Search, block_length
 from accelcal.diagnose.ties import RIVAL_CORRELATION, Finding, shared
@@ -27,5 +28,6 @@ __all__ = [
     "scan",
     "score_gain",
     "shared",
+    "sizes",
     "variance_gain",
 ]

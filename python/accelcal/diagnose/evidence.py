@@ -30,6 +30,9 @@ class Known:
         self.belief: Array = np.array([*np.zeros(len(base)), *(std**-2.0 for _, std in unsure)])
         self.B: Array = self.carrier.whole(terms)
         self.y: Array = self.carrier.whitened
+        moves = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
+        self.motion = float(sum(row @ row for row in moves))
+        """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""
         A = self.B @ self.B.T + np.diag(self.belief)
         self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
         self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
@@ -41,8 +44,9 @@ class Known:
         scaled = (products.T / self.size).T
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
-    def left(self, terms: Sequence[Term], *, keep: bool) -> tuple[Array, Array, Array | None]:
-        """Gram matrix (m, m) and scores (m,) of what the base leaves of columns; their rows (m, rows) if kept."""
+    def left(self, terms: Sequence[Term], *, keep: bool) -> tuple[Array, Array, Array, Array | None]:
+        """Gram matrix (m, m) and scores (m,) of what the base leaves of columns, the power that they have with it (m,),
+        and if they are kept their rows (m, rows)."""
         m = len(terms)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
         kept: list[Array] = []
@@ -52,12 +56,12 @@ class Known:
             score += Z @ self.y[rows]
             if keep:
                 kept.append(Z)
-        weights = self.weights(products)
+        weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
         if not keep:
-            return G, score, None
-        return G, score, np.concatenate(kept, axis=1) - weights.T @ self.B
+            return G, score, own, None
+        return G, score, own, np.concatenate(kept, axis=1) - weights.T @ self.B
 
 
 class Evidence:
@@ -70,10 +74,14 @@ class Evidence:
         self.columns = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         m = len(terms)
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
+        self.own: Array = np.zeros(m)
+        """Power of each column before the base is taken out."""
+        self.motion = sum(known.motion for known in runs)
         rows: list[Array] = []
         for known in runs:
-            G, c, left = known.left(terms, keep=keep)
+            G, c, own, left = known.left(terms, keep=keep)
             self.G += G
+            self.own += own
             self.c += c
             if left is not None:
                 rows.append(left)
@@ -135,7 +143,7 @@ class Evidence:
         gain, dof = np.zeros(len(self.items)), np.zeros(len(self.items), dtype=np.intp)
         at = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
         A, b, before = np.diag(G)[at], c[at], np.diag(self.G)[at]
-        alive = (A > DEGENERATE * before) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
+        alive = (DEGENERATE * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
         gain[self._plain] = np.where(alive, b**2 / np.where(alive, A, 1.0), 0.0)
         dof[self._plain] = alive
         for i in np.flatnonzero(~self._plain):

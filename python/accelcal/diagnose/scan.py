@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from scipy import special
 
 from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival
+from accelcal.diagnose.limits import limits
 from accelcal.diagnose.refine import refine, shortlist
 from accelcal.diagnose.search import Robust, Search, block_length
 from accelcal.diagnose.ties import Finding, describe, members
@@ -70,7 +70,7 @@ class Scan:
     blocks: int
     """Effective blocks of the record."""
     detection_limits: Mapping[str, float] = field(default_factory=dict)
-    """Smallest coefficient that would have been seen with 95 % probability, by effect."""
+    """Smallest coefficient that would have been seen with 95 % probability, by effect; infinite where none would."""
     entered: tuple[Finding, ...] = ()
     """Effects that were asked for by name and can be evaluated, whatever they explain."""
 
@@ -121,11 +121,7 @@ def scan(
         len(items),
         blocks,
         limits(evidence, search_in),
-        tuple(
-            describe(final, robust, (i,), 0, search_in)
-            for i in range(len(refined))
-            if only and final.gain(i)[1]
-        ),
+        tuple(describe(final, robust, (i,), 0, search_in) for i in range(len(refined)) if only and final.gain(i)[1]),
     )
 
 
@@ -170,15 +166,3 @@ def largest(item: Item, estimate: Array, one: Pass) -> float:
     if item.effect.port == "process":
         return float(estimate[0] * np.max(np.linalg.norm(columns, axis=1)))
     return float(np.max(np.abs(columns @ estimate)))
-
-
-def limits(evidence: Evidence, rules: Search) -> dict[str, float]:
-    """Smallest coefficient of each one-column effect that this record would have shown with 95 % probability."""
-    needed = -float(special.ndtri(rules.alpha / max(1, rules.examined) / 2.0)) + 1.645
-    found: dict[str, float] = {}
-    for item, columns in zip(evidence.items, evidence.columns, strict=True):
-        information = float(evidence.G[columns.start, columns.start])
-        if item.effect.width == 1 and item.effect.port in ("output", "position") and information > 0.0:
-            size = needed / math.sqrt(information)
-            found[item.effect.name] = min(size, found.get(item.effect.name, math.inf))
-    return found

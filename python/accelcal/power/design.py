@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from accelcal.diagnose import ALPHA, RIVAL_CORRELATION, Evidence, Item, candidates_for
+from accelcal.diagnose import ALPHA, RIVAL_CORRELATION, Evidence, Item, candidates_for, sizes
 from accelcal.effects import find
 from accelcal.fit import Pass
 from accelcal.model import Model
 from accelcal.motion import Motion, Move, Part, Tones, Windowed
+from accelcal.power.contest import evidence_of, rules_for
 from accelcal.power.planned import ACCEL_RATE, POSITION_RATE, planned_noise, planned_pass
-from accelcal.power.sight import Power, Sight, evidence_of, sight_of, sight_to_dict, sizes, strongest
-from accelcal.power.sight import rules_for as rules_of
+from accelcal.power.sight import Power, Sight, sight_of, sight_to_dict, strongest
 from accelcal.recording import Array
 from accelcal.replay import Noise
 from accelcal.rig import Rig
@@ -299,7 +299,7 @@ def evidence_of_best(one: Pass, wanted: tuple[str, ...]) -> Evidence:
     model = Model.linear()
     items = [item for item in candidates_for(one, model) if item.effect.name in wanted]
     if any(item.shape for item in items):
-        evidence, rules = evidence_of(one, model, items), rules_of(one, len(items), ALPHA)
+        evidence, rules = evidence_of(one, model, items), rules_for(one, len(items), ALPHA)
         smallest = [min(sizes(evidence, i, rules)[1]) for i in range(len(items))]
     else:
         smallest = [0.0] * len(items)

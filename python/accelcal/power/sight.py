@@ -12,35 +12,29 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from accelcal.breaks import usable
+from accelcal.detectable import SURE, entry_gains
 from accelcal.diagnose import (
     ALPHA,
-    NAMELESS,
     RIVAL_CORRELATION,
     Evidence,
     Item,
-    Known,
     Search,
-    block_length,
-    candidates_for,
     largest,
     shared,
+    sizes,
     variance_gain,
 )
 from accelcal.effects import Effect
 from accelcal.fit import Pass, solve_runs
 from accelcal.model import Model
+from accelcal.power.contest import Contest
 from accelcal.recording import Array, Recording
 
 SCHEMA = "accelcal/power/1"
-SURE = 0.95
-"""Probability with which the smallest detectable size is detected."""
 WANDERS = 40
 """Random walks that the smallest detectable intensity of a wandering bias is read from."""
-DRAWS = 4000
-"""Draws of all scores that a probability of detection is read from; it errs by 0.8 points at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +85,9 @@ class Power:
     blocks: int
     """Effective blocks."""
     alpha: float
+    contest: Contest = field(repr=False, compare=False)
+    """What a probability of detection is drawn from."""
     name: str = ""
-    correlation: Array = field(default_factory=lambda: np.empty((0, 0)), repr=False)
-    """Of the signatures of all alternatives that have one column, at each of their trial shapes, (n, n)."""
-    row: Mapping[str, int] = field(default_factory=dict)
-    """Row of each effect in it, at the shape at which it is seen best."""
 
     def __getitem__(self, effect: str) -> Sight:
         """Return how well `effect` is seen."""
@@ -105,27 +97,28 @@ class Power:
         known = ", ".join(s.effect for s in self.sights)
         raise KeyError(f"{effect!r} is in the model or cannot be tested on this record; it has {known}")
 
-    def detection(self, effect: str, size: float) -> float:
-        """Probability that something enters when an effect of one column is there at a given size.
+    def detection(self, effect: str, size: float | Sequence[float], shape: Mapping[str, float] | None = None) -> float:
+        """Probability that something enters when an effect is there at a given size.
 
-        Its rivals share its signature in part and have their own share of the noise, so they enter where it just fails:
-        from `DRAWS` fixed draws of the scores of all one-column alternatives. `predicted_detection` is the probability
-        that the effect enters on its own, a few points lower.
+        Its rivals share its signature in part and have their own share of the noise, so they enter where it just
+        fails; the search refines shapes and divides significance by the scatter of blocks. All of that is drawn
+        (:mod:`accelcal.power.contest`); `predicted_detection` is the probability that an effect enters on its own.
+
+        Parameters
+        ----------
+        effect : name.
+        size : coefficient in its unit, the intensity of a wandering bias; of several parts one value for each, or
+            a single one for the part that is seen best.
+        shape : its shape parameters; by default those at which it is seen best.
         """
-        if effect not in self.row:
-            return predicted_detection(
-                abs(size) * self[effect].d[0],
-                self.examined,
-                self.alpha,
-                dof=len(self[effect].parts),
-                blocks=self.blocks,
-            )
-        values, vectors = np.linalg.eigh(self.correlation)
-        noise = np.random.default_rng(0).standard_normal((DRAWS, len(values)))
-        scores = noise * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-        scores += abs(size) * self[effect].d[0] * self.correlation[self.row[effect]]
-        needed = entry_gain(Search(self.examined, self.blocks, self.alpha), 1)
-        return float(np.mean(np.max(scores**2, axis=1) > needed))
+        sight = self[effect]
+        truth = self.contest.item(effect, sight.shape if shape is None else shape)
+        sizes = np.atleast_1d(np.asarray(size, dtype=np.float64))
+        if len(sizes) == 1 and len(sight.parts) > 1:
+            sizes = sizes * (np.arange(len(sight.parts)) == int(np.argmax(sight.d)))
+        if len(sizes) != len(sight.parts):
+            raise ValueError(f"{effect!r} has {len(sight.parts)} parts ({', '.join(sight.parts)}), not {len(sizes)}")
+        return self.contest.detection(truth, sizes)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of `power --json`."""
@@ -209,9 +202,8 @@ def power(
 
 def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
     """What the motion and the noise of one run can see."""
-    items = candidates_for(one, model, extra)
-    rules = rules_for(one, len(items), alpha)
-    evidence = evidence_of(one, model, items)
+    contest = Contest.of(one, model, extra, alpha)
+    items, rules, evidence = contest.items, contest.rules, contest.evidence
     best: dict[str, tuple[int, tuple[float, ...], tuple[float, ...]]] = {}
     for i, item in enumerate(items):
         d, smallest = sizes(evidence, i, rules)
@@ -221,8 +213,7 @@ def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float
     for name, (i, d, _) in best.items():
         if items[i].effect.port == "process":
             best[name] = (i, d, (intensity(evidence, i, rules),))
-    contributions = {name: largest_at(items[i], s, one) for name, (i, _, s) in best.items()}
-    blind = {name for name, (i, _, _) in best.items() if contributions[name] > whole_motion(items[i], one)}
+    blind = {name for name, (_, _, smallest) in best.items() if not math.isfinite(min(smallest))}
     firsts = {name: i for name, (i, _, _) in best.items() if name not in blind}
     related = {name: rivals(evidence, i, firsts) for name, i in firsts.items()}
     sights = tuple(
@@ -232,83 +223,22 @@ def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float
             shape=dict(items[i].shape),
             parts=items[i].effect.parts if len(d) > 1 else ("",),
             d=d,
-            smallest=(math.inf,) * len(smallest) if name in blind else smallest,
-            largest=math.inf if name in blind else contributions[name],
+            smallest=smallest,
+            largest=largest_at(items[i], smallest, one),
             members=(name, *related.get(name, {})),
             experiment=items[i].effect.experiment,
         )
         for name, (i, d, smallest) in best.items()
     )
-    single = [i for i, item in enumerate(items) if item.effect.width == 1 and item.effect.port != "process"]
-    rows = [
-        evidence.columns[i].start for i in single if evidence.G[evidence.columns[i], evidence.columns[i]][0, 0] > 0.0
-    ]
-    size = np.sqrt(np.diag(evidence.G)[rows])
     return Power(
         sights=sights,
         ties=groups(sights, related),
-        examined=len(items),
+        examined=rules.examined,
         blocks=rules.blocks,
         alpha=alpha,
         name=one.run.recording.name,
-        correlation=evidence.G[np.ix_(rows, rows)] / np.outer(size, size),
-        row={
-            n: rows.index(evidence.columns[i].start)
-            for n, i in firsts.items()
-            if evidence.columns[i].start in rows and items[i].effect.width == 1
-        },
+        contest=contest,
     )
-
-
-def rules_for(one: Pass, examined: int, alpha: float) -> Search:
-    """Rules by which an effect would enter, as `diagnose` would apply them."""
-    seconds = float(np.sum(one.counts)) * one.run.reading_step
-    return Search(examined, int(seconds / block_length(one)), alpha)
-
-
-def evidence_of(one: Pass, model: Model, items: Sequence[Item]) -> Evidence:
-    """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return Evidence([Known(one, [t for t in model.terms if t.name not in model.fixed])], items)
-
-
-def entry_gain(rules: Search, dof: int, *, family: bool = False) -> float:
-    """Gain beyond which an effect enters: significant over all alternatives, and worth its price."""
-    significant = 2.0 * float(special.gammainccinv(dof / 2.0, math.exp(rules.threshold)))
-    cost = dof * math.log(max(rules.blocks, 2)) + 2.0 * math.log(max(rules.examined, 2))
-    return max(significant, cost / (NAMELESS if family else 1.0))
-
-
-def predicted_detection(
-    d: float, examined: int, alpha: float = ALPHA, *, dof: int = 1, blocks: int = 2, family: bool = False
-) -> float:
-    """Probability that an effect enters: its gain is noncentral chi-square with noncentrality d².
-
-    Parameters
-    ----------
-    d : standard deviations at which the effect stands from nothing.
-    examined : alternatives that are looked at.
-    alpha : family-wise false-alarm rate.
-    dof : coefficients of the effect.
-    blocks : effective blocks of the record, which set the price of a coefficient.
-    family : whether it is a shape without a name.
-
-    Examples
-    --------
-    >>> [round(predicted_detection(d, examined=96), 2) for d in (0.0, 3.0, 4.05, 10.0)]
-    [0.0, 0.15, 0.5, 1.0]
-    """
-    gain = entry_gain(Search(examined, blocks, alpha), dof, family=family)
-    return 1.0 - float(special.chndtr(gain, dof, d**2))
-
-
-def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Standard deviations per unit coefficient of each part, and the sizes that are detected with certainty `SURE`."""
-    effect, A = evidence.items[i].effect, evidence.G[evidence.columns[i], evidence.columns[i]]
-    information = [float(np.trace(A))] if effect.port == "process" else [float(v) for v in np.diag(A)]
-    dof = 1 if effect.port == "process" else effect.width
-    needed = math.sqrt(float(special.chndtrinc(entry_gain(rules, dof, family=effect.family), dof, 1.0 - SURE)))
-    d = tuple(math.sqrt(max(v, 0.0)) for v in information)
-    return d, tuple(needed / x if x > 0.0 else math.inf for x in d)
 
 
 def intensity(evidence: Evidence, i: int, rules: Search) -> float:
@@ -317,7 +247,7 @@ def intensity(evidence: Evidence, i: int, rules: Search) -> float:
     From `WANDERS` fixed walks; their gain at the wanted probability is that of normal gains' square roots.
     """
     A = evidence.G[evidence.columns[i], evidence.columns[i]]
-    needed = math.sqrt(entry_gain(rules, 1))
+    needed = math.sqrt(max(entry_gains(rules.examined, rules.blocks, rules.alpha)))
     values, vectors = np.linalg.eigh(A)
     values = np.maximum(values, 0.0)
     z = np.random.default_rng(0).standard_normal((WANDERS, len(values)))
@@ -345,13 +275,6 @@ def largest_at(item: Item, smallest: tuple[float, ...], one: Pass) -> float:
     k = int(np.argmin(smallest))
     estimate[k] = smallest[k]
     return largest(item, estimate, one)
-
-
-def whole_motion(item: Item, one: Pass) -> float:
-    """Largest acceleration of a run, m/s²; its travel, m, for effects at the encoder."""
-    s = one.signals
-    assert s is not None
-    return float(np.ptp(s.p)) if item.effect.port == "position" else float(np.max(np.abs(s.a)))
 
 
 def rivals(evidence: Evidence, i: int, firsts: Mapping[str, int]) -> dict[str, float]:
