@@ -539,9 +539,9 @@ def plan(
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
     found = plan_for(
         [name.strip() for name in effects.split(",") if name.strip()],
-        stroke=amount(stroke, "length", "--stroke") or 0.0,
-        v_max=amount(vmax, "speed", "--vmax") or 0.0,
-        a_max=amount(amax, "acceleration", "--amax") or 0.0,
+        stroke=limit(stroke, "length", "--stroke"),
+        v_max=limit(vmax, "speed", "--vmax"),
+        a_max=limit(amax, "acceleration", "--amax"),
         seconds=seconds,
         rig=used,
     )
@@ -552,6 +552,14 @@ def plan(
         emit(found.to_dict())
     else:
         show_plan(found.to_dict())
+
+
+def limit(text: str, kind: str, option: str) -> float:
+    """A limit of the stage in SI; a bare number is refused, because 20 cm and 20 m are both stages."""
+    if text.strip().replace(".", "", 1).replace("e", "", 1).lstrip("+-").isdigit():
+        example = {"length": "0.2 m", "speed": "0.1 m/s", "acceleration": "20 m/s^2"}[kind]
+        raise Usage(f'{option} {text!r} has no unit; expected a {kind} with one, as in {option} "{example}"')
+    return amount(text, kind, option) or 0.0
 
 
 def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
@@ -577,7 +585,7 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
 def show_power(content: dict[str, Any]) -> None:
     """Print the smallest detectable size of every effect, then what could not be told apart."""
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     console = Console()
     share = f"{100 * content['probability']:.0f} %"
@@ -587,19 +595,26 @@ def show_power(content: dict[str, Any]) -> None:
         style="bold",
         highlight=False,
     )
-    table = Table("effect", "smallest size", "unit", "largest contribution", "cannot be told from", box=None)
+    whole, folded = functools.partial(Column, no_wrap=True), functools.partial(Column, overflow="fold")
+    columns = (whole("effect"), whole("smallest size"), whole("unit"), folded("largest contribution"))
+    table = Table(*columns, folded("cannot be told from"), box=None)
     for each in content["effects"]:
         sizes = each["smallest_detectable"]
-        known = [v for v in (sizes if isinstance(sizes, list) else [sizes]) if v is not None]
+        every = sizes if isinstance(sizes, list) else [sizes]
+        known = [v for v in every if v is not None]
+        # Two parts are told one by one; of the many pieces of a shape the one that is seen best speaks for all.
+        sized = every if len(every) <= 2 else [min(known, default=None)]
         largest = each["largest_contribution"]
         table.add_row(
             each["effect"],
-            f"{min(known):.3g}" if known else "not seen",
+            " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not visible",
             each["unit"],
-            f"{largest:.2g}" if largest is not None else "",
+            f"{largest:.2g} {each['largest_contribution_unit']}" if largest is not None else "",
             ", ".join(each["class"][1:]),
         )
     console.print(table)
+    if any(not each["class"][1:] and each["smallest_detectable"] is None for each in content["effects"]):
+        console.print("not visible: the base model takes it up, or it would have to be as large as the motion itself")
     for tie in content["ties"]:
         console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
 
@@ -610,8 +625,14 @@ def show_plan(content: dict[str, Any]) -> None:
 
     console = Console()
     names = ", ".join(each["effect"] for each in content["effects"])
+    limits = content["limits"]
     verdict = "can be told apart" if content["separated"] else "cannot all be told apart within these limits"
-    console.print(f"{names} {verdict}; {content['motions_tried']} motions tried", style="bold", highlight=False)
+    console.print(
+        f"{names} {verdict}; {content['motions_tried']} motions of {content['seconds']:g} s tried within "
+        f"{limits['stroke_m']:g} m, {limits['speed_m_per_s']:g} m/s, {limits['acceleration_m_per_s2']:g} m/s²",
+        style="bold",
+        highlight=False,
+    )
     show_power({**content, "name": "this motion", "probability": 0.95, "ties": []})
     for pair in content["correlations"]:
         console.print(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}", highlight=False)

@@ -140,7 +140,7 @@ def planned_noise(rig: Rig, encoder_noise: float | None = None) -> Noise:
     if rig.resolution is None and encoder_noise is None:
         raise ValueError(
             "neither resolution nor noise of the encoder are known, so nothing can be said of a planned motion. "
-            'Write in the sidecar\n[rig]\nresolution = "1 um"'
+            'Write in the sidecar\n[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
         )
     step = rig.resolution or 0.0
     own = step if encoder_noise is None else encoder_noise

@@ -51,7 +51,9 @@ class Sight:
     smallest: tuple[float, ...]
     """Size that is detected with 95 % probability, by part, in `unit`; infinite where it is not seen at all."""
     largest: float
-    """Largest contribution at that size (of the part that is seen best), m/s² (m at the encoder)."""
+    """Largest contribution at that size, of the part that is seen best."""
+    largest_unit: str
+    """m/s², or m for what acts on the encoder."""
     members: tuple[str, ...]
     """Effects whose signature cannot be told from its own, itself first."""
     experiment: str
@@ -152,6 +154,7 @@ def sight_to_dict(sight: Sight) -> dict[str, Any]:
         "d_per_unit": plain(sight.d),
         "smallest_detectable": plain(sight.smallest),
         "largest_contribution": plain((sight.largest,)),
+        "largest_contribution_unit": sight.largest_unit,
         "class": list(sight.members),
         "experiment": sight.experiment,
     }
@@ -225,6 +228,7 @@ def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float
             d=d,
             smallest=smallest,
             largest=largest_at(items[i], smallest, one),
+            largest_unit="m" if items[i].effect.port == "position" else "m/s²",
             members=(name, *related.get(name, {})),
             experiment=items[i].effect.experiment,
         )
