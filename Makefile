@@ -33,7 +33,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.fit
 	$(BIN)/python -m benches.consistency
-	$(BIN)/python -m benches.power
+	$(BIN)/python -m benches.power --write
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write
