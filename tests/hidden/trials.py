@@ -95,6 +95,10 @@ def draw(trial: Trial) -> World:
     nuisances = Nuisances.draw(rng)
     if trial.names:  # d counts what the base leaves of an effect; the base knows the low-pass
         nuisances = replace(nuisances, lowpass_error=0.0, lowpass_tolerance=0.0)
+    if "vibration" in trial.names:
+        nuisances = replace(nuisances, vibration=0.0)
+    if "quantisation" in trial.names:
+        nuisances = replace(nuisances, converter_bits=16)
     if set(trial.names) & set(DELAYS):
         nuisances = replace(nuisances, clock_offset=0.0, clock_tolerance=0.0)
     seed = int(rng.integers(2**31))

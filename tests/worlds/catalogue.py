@@ -375,16 +375,20 @@ def vibration_rectification(scene: Scene, f: Array, m: float, shape: Shape, rng:
     return m * scene.bearing(shape["amplitude"], shape["exponent"]) ** 2
 
 
-@declare(CATALOGUE, "1", "sample", "samples", 1e-3, kind="variance", draw=lambda scene, rng: {"size": 3.0})
+@declare(CATALOGUE, "m/s²", "sample", "samples", 3.0, kind="variance", draw=between(share=(5e-4, 2e-3)))
 def accelerometer_outliers(scene: Scene, y: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
-    """Each reading is hit with probability m by an error of standard deviation `size` (Tukey 1960, contamination)."""
-    return np.where(rng.random(len(y)) < m, shape["size"], 0.0) * rng.standard_normal(len(y))
+    """Each reading is hit with probability `share` by an error of standard deviation m (Tukey 1960, contamination).
+
+    The magnitude is the size and not the share: rare large errors have any expected gain of likelihood on records
+    that hold none of them.
+    """
+    return np.where(rng.random(len(y)) < shape["share"], m, 0.0) * rng.standard_normal(len(y))
 
 
-@declare(CATALOGUE, "1", "reading", "samples", 1e-3, kind="variance", draw=lambda scene, rng: {"size": 30e-6})
+@declare(CATALOGUE, "m", "reading", "samples", 30e-6, kind="variance", draw=between(share=(5e-4, 2e-3)))
 def encoder_outliers(scene: Scene, y: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
-    """Each reading is hit with probability m by an error of standard deviation `size`, m (Tukey 1960)."""
-    return np.where(rng.random(len(y)) < m, shape["size"], 0.0) * rng.standard_normal(len(y))
+    """Each reading is hit with probability `share` by an error of standard deviation m (Tukey 1960)."""
+    return np.where(rng.random(len(y)) < shape["share"], m, 0.0) * rng.standard_normal(len(y))
 
 
 @declare(CATALOGUE, "m/s²", "sample", "samples", 0.1, kind="variance")

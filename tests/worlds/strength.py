@@ -6,7 +6,8 @@ diffuse prior) pass the Kalman filter of that noise model; d² is the squared le
 (fitting the coefficient as well adds the one that noise alone would gain).
 Wandering effects: with eigenvalues λ of the whitened covariance beside the base, d² = Σ (λ − ln(1 + λ)).
 Variance effects: the same sum over readings and frequencies, λ = added power / noise power, with motion and base known;
-outliers: twice the relative entropy of the contaminated to the clean noise, times the number of readings.
+outliers: twice the relative entropy of the contaminated to the clean noise, times the number of readings, where clean
+is what a reading leaves when all others are known. Vibration that is a nuisance counts as noise.
 """
 
 from __future__ import annotations
@@ -226,30 +227,32 @@ def _variance(world: World, hidden: Hidden, chain: Chain, index: int) -> float:
     variance, keep = SENSORS[world.sensor].noise ** 2 / (4 * tau), np.exp(-1 / (ACCEL_RATE * tau))
     cycles = (np.arange(64) + 0.5) / 128
     floor = variance * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * cycles))
-    inside = slice(0, None, 60)
-    if hidden.name == "accelerometer_outliers":
-        return n * contamination(m, np.sqrt(variance * (1 - keep**2)), shape["size"])
-    if hidden.name == "encoder_outliers":
-        return world.seconds * ENCODER_RATE * contamination(m, np.sqrt(_innovation_variance(world)), shape["size"])
-    if hidden.name == "quantisation":
-        return n * _gain(m**2 / 12 / floor) / len(floor)
-    if hidden.name == "timing_jitter":
-        power = (m * chain.scene.jerk[inside, None]) ** 2 / floor
-        return n * _gain(power) / int(power.size)
-    speed = np.abs(chain.scene.v[inside])
-    amplitude = m * (speed / np.max(np.abs(chain.scene.v))) ** shape["exponent"]
+    speed = np.abs(chain.scene.v[::60])
+    speed = speed / np.max(np.abs(chain.scene.v))
     band = (cycles * ACCEL_RATE > 205) & (cycles * ACCEL_RATE < 295)
-    passed = 1 / (1 + (2 * np.pi * cycles[band] * ACCEL_RATE * tau) ** 2)
-    power = amplitude[:, None] ** 2 / 2 * passed * len(cycles) / np.sum(band) / floor[band]
-    return n * _gain(power) / len(speed) / len(cycles)
+    passed = band / (1 + (2 * np.pi * cycles * ACCEL_RATE * tau) ** 2) * len(cycles) / np.sum(band) / 2
+    noise = floor + (world.nuisances.vibration * speed[:, None] ** 2) ** 2 * passed
+    if hidden.name == "accelerometer_outliers":
+        return n * contamination(shape["share"], float(np.mean(1 / np.mean(noise, axis=0))) ** -0.5, m)
+    if hidden.name == "encoder_outliers":
+        readings = world.seconds * ENCODER_RATE * (1 - world.nuisances.missing)
+        return readings * contamination(shape["share"], _reading_deviation(world), m)
+    if hidden.name == "quantisation":
+        power = np.asarray(m**2 / 12 / noise)
+    elif hidden.name == "timing_jitter":
+        power = (m * chain.scene.jerk[::60, None]) ** 2 / noise
+    else:
+        power = (m * speed[:, None] ** shape["exponent"]) ** 2 * passed / noise
+    return n * _gain(power) / int(power.size)
 
 
-def _innovation_variance(world: World) -> float:
-    """Return the variance of an encoder innovation in the steady state."""
-    length = 2000
-    impulse = np.zeros((length, 1))
-    impulse[-1] = 1.0
-    return float(whiten(impulse, _intensity(world), encoder_variance(world), 1 / ENCODER_RATE)[-1, 0] ** -2)
+def _reading_deviation(world: World) -> float:
+    """Return the standard deviation of what one encoder reading leaves when all others are known, m."""
+    impulse = np.zeros((4000, 1))
+    impulse[2000] = 1.0
+    plain = replace(world, nuisances=replace(world.nuisances, missing=0.0))
+    white = whiten(impulse, _intensity(world), encoder_variance(plain), 1 / ENCODER_RATE)
+    return float(np.sum(white**2) ** -0.5)
 
 
 def contamination(share: float, clean: float, size: float) -> float:
