@@ -229,6 +229,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         a=sensed,
         jerk=derivative(sensed, step),
         scale=values.scale,
+        bias=values.bias,
         rig=rig,
         cutoff=band,
         side=run.side_at(t),

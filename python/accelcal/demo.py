@@ -114,6 +114,7 @@ def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signa
         a=rig.polarity * (a + rig.gravity),
         jerk=rig.polarity * jerk,
         scale=1.0 + TRUTH["scale_factor"],
+        bias=TRUTH["bias"],
         rig=rig,
     )
 

@@ -331,6 +331,7 @@ class Run:
             a=polarity * (motion.a + self.rig.gravity),
             jerk=polarity * motion.jerk,
             scale=values.scale,
+            bias=values.bias,
             rig=self.rig,
             cutoff=cutoff,
             side=self.side_at(t_grid),

@@ -56,6 +56,8 @@ class Signals:
     """Standard deviation of the noise left in `v`, m/s."""
     a_std: float = 0.0
     """Standard deviation of the noise left in `a`, m/s²."""
+    bias: float = 0.0
+    """K0 of the model at hand, m/s²."""
 
     def at(self, rows: NDArray[np.bool_]) -> Signals:
         """Some of the times only; no longer uniform."""

@@ -163,7 +163,15 @@ def test_time_since_reversal_starts_anew_at_each_turn():
 def test_clipping_with_coefficient_one_is_a_clipped_output():
     s = one_tone()
     level = 0.8 * AMPLITUDE
-    assert np.max(np.abs(s.a + find("saturation").column(s, level=level))) == pytest.approx(level)
+    output = s.scale * s.a + s.bias
+    assert np.max(np.abs(output + find("saturation").column(s, level=level))) == pytest.approx(level)
+
+
+def test_an_output_with_a_bias_clips_on_one_side_first():
+    s = dataclasses.replace(one_tone(), bias=0.3 * AMPLITUDE, scale=1.02)
+    clipped = find("saturation").column(s, level=AMPLITUDE)
+    assert np.min(clipped) == pytest.approx(-0.32 * AMPLITUDE, rel=1e-3)  # 1e4 points per period: the peak is met
+    assert np.max(clipped) == 0.0
 
 
 @pytest.mark.parametrize("name", ["bias_step", "encoder_step"])

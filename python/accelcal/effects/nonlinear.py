@@ -71,8 +71,9 @@ def dead_zone(s: Signals) -> Array:
 
 
 def _levels(s: Signals) -> tuple[float, float]:
-    largest = max(float(np.max(np.abs(s.a))), TINY)
-    return 0.5 * largest, 0.99 * largest
+    largest = max(float(np.max(np.abs(s.scale * s.a + s.bias))), TINY)
+    swing = max(largest - abs(s.scale * s.rest + s.bias), 0.01 * largest)
+    return largest - 0.5 * swing, largest - 0.01 * swing
 
 
 @effect(
@@ -87,12 +88,13 @@ def _levels(s: Signals) -> tuple[float, float]:
 def saturation(s: Signals, level: float) -> Array:
     """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
 
-    Equation: e = s (clip(a, -level, level) - a).
-    Looks like: residuals at the largest |a| only, towards zero.
+    Equation: e = s (clip(u, -level, level) - u), u = (1 + k) a + K0: it is the output that has a range, bias included.
+    Looks like: residuals at the largest outputs only, towards zero; on one side when there is a bias.
     Easily confused with: cubic with a negative coefficient, vibration_rectification.
     Separate by: the edge of the histogram of the output; a smaller amplitude, at which it vanishes.
     """
-    return np.clip(s.a, -level, level) - s.a
+    output = s.scale * s.a + s.bias
+    return np.clip(output, -level, level) - output
 
 
 def _slacks(s: Signals) -> tuple[float, float]:
