@@ -8,7 +8,7 @@ whitened innovations carry the encoder's cyclic error, lines below that, and wha
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -19,13 +19,12 @@ from numpy.typing import NDArray
 
 from accelcal.breaks import LOCAL, local_spread
 from accelcal.fit import Pass
+from accelcal.loudness import WINDOW, Spectra, block_means, contamination, follows, power_fit, steady_spread
 from accelcal.recording import Array
 from accelcal.signals import Signals
 
 HIGH = 0.09
 """Share of the sampling rate above which no motion leaks: a stage that starts with a jump in snap leaves f^-3."""
-BLOCK = 64
-"""Samples of a block of power."""
 LEAST_BLOCKS = 40
 """Fewer blocks than this show no correlation that could be told from chance at 1e-4."""
 MEMORY = 4.0
@@ -70,7 +69,7 @@ def channel_findings(state: Pass) -> tuple[ChannelFinding, ...]:
     return (
         vibration,
         jitter,
-        accelerometer_outliers(seen, known_noise(seen, vibration, jitter)),
+        accelerometer_outliers(seen),
         encoder_outliers(seen),
         quantisation(seen),
         *(line for line in lines if not line.parts["follows_motion"]),
@@ -135,17 +134,68 @@ class Residuals:
 
     @cached_property
     def background(self) -> Array:
-        """`high` with loud single samples bridged before they are filtered, so that none rings in its block."""
-        spread = np.hypot(local_spread(self.high), self.lsb / math.sqrt(12.0))
-        loud = isolated(
-            np.abs(self.high) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(self.high) > OUTLIER * spread)
-        )
-        if len(loud) == 0:
-            return self.high
-        bridged = np.ones(self.n, dtype=np.bool_)
-        bridged[np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1)] = False
-        place = np.arange(self.n)
-        return above(np.interp(place, place[bridged], self.residual[bridged]), self.rate, self.edge)
+        """`high` with lost and loud single samples filled in from their neighbours, so that none rings in its block."""
+        lost = np.ones(self.n, dtype=np.bool_)
+        lost[self.place] = False
+        whole = self.high
+        for _ in range(REPAIRS):
+            gain = self.gain_of(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+            y, correction = self.surprises(gain, lost)
+            y = y[self.taken]
+            spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0))
+            loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
+            if len(loud) == 0:
+                break
+            loud = np.flatnonzero(self.taken)[loud]
+            lost[np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1)] = True
+            _, correction = self.surprises(gain, lost)
+            whole = above(self.residual - correction, self.rate, self.edge)
+        return above(self.residual - correction, self.rate, self.edge)
+
+    def gain_of(self, spectra: Spectra) -> Array:
+        """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
+
+        A single wrong sample is white: the filter divides by the power of the noise at each frequency.
+        """
+        f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(self.n, real=True), self.step)
+        gain = soft_edge(f, self.edge)
+        if len(spectra.power):
+            gain = gain / np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), 1e-300))
+        return np.asarray(gain / np.mean(gain))
+
+    def surprises(self, gain: Array, lost: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """What each sample of the residual is off by, and what lost ones must be corrected by not to be, (n,) m/s².
+
+        Beside a lost sample less is known: the first is scaled to the spread that it has elsewhere. Beside several too
+        little is known, and nothing is said.
+        """
+        n = scipy.fft.next_fast_len(self.n, real=True)
+
+        def surprise(y: Array) -> Array:
+            return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y, n) * gain, n)[: self.n])
+
+        y = surprise(self.residual - np.mean(self.residual))
+        if not lost.any():
+            return y, np.zeros_like(y)
+        correction = filled(surprise, y, lost)
+        response = scipy.fft.irfft(gain, n)
+        reach = np.concatenate([response[REACH:0:-1], [0.0], response[1 : REACH + 1]]) / response[0]
+        known = 1.0 - np.convolve(lost.astype(np.float64), reach**2, "same")
+        y = y - surprise(correction)
+        return np.where(known > KNOWN, y / np.sqrt(np.maximum(known, KNOWN)), 0.0), correction
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """Power of `background` in blocks."""
+        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+
+    @cached_property
+    def matched(self) -> tuple[Array, Array]:
+        """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
+        gain = self.gain_of(self.spectra)
+        lost = np.ones(self.n, dtype=np.bool_)
+        lost[self.place] = False
+        return self.surprises(gain, lost)[0], gain
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
@@ -165,12 +215,12 @@ class Residuals:
         return np.asarray(p)
 
     @cached_property
-    def loud_readings(self) -> tuple[float, float, NDArray[np.intp], float]:
+    def loud_readings(self) -> Outliers:
         """Outliers among the settled readings, against the smoothed position; see `outliers`."""
         z = (self.run.z - self.smooth_position)[self.state.counts]
         z = z - np.median(z)
-        spread = np.hypot(local_spread(z), self.run.least_step / math.sqrt(12.0))
-        return outliers(z, spread, len(z))
+        spread, dof = spread_of(z)
+        return outliers(z, np.hypot(spread, self.run.least_step / math.sqrt(12.0)), len(z), dof)
 
     @cached_property
     def readings(self) -> Array:
@@ -178,8 +228,8 @@ class Residuals:
         y = self.state.whitened[self.state.counts]
         limit = 5.0 * local_spread(y)
         y = np.clip(y, -limit, limit)
-        _, _, peaks, p = self.loud_readings
-        if p < ALARM:
+        peaks = self.loud_readings.peaks
+        if self.loud_readings.p_value < ALARM:
             memory = MEMORY / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
             forgotten = np.zeros(len(y) + 1)
             np.add.at(forgotten, peaks, 1.0)
@@ -192,13 +242,43 @@ class Residuals:
         return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.run.tau) ** 2)
 
 
+REPAIRS = 2
+"""Rounds of filling in loud samples; the noise that tells how to is known better without them."""
+REACH = 16
+"""Samples on either side that matter for what one should be."""
+KNOWN = 0.5
+"""Share of what is known of a sample that neighbours which are lost may take away."""
+FILLINGS = 12
+"""Steps of conjugate gradients for lost samples; most of them stand alone, and few steps fill those."""
+
+
+def filled(surprise: Callable[[Array], Array], y: Array, lost: NDArray[np.bool_]) -> Array:
+    """Corrections of lost samples after which none of them surprises: (n,), zero where a sample was taken."""
+    x, r = np.zeros_like(y), np.where(lost, y, 0.0)
+    p, power = r, float(r @ r)
+    least = 1e-8 * power
+    for _ in range(FILLINGS):
+        if power <= least:
+            break
+        q = np.where(lost, surprise(p), 0.0)
+        step = power / float(p @ q)
+        x, r = x + step * p, r - step * q
+        before, power = power, float(r @ r)
+        p = r + (power / before) * p
+    return x
+
+
 def above(y: Array, rate: float, edge: float) -> Array:
     """Part of uniform samples above a frequency, with a soft edge that reaches 30 % higher."""
     n = scipy.fft.next_fast_len(len(y), real=True)
-    f = np.fft.rfftfreq(n, 1.0 / rate)
+    f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
+    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y - np.mean(y), n) * soft_edge(f, edge), n)[: len(y)])
+
+
+def soft_edge(f: Array, edge: float) -> Array:
+    """Gain that rises from 0 at a frequency to 1 at 30 % more."""
     weight = np.clip((f - edge) / (0.3 * edge), 0.0, 1.0)
-    weight = 0.5 - 0.5 * np.cos(np.pi * weight)
-    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y - np.mean(y), n) * weight, n)[: len(y)])
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * weight))
 
 
 def grid_step(y: Array) -> float:
@@ -219,61 +299,52 @@ def grid_step(y: Array) -> float:
 # ---- noise that grows with the motion ----------------------------------------------------------------------------
 
 
-def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[ChannelFinding, ChannelFinding]:
-    """Vibration (power grows with v², v⁴; physics F1) and jitter of stamps (power grows with jerk²; E8).
+BANDS = (7, 14)
+"""Bins of a block spectrum that one band of a vibration spans, besides all."""
 
-    Each must pass two tests: Spearman's rank correlation of the block power with its own variable (Student's t on an
-    effective number of blocks), and its coefficient in power = s² + c1 v² + c2 v⁴ + c3 j² beside the other's. Where
-    the record cannot tell the two apart (a single tone: j = -w² v), both keep the p value of the ranks.
+
+def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[ChannelFinding, ChannelFinding]:
+    """Vibration (power grows with v², v⁴ in some band; physics F1) and jitter of stamps (white, with jerk²; E8).
+
+    Block spectra are summed with the weights that suit each: one band after the other for a vibration, the squared
+    inverse of the noise for jitter, which is white while noise and vibration are not. Each must pass two tests: the
+    score of its own variable (`follows`), and its coefficient in power = s² + c1 v² + c2 v⁴ + c3 j² beside the
+    other's. Where the record cannot tell the two apart (a single tone: j = -w² v), both keep the p value of the score.
     """
-    power, kept = block_power(seen.background, seen.taken, 0.3 * seen.lsb**2 if coarse(seen) else 0.0)
+    spectra = seen.spectra
     v, jerk = seen.motion
-    v2, v4, j2 = (block_means(x)[kept] for x in (v**2, v**4, jerk**2))
-    share = band_share(seen)
-    if len(power) < LEAST_BLOCKS or np.ptp(v2) == 0.0 or np.mean(power > power.min()) < 0.05:
+    v2, v4, j2 = (block_means(x)[spectra.kept] for x in (v**2, v**4, jerk**2))
+    if len(v2) < LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
             ChannelFinding("vibration", nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
             ChannelFinding("timing_jitter", nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
         )
-    by_speed, p_speed = rank_correlation(power, v2)
-    by_jerk, p_jerk = rank_correlation(power, j2)
-    c, covariance = power_fit(power, np.column_stack([np.ones_like(v2), v2, v4, j2]))
-    z_speed = np.array(c[1:3]) @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])
-    z_jerk = c[3] / math.sqrt(covariance[3, 3])
-    alone_speed = math.exp(-0.5 * float(z_speed))  # chi-square with two degrees of freedom
-    alone_jerk = float(scipy.special.ndtr(-z_jerk))
-    if max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > 10 * ALARM:
-        together = min(1.0, alone(power, v2) + alone(power, j2))
-        alone_speed = alone_jerk = together
-    p_vibration, p_jitter = max(p_speed, alone_speed), max(p_jerk, alone_jerk)
+    floor = 0.3 * seen.lsb**2 if coarse(seen) else 0.0  # below it power says how the motion crosses the steps
+    everything = np.column_stack([np.ones_like(v2), v2, v4, j2])
+    band, z_speed, p_speed = loudest_band(spectra, (v2, v4), floor)
+    in_band = np.maximum(spectra.power[:, band].mean(axis=1), floor)
+    c, covariance = power_fit(in_band, everything)
+    alone_speed = math.exp(-0.5 * float(c[1:3] @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])))  # two degrees
 
-    c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
-    top = float(np.max(np.abs(v)))
-    line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < ALARM), None)
-    frequency = line.parts["frequency"] if line else vibration_frequency(seen, v)
-    gain = seen.rc_gain(frequency)
-    amplitude = math.sqrt(2.0 * max(c[1], 0.0)) * top**2 / gain
-    spread = 0.5 * math.sqrt(covariance[1, 1]) / max(c[1], math.sqrt(covariance[1, 1])) * amplitude
-    vibration = ChannelFinding(
-        "vibration",
-        by_speed,
-        p_vibration,
-        amplitude,
-        "m/s²",
-        spread,
-        f"noise above {seen.edge:.0f} Hz grows with speed: up to {amplitude:.2g} m/s² at {top:.2g} m/s, "
-        f"strongest near {frequency:.0f} Hz"
-        if p_vibration < ALARM
-        else "noise does not grow with speed",
-        {"frequency": frequency, "top_speed": top, "rank_correlation": by_speed, "blocks": float(len(power))},
-    )
-    c, covariance = power_fit(power, np.column_stack([np.ones_like(j2), j2]))
-    jitter = math.sqrt(max(c[1], 0.0) / share)
-    spread = 0.5 * math.sqrt(covariance[1, 1]) / max(c[1], math.sqrt(covariance[1, 1])) * jitter
+    weights = spectra.power.mean(axis=0) ** -2.0
+    if p_speed < ALARM:
+        skirts = shaken(spectra.power, v4, band)
+        if skirts.stop - skirts.start < len(weights) - BANDS[0]:
+            weights[skirts] = 0.0
+    white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
+    z_jerk, p_jerk = follows(white, j2)
+    c, covariance = power_fit(white, everything)
+    alone_jerk = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
+    if max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > 10 * ALARM:
+        alone_speed = alone_jerk = 0.0
+    p_vibration, p_jitter = max(p_speed, min(1.0, alone_speed)), max(p_jerk, alone_jerk)
+    beside = everything if p_vibration < ALARM else everything[:, [0, 3]]
+    c, covariance = power_fit(white, beside)
+    jitter, spread = rooted(c[-1], covariance[-1, -1], 1.0)
     stamps = ChannelFinding(
         "timing_jitter",
-        by_jerk,
+        z_jerk,
         p_jitter,
         jitter,
         "s",
@@ -281,15 +352,98 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
         f"noise grows with jerk as stamps uncertain by {jitter * 1e6:.3g} us would make it"
         if p_jitter < ALARM
         else "noise does not grow with jerk",
-        {"rank_correlation": by_jerk, "blocks": float(len(power))},
+        {"score": z_jerk, "blocks": float(len(v2))},
     )
-    return vibration, stamps
+    return vibration_found(seen, lines, p_vibration, z_speed, band, jitter if p_jitter < ALARM else 0.0), stamps
 
 
-def alone(power: Array, x: Array) -> float:
-    """Chance of so large a coefficient of one variable when the power does not depend on it."""
-    c, covariance = power_fit(power, np.column_stack([np.ones_like(x), x]))
-    return float(scipy.special.ndtr(-c[1] / math.sqrt(covariance[1, 1])))
+def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> tuple[slice, float, float]:
+    """Bins whose power follows one of the variables most surely, the score, and its chance, all bands included."""
+    F = spectra.power.shape[1]
+    bands = [slice(0, F)]
+    for width in (
+        BANDS if floor == 0.0 else ()
+    ):  # steps that are crossed in time with the motion have bands of their own
+        bands += [slice(a, a + width) for a in range(0, F - width + 1, max(1, width // 2))]
+    sums = np.cumsum(np.pad(spectra.power / spectra.power.mean(axis=0), ((0, 0), (1, 0))), axis=1)
+    best = (1.0, -math.inf, bands[0])
+    for band in bands:
+        power = (sums[:, band.stop] - sums[:, band.start]) / (band.stop - band.start)
+        if floor > 0.0:
+            power = np.maximum(power, floor / float(spectra.power[:, band].mean()))
+        for x in motions:
+            z, p = follows(power, x)
+            best = min(best, (p, -z, band), key=lambda one: one[:2])
+    return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
+
+
+SHAKEN = 3.0
+"""Standard deviations by which the power of a bin follows v⁴ where it belongs to a vibration."""
+
+
+def shaken(power: Array, v4: Array, band: slice) -> slice:
+    """Bins about a band, as far as their power follows v⁴, and the two behind that its window reaches."""
+    x = v4 - v4.mean()
+    score = x @ (power / power.mean(axis=0)) / math.sqrt(float(x @ x))  # the power of one bin is exponential
+    low, high = band.start, band.stop
+    while low > 0 and score[low - 1] > SHAKEN:
+        low -= 1
+    while high < len(score) and score[high] > SHAKEN:
+        high += 1
+    return slice(max(0, low - 2), high + 2)
+
+
+def rooted(c: float, variance: float, gain: float) -> tuple[float, float]:
+    """Square root of a coefficient of power, and its standard deviation."""
+    std = math.sqrt(variance)
+    size = math.sqrt(max(c, 0.0)) * gain
+    return size, 0.5 * std / max(c, std) * math.sqrt(max(c, std)) * gain
+
+
+def vibration_found(
+    seen: Residuals,
+    lines: tuple[ChannelFinding, ...],
+    p_value: float,
+    score: float,
+    band: slice,
+    jitter: float,
+) -> ChannelFinding:
+    """What the test of vibration says: how loud at top speed, and where."""
+    spectra = seen.spectra
+    v, jerk = seen.motion
+    v4, j2 = (block_means(x)[spectra.kept] for x in (v**4, jerk**2))
+    share = 1.0 - 2.3 * seen.edge / seen.rate  # of white noise that `background` holds
+    power = block_means(seen.background**2)[spectra.kept] - max(share, 0.0) * jitter**2 * j2
+    power = np.maximum(power, 0.05 * float(np.median(power)))
+    c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
+    top = float(np.max(np.abs(v)))
+    about = shaken(spectra.power, v4, band)
+    line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < ALARM), None)
+    x = v4 - v4.mean()
+    excess = x @ spectra.power
+    frequency = line.parts["frequency"] if line else float(spectra.f[band][int(np.argmax(excess[band]))])
+    gain = top**2 / seen.rc_gain(frequency)
+    amplitude, spread = rooted(2.0 * c[1], 4.0 * covariance[1, 1], gain)
+    return ChannelFinding(
+        "vibration",
+        score,
+        p_value,
+        amplitude,
+        "m/s²",
+        spread,
+        f"noise above {seen.edge:.0f} Hz grows with speed: up to {amplitude:.2g} m/s² at {top:.2g} m/s, "
+        f"strongest near {frequency:.0f} Hz"
+        if p_value < ALARM
+        else "noise does not grow with speed",
+        {
+            "frequency": frequency,
+            "lowest": float(spectra.f[about.start]),
+            "highest": float(spectra.f[min(about.stop, len(spectra.f)) - 1]),
+            "top_speed": top,
+            "score": score,
+            "blocks": float(len(v4)),
+        },
+    )
 
 
 def coarse(seen: Residuals) -> bool:
@@ -307,28 +461,6 @@ def sample_noise(seen: Residuals) -> float:
     variance = noise.q * seen.state.values.scale**2 * bandwidth
     declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
     return math.sqrt(max(variance - seen.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))
-
-
-def band_share(seen: Residuals) -> float:
-    """Share of white sample noise that `high` holds."""
-    return max(0.05, 1.0 - 2.0 * 1.15 * seen.edge / seen.rate)
-
-
-def block_means(x: Array) -> Array:
-    """Mean of each whole block."""
-    K = len(x) // BLOCK
-    return np.asarray(x[: K * BLOCK].reshape(K, BLOCK).mean(axis=1))
-
-
-def block_power(y: Array, taken: NDArray[np.bool_], floor: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Mean square of each block, single outliers tamed, and which blocks hold enough samples.
-
-    `floor` is the most that quantisation alone can do; below it power says how the motion crosses the steps.
-    """
-    limit = 5.0 * local_spread(y)
-    power = block_means(np.clip(y, -limit, limit) ** 2)
-    kept = block_means(taken.astype(np.float64)) > 0.7
-    return np.maximum(power[kept], max(floor, 1e-300)), kept
 
 
 def rank_correlation(x: Array, y: Array) -> tuple[float, float]:
@@ -354,33 +486,6 @@ def rank_correlation(x: Array, y: Array) -> tuple[float, float]:
     return rho, float(scipy.special.stdtr(effective - 2.0, -t))
 
 
-def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
-    """Coefficients of power = X c, c not negative, spread proportional to the mean (quasi-likelihood), covariance."""
-    size = np.maximum(np.max(np.abs(X), axis=0), 1e-300)
-    X = X / size
-    mean = np.full(len(power), float(np.median(power)))
-    for _ in range(8):
-        w = 1.0 / mean
-        c, _ = scipy.optimize.nnls(X * w[:, None], power * w)
-        mean = np.maximum(X @ c, 0.05 * float(np.median(power)) + 1e-300)
-    spread = float(np.mean((power / mean - 1.0) ** 2))
-    A = (X / mean[:, None]).T @ (X / mean[:, None])
-    covariance = spread * np.linalg.inv(A + 1e-12 * np.trace(A) * np.eye(len(A)))
-    return c / size, covariance / np.outer(size, size)
-
-
-def vibration_frequency(seen: Residuals, v: Array) -> float:
-    """Where the spectrum of fast blocks exceeds that of slow ones most, Hz."""
-    K, length = seen.n // (2 * BLOCK), 2 * BLOCK
-    blocks = seen.background[: K * length].reshape(K, length) * np.hanning(length)
-    speed = np.mean(v[: K * length].reshape(K, length) ** 2, axis=1)
-    spectrum = np.abs(np.fft.rfft(blocks, axis=1)) ** 2
-    low, high = np.quantile(speed, [0.4, 0.8])
-    excess = spectrum[speed >= high].mean(axis=0) - spectrum[speed <= low].mean(axis=0)
-    f = np.fft.rfftfreq(length, seen.step)
-    return float(f[int(np.argmax(np.where(f >= seen.edge, excess, -np.inf)))])
-
-
 # ---- outliers ----------------------------------------------------------------------------------------------------
 
 OUTLIER = 5.5
@@ -389,60 +494,96 @@ ISOLATED = 3
 """More samples than this in a row are an event, not an outlier."""
 
 
-def known_noise(seen: Residuals, vibration: ChannelFinding, jitter: ChannelFinding) -> Array:
-    """Variance at each time of the vibration and jitter that were found, (m/s²)²."""
+def course(seen: Residuals, gain: Array) -> Array:
+    """Standard deviation that noise which follows the motion, named or not, gives `matched` in its course, (n,) m/s².
+
+    Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², put back to every sample.
+    """
+    spectra = seen.spectra
     v, jerk = seen.motion
-    variance = np.zeros(seen.n)
-    if vibration.p_value < ALARM:
-        amplitude = vibration.estimate * seen.rc_gain(vibration.parts["frequency"])
-        variance += 0.5 * amplitude**2 * (v / vibration.parts["top_speed"]) ** 4
-    if jitter.p_value < ALARM:
-        variance += (jitter.estimate * jerk) ** 2
-    return variance
+    motions = np.column_stack([np.ones(seen.n), v**2, v**4, jerk**2])
+    if len(spectra.power) < LEAST_BLOCKS:
+        return np.ones(seen.n)
+    f = np.linspace(0.0, 0.5 * seen.rate, len(gain))
+    power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / WINDOW)
+    c, _ = power_fit(power, np.column_stack([block_means(x)[spectra.kept] for x in motions.T]))
+    return np.asarray(np.sqrt(np.maximum(motions @ c, 0.1 * float(np.median(power)) + 1e-300)))
 
 
-def accelerometer_outliers(seen: Residuals, known: Array | float = 0.0) -> ChannelFinding:
-    """Single samples of the output that its local noise does not allow; `known` adds variance that has a name."""
-    y = np.where(seen.taken, seen.high, 0.0)
-    spread = np.sqrt(local_spread(y) ** 2 + seen.lsb**2 / 12.0 + known)
-    size, std, peaks, p = outliers(y, spread, int(np.sum(seen.taken)))
-    count = len(peaks)
-    text = f"{count} samples of the output stand out by up to {size:.2g} m/s²" if p < ALARM else "the output has none"
-    share = count / max(1, len(seen.u))
-    parts = {"count": float(count), "largest": size}
-    spread_of_share = math.sqrt(max(count, 1)) / len(seen.u)
-    at = tuple(float(t) for t in seen.t[peaks])
-    return ChannelFinding("accelerometer_outliers", std, p, share, "", spread_of_share, text, parts, at)
+def accelerometer_outliers(seen: Residuals) -> ChannelFinding:
+    """Single samples of the output that its local noise does not allow."""
+    y, gain = seen.matched
+    usual = course(seen, gain)[seen.taken]
+    y = y[seen.taken]
+    spread, dof = spread_of(y / usual)
+    found = outliers(y, np.hypot(spread * usual, seen.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0)), len(y), dof)
+    text = found.sentence("samples of the output", "m/s²") if found.p_value < ALARM else "the output has none"
+    n = len(seen.u)
+    at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])
+    std = math.sqrt(max(found.count, 1.0)) / n
+    return ChannelFinding(
+        "accelerometer_outliers", found.score, found.p_value, found.count / n, "", std, text, found.parts, at
+    )
 
 
 def encoder_outliers(seen: Residuals) -> ChannelFinding:
     """Single readings that the smoothed position does not allow; those that the replay left out count as well."""
-    size, std, peaks, p = seen.loud_readings
-    n, count = len(seen.readings), len(peaks)
+    found = seen.loud_readings
     left_out = seen.run.left_out
-    if left_out:
-        p = 0.0
-    count += left_out
-    text = f"{count} readings of the encoder stand out by up to {size * 1e6:.2g} um" if p < ALARM else "there are none"
-    parts = {"count": float(count), "largest": size, "left_out": float(left_out)}
-    share = count / max(1, n + left_out)
-    at = tuple(float(t) for t in seen.run.t[seen.state.counts][peaks])
-    return ChannelFinding("encoder_outliers", std, p, share, "", math.sqrt(max(count, 1)) / n, text, parts, at)
+    n = len(seen.readings) + left_out
+    p = 0.0 if left_out else found.p_value
+    count = found.count + left_out
+    text = f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um" if p < ALARM else "none"
+    parts = {**found.parts, "count": count, "left_out": float(left_out)}
+    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks])
+    std = math.sqrt(max(count, 1.0)) / n
+    return ChannelFinding("encoder_outliers", found.score, p, count / n, "", std, text, parts, at)
 
 
-def outliers(y: Array, spread: Array, n: int) -> tuple[float, float, NDArray[np.intp], float]:
-    """Largest outlier, in its unit and in local standard deviations, where outliers are, p value over n samples.
+@dataclass(frozen=True, slots=True)
+class Outliers:
+    """What stands out of a series."""
 
-    Null: samples over a local spread that is itself estimated, Student's t with 0.7 times the block length degrees of
-    freedom; the largest of all, and the number beyond 5.5 (Poisson), share the error.
+    size: float
+    """Of the largest, in the unit of the series."""
+    score: float
+    """The largest in local standard deviations."""
+    peaks: NDArray[np.intp]
+    """Where the sure ones are."""
+    count: float
+    """How many there are: the sure ones, or where none is sure the number that the scatter implies."""
+    p_value: float
+
+    def sentence(self, what: str, unit: str) -> str:
+        """How many and how large."""
+        return f"{self.count:.0f} {what} stand out by up to {self.size:.2g} {unit}"
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """Particulars."""
+        return {"count": self.count, "largest": self.size}
+
+
+def spread_of(y: Array) -> tuple[Array, float]:
+    """Local scale (n,) and its degrees of freedom: over a long span where the scatter is steady, else over a short."""
+    steady = steady_spread(y)
+    return steady if steady is not None else (local_spread(y), 0.7 * LOCAL)
+
+
+def outliers(y: Array, spread: Array, n: int, dof: float = 0.7 * LOCAL) -> Outliers:
+    """Samples that do not belong to the rest, p value over n samples.
+
+    Null: samples over a local spread that is itself estimated, Student's t with `dof` degrees of freedom. Three looks
+    share the error: the largest of all, the number beyond 5.5 (Poisson), and the likelihood of contamination.
     """
     if n < 8 * LOCAL:
-        return 0.0, 0.0, np.empty(0, dtype=np.intp), 1.0
+        return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
     score = np.abs(y) / np.maximum(spread, 1e-300)
-    dof = 0.7 * LOCAL
+    share, p_share = contamination(score, dof)
     peaks = isolated(score, np.flatnonzero(score > OUTLIER))
     if len(peaks) == 0:
-        return 0.0, float(np.max(score, initial=0.0)), peaks, 1.0
+        largest = float(np.max(np.abs(y))) if p_share < ALARM else 0.0
+        return Outliers(largest, float(np.max(score, initial=0.0)), peaks, share * n, min(1.0, 3.0 * p_share))
     top = int(peaks[np.argmax(score[peaks])])
     p_top = min(1.0, 2.0 * n * float(scipy.special.stdtr(dof, -score[top])))
     expected = 2.0 * n * float(scipy.special.stdtr(dof, -OUTLIER))
@@ -450,7 +591,8 @@ def outliers(y: Array, spread: Array, n: int) -> tuple[float, float, NDArray[np.
     limit = -float(scipy.special.stdtrit(dof, 0.5 * ALARM / max(n, 1)))
     sure = peaks[score[peaks] > limit]
     chosen = sure if len(sure) else peaks
-    return float(np.abs(y[top])), float(score[top]), chosen, min(1.0, 2.0 * min(p_top, p_count))
+    p_value = min(1.0, 3.0 * min(p_top, p_count, p_share))
+    return Outliers(float(np.abs(y[top])), float(score[top]), chosen, float(len(chosen)), p_value)
 
 
 def isolated(score: Array, loud: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -472,12 +614,16 @@ COARSE = 1.2
 """Steps of more noise standard deviations than this are no longer dithered by the noise."""
 HELD = 0.02
 """Share of readings that repeat the one before although the values are not on a grid."""
+SAME_STEP = 1e-4
+"""Relative error within which a step is the one that a converter of whole bits has over the declared range."""
 
 
 def quantisation(seen: Residuals) -> ChannelFinding:
     """Step of the converter over the noise of one sample, and readings written twice.
 
-    Not a test of chance: values either lie on a grid or they do not; the p value is 0 or 1.
+    That values lie on a grid is no matter of chance. The p value says whether it matters: the noise of rounding, D²/12,
+    would gain twice the log-likelihood sum(r - ln(1 + r)) over the sensor's own noise, r their ratio at each frequency;
+    chi-square with one degree of freedom. A fine step that the declared range implies is no news.
     """
     noise = sample_noise(seen)
     ratio = seen.lsb / noise if noise > 0.0 else 0.0
@@ -485,14 +631,36 @@ def quantisation(seen: Residuals) -> ChannelFinding:
     held = repeats > HELD or any(
         f.kind == "held_repeats" and f.channel == seen.run.accel.name for f in seen.run.recording.findings
     )
-    found = ratio > COARSE or held
+    p_value = 1.0
+    if seen.lsb > 0.0 and (ratio > COARSE or not of_whole_bits(seen)):
+        p_value = float(scipy.special.chdtrc(1.0, rounding_gain(seen, noise)))
+    p_value = 0.0 if held or ratio > COARSE else p_value
     text = "the output is not on a grid that matters"
-    if ratio > COARSE:
+    if seen.lsb > 0.0 and p_value < ALARM:
         text = f"the output comes in steps of {seen.lsb:.3g} m/s², {ratio:.2g} times the noise of a sample"
     elif held:
         text = "readings of the output are written several times: the logger is faster than the sensor"
     parts = {"step": seen.lsb, "noise": noise, "held": max(repeats, float(held))}
-    return ChannelFinding("quantisation", ratio, 0.0 if found else 1.0, seen.lsb, "m/s²", 0.0, text, parts)
+    parts["coarse"] = float(ratio > COARSE or held)
+    return ChannelFinding("quantisation", ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
+
+
+def rounding_gain(seen: Residuals, noise: float) -> float:
+    """Twice the log-likelihood that white noise of rounding gains over low-passed noise of a sample's deviation."""
+    keep = math.exp(-seen.step / seen.run.tau) if seen.run.tau > 0.0 else 0.0
+    turn = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
+    floor = noise**2 * (1.0 - keep**2) / (1.0 + keep**2 - 2.0 * keep * turn)
+    r = seen.lsb**2 / 12.0 / floor
+    return len(seen.u) * float(np.mean(r - np.log1p(r)))
+
+
+def of_whole_bits(seen: Residuals) -> bool:
+    """Whether the declared range holds 2^m steps, m whole: the converter that the data sheet implies."""
+    limit = seen.run.rig.sensor.range
+    if limit is None or seen.lsb <= 0.0:
+        return False
+    bits = math.log2(limit / seen.lsb)
+    return abs(bits - round(bits)) < SAME_STEP
 
 
 # ---- lines -------------------------------------------------------------------------------------------------------
@@ -505,6 +673,10 @@ LEVEL_SPAN = 0.04
 """Share of the sampling rate over which the level of the noise may be taken as one."""
 STEP_LINE = 0.05
 """Share of a coarse converter step below which a line may be the converter's own."""
+COMB = 25.0
+"""Hz on either side of a line in which others may not ..."""
+COMPANY = 3.0
+"""... hold so many times its power together: a band of noise or a comb of lines is the vibration of some machine."""
 NEIGHBOURS = 1001
 """Bins of the periodogram over which its local level is taken."""
 
@@ -562,9 +734,10 @@ def lines_of(
     worth = m / 4.0
     chance = np.exp(-worth * np.log1p(ratio / worth))
     peaks: list[tuple[float, float, float]] = []
+    around = max(16, int(COMB * n / rate))
     for k in np.argsort(-ratio)[: 8 * MOST_LINES]:
         at = float(f[rows][k])
-        if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks):
+        if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks) and stands_alone(part, level, int(k), around):
             i = int(k) + rows.start
             if 0 < i < len(spectrum) - 1:
                 a, b, c = np.log(spectrum[i - 1 : i + 2] + 1e-300)
@@ -574,6 +747,20 @@ def lines_of(
         if len(peaks) == MOST_LINES:
             break
     return peaks, len(part)
+
+
+def stands_alone(part: Array, level: Array, k: int, around: int) -> bool:
+    """Whether a peak is more than one tooth of a comb: what its neighbours hold beyond the noise, each no more than it.
+
+    Noise alone adds up to that with the chance of six standard deviations.
+    """
+    rows = slice(max(0, k - around), k + around + 1)
+    excess = np.minimum(part[rows], part[k]) - level[rows]
+    own = slice(max(0, k - 4 - rows.start), k + 5 - rows.start)
+    mine = float(np.sum(excess[own]))
+    others = float(np.sum(excess)) - mine
+    noise = 1.5 * level[k] * math.sqrt(len(excess))
+    return bool(others < COMPANY * mine + 6.0 * noise)
 
 
 def local_level(part: Array, m: int = NEIGHBOURS) -> tuple[Array, int]:

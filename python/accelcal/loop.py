@@ -210,11 +210,11 @@ EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whi
 def heard(loud: Sequence[ChannelFinding]) -> tuple[ChannelFinding, ...]:
     """Significant findings that stand on their own feet.
 
-    A line near a vibration belongs to it; a line inside the band of the motion may be a harmonic of a missing
-    nonlinearity, which is judged elsewhere.
+    A line near a vibration, or in its band, belongs to it; a line inside the band of the motion may be a harmonic of
+    a missing nonlinearity, which is judged elsewhere.
     """
-    shaking = [test.parts["frequency"] for test in loud if test.effect == "vibration" and "frequency" in test.parts]
-    raised = {other for test in loud for other in EXPLAINED_BY.get(test.effect, ())}
+    shaking = [test.parts for test in loud if test.effect == "vibration" and "frequency" in test.parts]
+    raised = {other for test in loud if test.parts.get("coarse", 1.0) for other in EXPLAINED_BY.get(test.effect, ())}
 
     def own(test: ChannelFinding) -> bool:
         if test.effect in raised:
@@ -222,7 +222,11 @@ def heard(loud: Sequence[ChannelFinding]) -> tuple[ChannelFinding, ...]:
         if test.effect != "tone":
             return True
         f = test.parts["frequency"]
-        return not test.parts.get("within_motion") and all(abs(f - g) > SAME_LINE * g for g in shaking)
+        shaken = any(
+            abs(f - part["frequency"]) < SAME_LINE * part["frequency"] or part["lowest"] < f < part["highest"]
+            for part in shaking
+        )
+        return not test.parts.get("within_motion") and not shaken
 
     return tuple(test for test in loud if own(test))
 

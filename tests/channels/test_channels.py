@@ -15,14 +15,15 @@ from accelcal.breaks import local_spread
 from accelcal.channels import (
     ALARM,
     Residuals,
-    block_means,
-    block_power,
     channel_findings,
     lines_of,
     outliers,
     portmanteau,
     rank_correlation,
+    spread_of,
+    stands_alone,
 )
+from accelcal.loudness import Spectra, block_means, contamination, follows
 from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 from tests.channels import disturbed as world
 
@@ -61,8 +62,8 @@ def test_motion_that_is_not_subtracted_alarms(rig):
     """The sister that must fail: power of the plain output follows speed without any vibration."""
     seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
     plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
-    power, kept = block_power(plain, seen.taken, 0.0)
-    _, p_value = rank_correlation(power, block_means(seen.motion[0] ** 2)[kept])
+    spectra = Spectra.of(plain, seen.taken, seen.rate, 0.0)
+    _, p_value = follows(spectra.power.mean(axis=1), block_means(seen.motion[0] ** 2)[spectra.kept])
     assert p_value < ALARM
 
 
@@ -136,12 +137,17 @@ def test_jitter_of_30_us_is_found_where_jerk_is_large():
     assert one.estimate == pytest.approx(30e-6, abs=4.0 * one.std)
 
 
-@pytest.mark.parametrize("name", ["outliers", "portmanteau", "lines", "ranks"])
+@pytest.mark.parametrize("name", ["outliers", "steady outliers", "portmanteau", "lines", "ranks", "power", "few loud"])
 def test_p_values_are_no_smaller_than_they_say(name):
     """2000 draws under the stated null: the share below 1 % stays under 2 % (4.5 standard deviations)."""
     rng = np.random.default_rng(11)
     draw = {
-        "outliers": lambda: (lambda y: outliers(y, local_spread(y), len(y))[3])(rng.standard_normal(4096)),
+        "outliers": lambda: (lambda y: outliers(y, local_spread(y), len(y)).p_value)(rng.standard_normal(4096)),
+        "steady outliers": lambda: (lambda y: outliers(y, *_order(*spread_of(y), len(y))).p_value)(
+            rng.standard_normal(16384)
+        ),
+        "power": lambda: follows(rng.gamma(16.0, size=400), np.cumsum(rng.standard_normal(400)) ** 4)[1],
+        "few loud": lambda: follows(rng.gamma(16.0, size=400), (rng.random(400) < 0.02) * rng.exponential(size=400))[1],
         "portmanteau": lambda: portmanteau(rng.standard_normal(512) * np.linspace(0.2, 3.0, 512))[1],
         "lines": lambda: _line_chance(rng.standard_normal(4096)),
         "ranks": lambda: rank_correlation(rng.standard_normal(300), np.cumsum(rng.standard_normal(300)))[1],
@@ -155,6 +161,37 @@ def test_portmanteau_sees_colour():
     """The sister that must fail: a correlation of 0.3."""
     e = np.random.default_rng(12).standard_normal(2048)
     assert portmanteau(e[1:] + 0.3 * e[:-1])[1] < ALARM
+
+
+def _order(spread, dof, n):
+    return spread, n, dof
+
+
+@pytest.mark.parametrize(("share", "size"), [(1e-3, 2.8), (3e-4, 4.0), (2e-5, 30.0)])
+def test_contamination_is_seen_where_no_sample_stands_out(share, size):
+    """Twice the expected log-likelihood gain is about 12² each time; one in a hundred may be missed."""
+    rng = np.random.default_rng(5)
+    least = []
+    for _ in range(20):
+        wrong = np.zeros(100_000)
+        wrong[rng.choice(len(wrong), round(share * len(wrong)), replace=False)] = 1.0
+        y = rng.standard_normal(len(wrong)) + wrong * size * rng.standard_normal(len(wrong))
+        least.append(contamination(y, 200.0)[1])
+    print(f"share {share}, size {size}: largest p of 20: {max(least):.2g}")
+    assert sum(p < ALARM for p in least) >= 19
+
+
+def test_a_tooth_of_a_comb_is_no_line():
+    """Vibration whose frequency wanders to and fro once a second has lines 1 Hz apart; a hum stands alone."""
+    t = np.arange(100_000) / 1667.0
+    noise = np.random.default_rng(6).standard_normal(len(t))
+    wandering = np.cos(2.0 * np.pi * 250.0 * t + 45.0 * np.sin(2.0 * np.pi * t))
+    peaks, _ = lines_of(noise + wandering, 1667.0, 100.0, 833.0)
+    assert all(chance > ALARM / 50_000 for _, _, chance in peaks)
+    peaks, _ = lines_of(noise + 0.1 * np.cos(2.0 * np.pi * 250.0 * t), 1667.0, 100.0, 833.0)
+    assert peaks[0][0] == pytest.approx(250.0, abs=0.01)
+    assert peaks[0][2] < ALARM / 50_000
+    assert stands_alone(np.ones(200) + 99.0 * (np.arange(200) == 100), np.ones(200), 100, 50)
 
 
 def _line_chance(y):

@@ -20,7 +20,7 @@ LAYERS = (
     ("units",),
     ("rig",),
     ("recording",),
-    ("checks", "motion"),
+    ("checks", "motion", "loudness"),
     ("io", "signals", "simulate", "matched", "consistency", "filters", "overview"),
     ("effects",),
     ("model", "replay"),

@@ -1,0 +1,171 @@
+"""Tests of how loud a series is: power that follows a variable, and samples that noise does not allow."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.recording import Array
+
+WINDOW = 128
+"""Samples of one block spectrum; its window hides what is 90 dB louder 100 Hz away, at a few kHz."""
+HOP = 64
+"""Samples from one block to the next; with this window blocks half a length apart are nearly independent."""
+MEMORY = 50
+"""Blocks over which the scatter may be correlated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spectra:
+    """Power of short blocks at each frequency, in the unit of the series squared: white noise has its variance."""
+
+    f: Array
+    """(F,) Hz"""
+    power: Array
+    """(K, F)"""
+    kept: NDArray[np.bool_]
+    """(all blocks,) whether a block holds enough samples to stand among the K."""
+
+    @classmethod
+    def of(cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float) -> Spectra:
+        """Blocks of a uniform series `y` (n,), frequencies from `low` on; `taken` (n,) marks what was measured."""
+        window = np.asarray(scipy.signal.windows.blackmanharris(WINDOW, sym=False))
+        f = np.asarray(np.fft.rfftfreq(WINDOW, 1.0 / rate), dtype=np.float64)
+        rows = slice(int(np.searchsorted(f, low)), len(f) - 1)
+        kept = block_means(taken.astype(np.float64)) > 0.7
+        if len(y) < WINDOW:
+            return cls(f[rows], np.zeros((0, len(f[rows]))), kept)
+        blocks = np.lib.stride_tricks.sliding_window_view(y, WINDOW)[::HOP][kept]
+        transform = np.asarray(scipy.fft.rfft(blocks * (window / math.sqrt(float(window @ window))), axis=1)[:, rows])
+        return cls(f[rows], transform.real**2 + transform.imag**2, kept)
+
+
+def block_means(x: Array) -> Array:
+    """Mean of a uniform series (n,) over each block of `Spectra`, weighed as its power is."""
+    if len(x) < WINDOW:
+        return np.zeros(0)
+    window = np.asarray(scipy.signal.windows.blackmanharris(WINDOW, sym=False)) ** 2
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(x, WINDOW)[::HOP] @ (window / window.sum()))
+
+
+def follows(power: Array, x: Array) -> tuple[float, float]:
+    """Whether the power of blocks grows with a variable: standardised score, and its chance when it does not.
+
+    Parameters
+    ----------
+    power, x : (K,), both not negative.
+
+    Notes
+    -----
+    Score of x in power = c0 + c1 x at c1 = 0, one-sided. Its spread is that of the residual from the fitted line,
+    correlation from block to block included (Bartlett); the few loud blocks that carry x make it skew, and a gamma
+    distribution with the same three cumulants (Pearson's type III) gives the tail.
+    """
+    deviation = x - x.mean()
+    total = float(deviation @ deviation)
+    if total <= 0.0:
+        return 0.0, 1.0
+    c, _ = power_fit(power, np.column_stack([np.ones_like(x), x]))
+    rest = power / np.maximum(c[0] + c[1] * x, 0.05 * float(np.median(power)) + 1e-300) - 1.0
+    scatter = max(float(np.mean(rest**2)), 1e-12)
+    wander = 0.0
+    for lag in range(1, min(MEMORY, len(x) // 8)):
+        common = float(deviation[lag:] @ deviation[:-lag]) / total
+        wander += common * float(rest[lag:] @ rest[:-lag]) / (len(rest) * scatter)
+    scatter *= max(1.0, 1.0 + 2.0 * wander)
+    z = float(deviation @ (power / power.mean())) / math.sqrt(scatter * total)
+    skew = 2.0 * math.sqrt(scatter) * float(np.sum(deviation**3)) / total**1.5
+    if skew < 1e-3:
+        return z, float(scipy.special.ndtr(-z))
+    shape = 4.0 / skew**2
+    return z, float(scipy.special.gammaincc(shape, max(0.0, shape + z * math.sqrt(shape))))
+
+
+def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
+    """Coefficients of power = X c, c not negative, spread proportional to the mean (quasi-likelihood), covariance."""
+    size = np.maximum(np.max(np.abs(X), axis=0), 1e-300)
+    X = X / size
+    mean = np.full(len(power), float(np.median(power)))
+    for _ in range(8):
+        w = 1.0 / mean
+        c, _ = scipy.optimize.nnls(X * w[:, None], power * w)
+        mean = np.maximum(X @ c, 0.05 * float(np.median(power)) + 1e-300)
+    spread = float(np.mean((power / mean - 1.0) ** 2))
+    A = (X / mean[:, None]).T @ (X / mean[:, None])
+    covariance = spread * np.linalg.inv(A + 1e-12 * np.trace(A) * np.eye(len(A)))
+    return c / size, covariance / np.outer(size, size)
+
+
+# ---- samples that noise does not allow ---------------------------------------------------------------------------
+
+FINE = 64
+"""Samples over which no noise changes much."""
+STEADY = ((1024, 200.0), (256, 100.0))
+"""Longer spans that a scale may be taken over where the scatter is steady, and the degrees of freedom it then has."""
+UNSTEADY = 1.15
+"""Variance of the logarithm of the scatter within a span, over that between neighbours, of scatter that is steady."""
+SCATTER = 0.0213
+"""Variance of the logarithm of the median of 64 absolute normal deviates."""
+QUICK = 2.0
+"""More than so many times that between neighbours is scatter that changes within 64 samples; colour explains less."""
+WIDTHS = (2.5, 5.0, 10.0, 30.0, 100.0, 1000.0)
+"""Sizes of outliers that are tried, in standard deviations of the noise."""
+SHARES = (1e-5, 1e-4, 1e-3, 3e-3)
+"""Shares of samples that are tried."""
+CORE = 3.0
+"""Deviations up to here are counted in bins."""
+
+
+def steady_spread(y: Array) -> tuple[Array, float] | None:
+    """Robust standard deviation about each sample, (n,), over as long a span as the scatter is steady, and its degrees
+    of freedom; None where it changes too quickly for any span."""
+    K = len(y) // FINE
+    longest = STEADY[-1][0] // FINE
+    if 8 * longest > K:
+        return None
+    medians = np.median(np.abs(y[: K * FINE].reshape(K, FINE)), axis=1)
+    usual = float(np.median(medians))
+    if usual <= 0.0:
+        return None
+    logs = np.log(np.where(medians > 0.0, medians, usual))
+    between = 0.5 * float(np.mean(np.diff(logs) ** 2))
+    if between > QUICK * SCATTER:
+        return None
+    for span, dof in STEADY:
+        m = span // FINE
+        groups = logs[: len(logs) // m * m].reshape(-1, m)
+        if len(groups) >= 8 and float(np.mean(groups.var(axis=1, ddof=1))) < UNSTEADY * between:
+            own = np.median(np.abs(y[: len(groups) * span].reshape(-1, span)), axis=1) / 0.6745
+            own = np.where(own > 0.0, own, usual / 0.6745)
+            centres = (np.arange(len(own)) + 0.5) * span
+            return np.asarray(np.interp(np.arange(len(y)), centres, own)), dof
+    return None
+
+
+def contamination(score: Array, dof: float) -> tuple[float, float]:
+    """Share of samples with a wider scatter than the rest, and the chance of such a sample of noise.
+
+    Likelihood ratio of (1 - share) t(dof) + share N(0, 1 + width²) to t(dof), averaged over a grid of shares and
+    widths. The expectation of that average without outliers is one, so it exceeds 1/p with a chance of at most p
+    (Markov); nothing is taken from asymptotics, which rare outliers do not obey.
+    """
+    size = np.abs(score)
+    edges = np.linspace(0.0, CORE, 301)
+    count, _ = np.histogram(size, edges)
+    tail = size[size > CORE]
+    x = np.append(0.5 * (edges[1:] + edges[:-1]), tail)
+    count = np.append(count, np.ones(len(tail)))
+    clean = scipy.special.gammaln(0.5 * (dof + 1.0)) - scipy.special.gammaln(0.5 * dof)
+    clean += -0.5 * math.log(math.pi * dof) - 0.5 * (dof + 1.0) * np.log1p(x**2 / dof)
+    gains = np.empty((len(WIDTHS), len(SHARES)))
+    for i, width in enumerate(WIDTHS):
+        variance = 1.0 + width**2
+        wide = -0.5 * x**2 / variance - 0.5 * math.log(2.0 * math.pi * variance)
+        for j, share in enumerate(SHARES):
+            gains[i, j] = count @ np.logaddexp(math.log1p(-share), math.log(share) + wide - clean)
+    evidence = float(scipy.special.logsumexp(gains)) - math.log(gains.size)
+    return SHARES[int(np.argmax(gains)) % len(SHARES)], min(1.0, math.exp(-max(evidence, 0.0)))
