@@ -90,6 +90,7 @@ class Residuals:
         self.signals: Signals = state.signals
         run, s = self.run, self.signals
         self.step = run.accel_step
+        self.tau = run.tau(state.values)
         self.rate = 1.0 / self.step
         spoiled = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
         spoiled = min(spoiled, 0.05 * float(run.t[-1] - run.t[0]))
@@ -113,8 +114,8 @@ class Residuals:
         for term, coefficient in values.additive("output"):
             grid = grid + coefficient * term.column(s)
         at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(self.t - values.time_offset)
-        if run.tau > 0.0:  # exact for straight lines between samples
-            x = self.step / run.tau
+        if self.tau > 0.0:  # exact for straight lines between samples
+            x = self.step / self.tau
             d = math.exp(-x)
             b = [1.0 - (1.0 - d) / x, (1.0 - d) / x - d]
             at, _ = scipy.signal.lfilter(b, [1.0, -d], at, zi=[at[0] * (1.0 - b[0])])
@@ -239,7 +240,7 @@ class Residuals:
 
     def rc_gain(self, frequency: float) -> float:
         """What the declared low-pass leaves of a line."""
-        return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.run.tau) ** 2)
+        return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
 
 
 REPAIRS = 2
@@ -457,7 +458,7 @@ def sample_noise(seen: Residuals) -> float:
     Coarse steps leave nothing to take off; then the declared density speaks, if there is one.
     """
     run, noise = seen.run, seen.state.noise
-    bandwidth = 1.0 / (2.0 * run.tau) if run.tau > 0.0 else seen.rate
+    bandwidth = 1.0 / (2.0 * seen.tau) if seen.tau > 0.0 else seen.rate
     variance = noise.q * seen.state.values.scale**2 * bandwidth
     declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
     return math.sqrt(max(variance - seen.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))
@@ -533,11 +534,11 @@ def encoder_outliers(seen: Residuals) -> ChannelFinding:
     n = len(seen.readings) + left_out
     p = 0.0 if left_out else found.p_value
     count = found.count + left_out
+    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks]) if p < ALARM else ()
     text = f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um" if p < ALARM else "none"
     parts = {**found.parts, "count": count, "left_out": float(left_out)}
-    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks])
-    std = math.sqrt(max(count, 1.0)) / n
-    return ChannelFinding("encoder_outliers", found.score, p, count / n, "", std, text, parts, at)
+    std = math.sqrt(max(count, 1.0)) / max(1, n)
+    return ChannelFinding("encoder_outliers", found.score, p, count / max(1, n), "", std, text, parts, at)
 
 
 @dataclass(frozen=True, slots=True)
@@ -647,7 +648,7 @@ def quantisation(seen: Residuals) -> ChannelFinding:
 
 def rounding_gain(seen: Residuals, noise: float) -> float:
     """Twice the log-likelihood that white noise of rounding gains over low-passed noise of a sample's deviation."""
-    keep = math.exp(-seen.step / seen.run.tau) if seen.run.tau > 0.0 else 0.0
+    keep = math.exp(-seen.step / seen.tau) if seen.tau > 0.0 else 0.0
     turn = np.cos(np.pi * (np.arange(64) + 0.5) / 64)
     floor = noise**2 * (1.0 - keep**2) / (1.0 + keep**2 - 2.0 * keep * turn)
     r = seen.lsb**2 / 12.0 / floor
@@ -691,7 +692,7 @@ def tones(seen: Residuals) -> tuple[ChannelFinding, ...]:
     t, y, rate = reading_grid(seen)
     split = max(2.0 * seen.signals.cutoff, 1.0 / max(seen.t[-1] - seen.t[0], 1e-9))
     below, bins_below = lines_of(y, rate, 0.0, min(split, 0.45 * rate))
-    beyond, bins_beyond = lines_of(seen.residual, seen.rate, split, 0.5 * seen.rate, seen.run.tau)
+    beyond, bins_beyond = lines_of(seen.residual, seen.rate, split, 0.5 * seen.rate, seen.tau)
     bins = bins_below + bins_beyond
     peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
     peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]

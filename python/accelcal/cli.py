@@ -330,8 +330,10 @@ def diagnose(
         say(f"wrote {output}")
     if json:
         emit(content)
-    else:
-        show_diagnosis(content)
+        return
+    show_diagnosis(content)
+    if holdout is not None:
+        show_steps([(str(model), content["heldout"])])
 
 
 @app.command()
@@ -678,11 +680,19 @@ def show_diagnosis(content: dict[str, Any]) -> None:
                 c["unit"],
                 f"{c['snr']:.1f}",
                 f"{c['p_value']:.2g}" if c["p_value"] > 0.0 else "<1e-300",
-                f"{c['largest_contribution']['m_per_s2']:.3g}",
+                contribution(c["largest_contribution"]).split(" m/s²")[0],
                 ", ".join(rivals[:3]) + (f" and {len(rivals) - 3} more" if len(rivals) > 3 else ""),
             )
         console.print(table)
-        console.print(f"p is family-wise over {content['candidates_examined']} candidates")
+        console.print(
+            f"p is family-wise over {content['candidates_examined']} candidates; largest is the largest contribution "
+            "over the used range",
+            highlight=False,
+        )
+    for text in effect_lines(content):
+        console.print(text, highlight=False)
+    for one in content["dropped"]:
+        console.print(f"note: {one['sentence']}", highlight=False)
     if "where" in content:
         console.print(f"where it fails: {content['where']['worst']}", highlight=False)
     for tie in content["classes"]:
@@ -690,6 +700,35 @@ def show_diagnosis(content: dict[str, Any]) -> None:
             console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
     for tie in content["inseparable"]:
         console.print(f"never apart on this rig: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
+
+
+def contribution(size: dict[str, float | None]) -> str:
+    """A largest contribution in m/s², mg and percent of full scale, or in um at the encoder."""
+    if size["m_per_s2"] is None:
+        return f"{1e6 * (size['m'] or 0.0):.3g} um"
+    share = size["percent_of_full_scale"]
+    full = "" if share is None else f", {share:.3g} %FS"
+    return f"{size['m_per_s2']:.3g} m/s², {size['mg']:.3g} mg{full}"
+
+
+def effect_lines(content: dict[str, Any]) -> list[str]:
+    """One line for each effect that was named: how large it is over the used range, and whether that matters."""
+    from accelcal.rig import STANDARD_GRAVITY
+
+    judged, lines = content["tolerance"], []
+    for name in content["effects"]:
+        size = content["largest_contributions"].get(name)
+        text = f"{name}: " + ("no size of its own" if size is None else f"at most {contribution(size)}")
+        if judged is not None:
+            limit = f"{1e3 * judged['m_per_s2'] / STANDARD_GRAVITY:.3g} mg"
+            kind = next(kind for kind in ("matters", "below", "not_comparable") if name in judged[kind])
+            text += {
+                "matters": f"; matters (tolerance {limit})",
+                "below": f"; below tolerance ({limit})",
+                "not_comparable": "; not comparable with the tolerance, which is of the output",
+            }[kind]
+        lines.append(text)
+    return lines
 
 
 def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
@@ -705,6 +744,8 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
     console = Console()
     console.print("unaided drift on held-out data (rezeroed)")
     console.print(table)
+    for text in outside_lines(steps[-1][1]):
+        console.print(f"held out: {text}", highlight=False)
 
 
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
@@ -1007,8 +1048,39 @@ def show_comparison(content: dict[str, Any]) -> None:
         highlight=False,
     )
     console.print(f"worst: {content['worst']}", highlight=False)
-    for text in content["remarks"]:
+    for text in (*outside_lines(content), *content["remarks"]):
         console.print(f"note: {text}", highlight=False)
+
+
+def outside_lines(content: dict[str, Any]) -> list[str]:
+    """One line for each variable that leaves the range which the fit has seen: how often, and the errors apart."""
+    lines = []
+    for one in content["outside"]:
+        if one["readings_outside"] == 0 or one["range"] is None:
+            continue
+        low, high = one["range"]
+        text = (
+            f"{one['readings_outside']} of {one['readings']} readings lie outside the trained range of "
+            f"{one['variable']} [{low:.4g}, {high:.4g}] {one['unit']}".rstrip()
+            + ": "
+        )
+        one_step = [millionths(one["one_step_rms_m"][side]) for side in ("inside", "outside")]
+        text += f"one step {one_step[0]} inside, {one_step[1]} outside"
+        for horizon, drift in one["coast_rms_m"].items():
+            windows = one["coast_starts"][horizon]
+            if windows["outside"]:
+                sides = [
+                    f"{1e3 * drift[side]:.4g} mm {side} ({windows[side]})" if windows[side] else f"none {side}"
+                    for side in ("inside", "outside")
+                ]
+                text += f"; drift after {horizon} s {', '.join(sides)}"
+        lines.append(text)
+    return lines
+
+
+def millionths(value: float | None) -> str:
+    """A length in um, or that there is none."""
+    return "-" if value is None else f"{1e6 * value:.4g} um"
 
 
 if __name__ == "__main__":

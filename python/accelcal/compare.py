@@ -10,8 +10,9 @@ import numpy as np
 import scipy
 
 from accelcal.fit import Fit
-from accelcal.predict import Prediction, accumulated
+from accelcal.predict import Coasting, Prediction, accumulated, rms
 from accelcal.recording import Array, Recording
+from accelcal.replay import Flags
 from accelcal.signals import ORDER, Signals, derivative, low_pass
 
 HORIZONS = (1.0, 5.0, 10.0)
@@ -65,6 +66,26 @@ class Bins:
 
 
 @dataclass(frozen=True, slots=True)
+class Outside:
+    """Readings outside the range of one variable that the fit has seen, and the errors inside and outside of it."""
+
+    variable: str
+    """a, v, p, temperature or another side channel; "any" for readings outside of any of these."""
+    unit: str
+    range: tuple[float, float] | None
+    """That the fit has seen; None for "any"."""
+    count: int
+    of: int
+    """Settled readings at which the motion is known; ends of the record and holes do not count."""
+    one_step: tuple[float | None, float | None]
+    """Rms innovation inside and outside, m; None where there is no reading."""
+    coast: Mapping[float, tuple[float | None, float | None]]
+    """Rezeroed rms drift by horizon: windows wholly inside, windows that leave the range, m."""
+    starts: Mapping[float, tuple[int, int]]
+    """Windows by horizon, inside and outside."""
+
+
+@dataclass(frozen=True, slots=True)
 class Comparison:
     """A fitted model against a recording."""
 
@@ -101,6 +122,8 @@ class Comparison:
     setup_bias: tuple[float, float]
     """This run's constant minus the fit's, with standard deviation, m/s²: set-up or turn-on bias."""
     remarks: tuple[str, ...] = field(default=())
+    outside: tuple[Outside, ...] = ()
+    """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
 
 
 def compare(
@@ -140,7 +163,7 @@ def compare(
     ahead = Prediction.of(fit, recording, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts = ahead.counts
-    frozen, rezeroed, floor, used = ahead.at_horizons(horizons)
+    coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
     seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t_res, residual, motion = accel_residual(ahead, seen_band)
     bins: tuple[Bins, ...] = ()
@@ -155,10 +178,10 @@ def compare(
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
         nis=None if fit.runs[0].noise.band is not None else float(np.mean(e[counts] ** 2 / S[counts])),
         k_step_rms={k: ahead.k_step(k) for k in STEPS},
-        coast_rms=rezeroed,
-        coast_frozen_rms=frozen,
-        coast_floor=floor,
-        coast_starts=used,
+        coast_rms={h: rms(c.rezeroed) for h, c in coasting.items()},
+        coast_frozen_rms={h: rms(c.frozen) for h, c in coasting.items()},
+        coast_floor={h: rms(c.floor) for h, c in coasting.items()},
+        coast_starts={h: len(c.starts) for h, c in coasting.items()},
         accel_rms=float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
         band=seen_band,
         simulated=simulated[:3],
@@ -170,7 +193,8 @@ def compare(
         bins=bins,
         worst=worst_of(bins),
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
-        remarks=outside(fit, motion),
+        remarks=beyond(fit, motion),
+        outside=outside(fit, ahead, t_res, motion, coasting),
     )
 
 
@@ -329,14 +353,72 @@ def worst_of(bins: Sequence[Bins]) -> str:
     return f"{where}: mean residual {one.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
 
 
-def outside(fit: Fit, motion: Signals) -> tuple[str, ...]:
+def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
     """Sentences on what this run does beyond the range that the fit has seen."""
     said = []
-    for key, y, unit in (("a", motion.a, "m/s²"), ("v", motion.v, "m/s"), ("p", motion.p + fit.origins.p, "m")):
-        if key in fit.validity:
-            low, high = fit.validity[key]
-            share = float(np.mean((y < low) | (y > high)))
-            if share > 0.001:
-                span = f"[{low:.4g}, {high:.4g}] {unit}"
-                said.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
+    for key, (y, unit) in seen_by(fit, motion).items():
+        low, high = fit.validity[key]
+        share = float(np.mean((y < low) | (y > high)))
+        if share > 0.001:
+            span = f"[{low:.4g}, {high:.4g}] {unit}".rstrip()
+            said.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
     return tuple(said)
+
+
+def seen_by(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
+    """Variables of the motion whose range the fit has kept, with their units."""
+    offsets = {"temperature": fit.origins.temperature}
+    variables = {"a": (motion.a, "m/s²"), "v": (motion.v, "m/s"), "p": (motion.p + fit.origins.p, "m")}
+    variables |= {
+        name: (y + offsets.get(name, 0.0), "degC" if name == "temperature" else "") for name, y in motion.side.items()
+    }
+    return {key: value for key, value in variables.items() if key in fit.validity}
+
+
+def outside(
+    fit: Fit, ahead: Prediction, t: Array, motion: Signals, coasting: Mapping[float, Coasting]
+) -> tuple[Outside, ...]:
+    """Count and score the readings beyond the range that the fit has seen; empty where no range is known.
+
+    Parameters
+    ----------
+    t : (n,) s, times of `motion`.
+    coasting : drift by horizon. A window that leaves the range at any reading counts as outside.
+    """
+    run, variables = ahead.run, seen_by(fit, motion)
+    if len(t) == 0 or not variables:
+        return ()
+    at = np.clip(np.searchsorted(t, run.t - 0.5 * run.reading_step), 0, len(t) - 1)
+    known = ahead.counts & (np.abs(t[at] - run.t) <= run.reading_step)
+    flags = {}
+    for key, (y, _) in variables.items():
+        low, high = fit.validity[key]
+        flags[key] = known & ((y < low) | (y > high))[at]
+    found = [
+        scored(ahead, known, flags[key], coasting, key, unit, fit.validity[key]) for key, (_, unit) in variables.items()
+    ]
+    return (*found, scored(ahead, known, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
+
+
+def scored(
+    ahead: Prediction,
+    known: Flags,
+    out: Flags,
+    coasting: Mapping[float, Coasting],
+    variable: str,
+    unit: str,
+    span: tuple[float, float] | None,
+) -> Outside:
+    """Errors of one side of a range and of the other."""
+    left = np.cumsum(out)
+    apart = {h: left[c.ends] > left[c.starts] for h, c in coasting.items()}
+    return Outside(
+        variable=variable,
+        unit=unit,
+        range=span,
+        count=int(out.sum()),
+        of=int(known.sum()),
+        one_step=(rms(ahead.e[known & ~out]), rms(ahead.e[out])),
+        coast={h: (rms(c.rezeroed[~apart[h]]), rms(c.rezeroed[apart[h]])) for h, c in coasting.items()},
+        starts={h: (int(np.sum(~apart[h])), int(np.sum(apart[h]))) for h in coasting},
+    )

@@ -9,6 +9,9 @@ from typing import Any
 from accelcal.channels import ChannelFinding
 from accelcal.compare import Comparison
 from accelcal.diagnose import Candidate
+from accelcal.effects import find
+from accelcal.gating import Dropped
+from accelcal.importance import Importance, Size
 from accelcal.loop import Diagnosis, Improvement, Tie
 from accelcal.rig import STANDARD_GRAVITY
 from accelcal.store import comparison_to_dict, to_dict
@@ -27,8 +30,11 @@ def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
         "verdict": found.verdict,
         "sentence": found.sentence,
         "effects": list(found.effects),
+        "largest_contributions": by_effect(found.effects, found),
+        "tolerance": importance(found.importance),
         "classes": ties(found.classes),
         "inseparable": ties(found.inseparable),
+        "dropped": dropped(found.dropped),
         "breaks": list(found.breaks),
         "used": [list(span) for span in found.used],
         "candidates": [candidate(c, range_) for c in found.scan.candidates],
@@ -71,7 +77,7 @@ def candidate(c: Candidate, range_: float | None) -> dict[str, Any]:
         "p_raw": c.p_raw,
         "log_evidence": c.log_evidence,
         "class": list(c.members),
-        "largest_contribution": sizes(c.largest, range_),
+        "largest_contribution": sizes(Size(c.largest, find(c.effect).port == "position"), range_),
     }
 
 
@@ -88,13 +94,42 @@ def channel(test: ChannelFinding) -> dict[str, Any]:
     }
 
 
-def sizes(value: float, range_: float | None) -> dict[str, float | None]:
-    """A contribution in m/s², mg and percent of full scale."""
+def sizes(size: Size, range_: float | None) -> dict[str, float | None]:
+    """A contribution to the output in m/s², mg and percent of full scale, or to the reading in m."""
+    if size.at_encoder:
+        return {"m_per_s2": None, "mg": None, "percent_of_full_scale": None, "m": size.value}
     return {
-        "m_per_s2": value,
-        "mg": 1e3 * value / STANDARD_GRAVITY,
-        "percent_of_full_scale": 100.0 * value / range_ if range_ else None,
+        "m_per_s2": size.value,
+        "mg": 1e3 * size.value / STANDARD_GRAVITY,
+        "percent_of_full_scale": 100.0 * size.value / range_ if range_ else None,
+        "m": None,
     }
+
+
+def by_effect(names: Sequence[str], found: Diagnosis) -> dict[str, dict[str, float | None]]:
+    """Largest contribution over the used range of each effect that has one."""
+    range_ = found.fit.rig.sensor.range
+    return {name: sizes(found.sizes[name], range_) for name in names if name in found.sizes}
+
+
+def importance(found: Importance | None) -> dict[str, Any] | None:
+    """Effects that matter and those below the declared tolerance; None where none is declared."""
+    if found is None:
+        return None
+    return {
+        "m_per_s2": found.tolerance,
+        "matters": list(found.matters),
+        "below": list(found.below),
+        "not_comparable": list(found.not_comparable),
+    }
+
+
+def dropped(several: Sequence[Dropped]) -> list[dict[str, Any]]:
+    """Readings that were left out as wild."""
+    return [
+        {"recording": d.recording, "channel": d.channel, "count": d.count, "of": d.of, "sentence": d.sentence}
+        for d in several
+    ]
 
 
 def ties(several: Sequence[Tie]) -> list[dict[str, Any]]:
@@ -105,6 +140,7 @@ def ties(several: Sequence[Tie]) -> list[dict[str, Any]]:
 def parameters(found: Diagnosis) -> list[dict[str, Any]]:
     """Parameters of the fitted model with their largest contribution."""
     range_ = found.fit.rig.sensor.range
+    at_encoder = {term.name for term in found.fit.model.terms if term.port == "position"}
     return [
         {
             "name": e.name,
@@ -114,7 +150,7 @@ def parameters(found: Diagnosis) -> list[dict[str, Any]]:
             "std": e.std,
             "owner": e.owner,
             "run": e.run,
-            "largest_contribution": sizes(found.largest[e.name], range_),
+            "largest_contribution": sizes(Size(found.largest[e.name], e.name in at_encoder), range_),
         }
         for e in found.fit.estimates
     ]
@@ -129,8 +165,11 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
         "verdict": last.verdict,
         "sentence": last.sentence,
         "effects": list(found.effects),
+        "largest_contributions": by_effect(found.effects, last),
+        "tolerance": importance(found.importance),
         "classes": ties(found.classes),
         "inseparable": ties(last.inseparable),
+        "dropped": dropped(last.dropped),
         "breaks": list(last.breaks),
         "used": [list(span) for span in last.used],
         "heldout_is_same_run": found.same_run,

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from accelcal.model import Model, Term
+from accelcal.model import Model, Prior, Term
 from accelcal.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
 from accelcal.recording import Array, Recording, RecordingError
 from accelcal.replay import Drive, Flags, Noise, Run, Values
@@ -137,7 +137,8 @@ def fit(
     model : base and effects.
     recordings : one or several runs. Each is whitened on its own; their information adds up. Parameters of the
         sensor are shared, those of timing belong to each run. Runs with a reversed mount beside normal ones bring in
-        `tilt`, rolled beside normal ones `misalignment` and `cross_axis_gravity`.
+        `tilt`, rolled beside normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance
+        brings in `lowpass_error` with that tolerance as its prior.
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
@@ -163,8 +164,7 @@ def fit(
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     if not several:
         raise ValueError("a fit needs at least one recording")
-    model = complete(model, several)
-    return result(model, solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
+    return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
 
 
 def solve_runs(
@@ -177,10 +177,12 @@ def solve_runs(
     origins: Origins | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
-    """Prepare the runs and iterate; where the noise is not white, in the band that determines the scale best.
+    """Complete the model, prepare the runs and iterate; where the noise is not white, in the band that determines the
+    scale best.
 
     Parameters and errors are those of :func:`fit`.
     """
+    model = complete(model, recordings)
     first = Run(recordings[0], origins, start=start, end=end)
     runs = [first, *(Run(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
@@ -193,7 +195,7 @@ def solve_runs(
     return solution
 
 
-def result(model: Model, solution: Solution) -> Fit:
+def result(solution: Solution) -> Fit:
     """The fit that a solution amounts to.
 
     Raises
@@ -201,7 +203,8 @@ def result(model: Model, solution: Solution) -> Fit:
     NotIdentifiable, RecordingError
         If the solution cannot be a sensor on the declared rig.
     """
-    layout, x, covariance, passes = solution.layout, solution.x, solution.covariance, solution.passes
+    model, layout, passes = solution.model, solution.layout, solution.passes
+    x, covariance = solution.x, solution.covariance
     runs = [one.run for one in passes]
     left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
     remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
@@ -234,6 +237,8 @@ def result(model: Model, solution: Solution) -> Fit:
 class Solution:
     """Where the iteration came to rest."""
 
+    model: Model
+    """What was fitted: what was asked for, and what the rigs of the runs add to it."""
     layout: Layout
     x: Array
     covariance: Array
@@ -280,7 +285,7 @@ def iterate(
     for index, one in enumerate(passes):
         one.values = layout.scatter(x, model, index)
         one.refresh(noise_too=False)
-    return Solution(layout, x, covariance, passes, converged)
+    return Solution(model, layout, x, covariance, passes, converged)
 
 
 def robust(covariance: Array, layout: Layout, passes: Sequence[Pass], belief: Array) -> Array:
@@ -325,13 +330,20 @@ def name_of(run: Run) -> str:
 
 
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
-    """Add what turning or rolling the sensor between recordings makes visible."""
+    """Add what turning or rolling the sensor between recordings makes visible, and the error of the low-pass.
+
+    Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
+    for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
+    """
     mounts = {r.rig.mount for r in recordings}
     extra: list[str] = []
     if {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts:
         extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
     if {"normal", "rolled"} <= mounts:
         extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
+    unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
+    if unsure > 0.0 and "lowpass_error" not in model.effects:
+        model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
 
 

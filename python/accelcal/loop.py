@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,11 +10,13 @@ import numpy as np
 from scipy import special
 
 from accelcal.breaks import faults, usable
-from accelcal.channels import ChannelFinding, channel_findings
+from accelcal.channels import ChannelFinding
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, NotIdentifiable, Solution, iterate, judge, result, solve_runs
+from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
+from accelcal.importance import Importance, Size, sizes_of, split
 from accelcal.model import Model, evaluate
 from accelcal.recording import Recording
 from accelcal.replay import Run
@@ -69,11 +72,20 @@ class Diagnosis:
     """The model against the recording it was judged on: where the residual is large."""
     largest: Mapping[str, float]
     """Largest contribution of each coefficient over the used range, m/s² (m at the encoder)."""
+    sizes: Mapping[str, Size]
+    """The same of every effect: of the model, of the candidates, and of what the tests found."""
     alpha: float = ALPHA
     breaks: tuple[float, ...] = ()
     """When the model breaks for good, s."""
+    dropped: tuple[Dropped, ...] = ()
+    """Readings that were left out as wild, by recording and channel."""
     suspect: tuple[str, ...] = ()
     """Faults in the data, each a sentence; they are said first."""
+
+    @property
+    def importance(self) -> Importance | None:
+        """Which of the effects matter under the declared tolerance; None where none is declared."""
+        return split(self.effects, self.sizes, self.fit.rig.tolerance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +110,11 @@ class Improvement:
     examined: int
     same_run: bool
     """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
+
+    @property
+    def importance(self) -> Importance | None:
+        """Which effects matter under the declared tolerance; None where none is declared."""
+        return split(self.effects, self.diagnosis.sizes, self.diagnosis.fit.rig.tolerance)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -131,8 +148,12 @@ def diagnose(
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     stretch = Stretch.of(several[0], start, end)
-    solution = solve_runs(fit.model, several, start=stretch.start, end=stretch.end, origins=fit.origins)
-    return judge_model(fit.model, solution, stretch, extra, alpha)
+
+    def solve(these: Sequence[Recording]) -> Solution:
+        return solve_runs(fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins)
+
+    state = gated(several, solve)
+    return replace(judge_model(state, stretch, extra, alpha), dropped=state.dropped(several))
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,19 +181,18 @@ class Stretch:
 
 
 def judge_model(
-    model: Model,
-    solution: Solution,
+    state: Gated,
     stretch: Stretch,
     extra: Sequence[Effect] = (),
     alpha: float = ALPHA,
 ) -> Diagnosis:
     """Verdict on a model that has just been fitted."""
-    profiled = result(model, solution)
+    solution, tests = state.solution, state.tests
+    model, profiled = solution.model, result(solution)
     found = scan(solution.passes, model, extra=extra, alpha=alpha)
-    tests = [test for one in solution.passes for test in channel_findings(one)]
     level = alpha / (found.examined + len(tests))
     loud = heard([test for test in tests if test.p_value < level and test.effect not in model.effects])
-    delay = "time_offset" not in model.fixed and delayed(completed(model, solution, profiled, found), found, alpha)
+    delay = "time_offset" not in model.fixed and delayed(completed(solution, profiled, found), found, alpha)
     if found.blocks < LEAST_BLOCKS:
         loud = ()
     ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
@@ -193,6 +213,7 @@ def judge_model(
         channels=loud,
         where=compare(profiled, solution.passes[0].run.recording, start=stretch.start, end=stretch.end),
         largest=contributions(profiled, solution),
+        sizes=sizes_of(profiled, solution.passes, found.candidates, loud),
         alpha=alpha,
         breaks=stretch.breaks,
         suspect=stretch.suspect,
@@ -278,27 +299,42 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
     return "adequate", f"Nothing is missing ({looked}); see the detection limits for what would have been seen."
 
 
-def completed(model: Model, solution: Solution, profiled: Fit, found: Scan) -> Fit:
+def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:
     """The fit with the estimates beside everything that was found: what a missing effect leaves can pose as a delay."""
     if not found.found:
         return profiled
+    model = solution.model
     try:
         for finding in found.found:
             model = finding.enter(model)
         runs = [one.run for one in solution.passes]
         again = iterate(model, runs, [one.band for one in solution.passes])
         judge(again.layout, again.x, again.covariance, runs)
-        return replace(profiled, estimates=again.layout.estimates(again.x, again.covariance, model))
+        estimates = again.layout.estimates(again.x, again.covariance, model)
+        return replace(profiled, model=model, estimates=estimates, covariance=again.covariance)
     except ValueError:
         return profiled
 
 
 def delayed(fit: Fit, found: Scan, alpha: float) -> bool:
-    """Whether the time offset is significant beyond what was declared (the delay rule)."""
+    """Whether the time offset is significant beyond what was declared (the delay rule).
+
+    It is judged as it would be were the low-pass exactly as declared: the tolerance of the low-pass is taken off the
+    delay, so it must not stand in the standard deviation as well.
+    """
     tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
     needed = -float(special.ndtri(alpha / max(1, found.examined) / 2.0))
-    estimates = [e for e in fit.estimates if e.name == "time_offset"]
-    return any(e.std > 0.0 and abs(e.value) - tolerance > needed * e.std for e in estimates)
+    names = [e.name for e in fit.free]
+    lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
+    for i in (i for i, name in enumerate(names) if name == "time_offset"):
+        delay, variance = fit.free[i].value, float(fit.covariance[i, i])
+        if lowpass is not None:
+            shared = float(fit.covariance[i, lowpass]) / float(fit.covariance[lowpass, lowpass])
+            delay -= shared * fit.free[lowpass].value
+            variance -= shared * float(fit.covariance[i, lowpass])
+        if variance > 0.0 and abs(delay) - tolerance > needed * math.sqrt(variance):
+            return True
+    return False
 
 
 def inseparable(model: Model) -> tuple[Tie, ...]:
@@ -331,14 +367,14 @@ def add(fit: Fit, recordings: Recording | Sequence[Recording], *names: str, extr
             why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
-    return result(model, solve_runs(model, several, origins=fit.origins))
+    return result(solve_runs(model, several, origins=fit.origins))
 
 
 def drop(fit: Fit, recordings: Recording | Sequence[Recording], *names: str) -> Fit:
     """Return a new fit without some effects."""
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     model = fit.model.drop(*names)
-    return result(model, solve_runs(model, several, origins=fit.origins))
+    return result(solve_runs(model, several, origins=fit.origins))
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> list[Comparison]:
@@ -369,26 +405,24 @@ def improve(
     start, end : s, optional; only this part of the recordings is used.
     report : called with the share of the work that is done.
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    first = several[0]
+    original = [recordings] if isinstance(recordings, Recording) else list(recordings)
     same_run = holdout is None
-    stretch = Stretch.of(first, start, end)
+    stretch = Stretch.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
-    test = first if holdout is None else holdout
-    test_begin, test_end = (split, finish) if same_run else (None, None)
 
-    def step(effects: tuple[str, ...], model: Model) -> tuple[Step, Solution]:
-        solution = solve_runs(model, several, start=begin if len(several) == 1 else None, end=split)
-        found = result(model, solution)
-        train = compare(found, first, start=begin, end=split)
-        return Step(effects, found, train, compare(found, test, start=test_begin, end=test_end)), solution
+    def solve(model: Model, these: Sequence[Recording]) -> Solution:
+        return solve_runs(model, these, start=begin if len(these) == 1 else None, end=split)
+
+    def advance(model: Model, known: Gated | None) -> Gated:
+        wild = () if known is None else [test for test in known.tests if test.effect in CHANNEL_OF and test.at]
+        return gated(original if known is None else known.recordings, lambda these: solve(model, these), wild)
 
     model = Model.linear()
-    free, solution = step((), model)
-    verdict = judge_model(model, solution, stretch, extra, alpha)
+    state = advance(model, None)
+    verdict = judge_model(state, stretch, extra, alpha)
     report(0.3)
-    steps = [free]
+    fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
     ties: list[Tie] = []
     effects: tuple[str, ...] = ()
     examined = verdict.scan.examined
@@ -397,24 +431,58 @@ def improve(
             break
         entering = verdict.scan.found[0]
         try:
-            grown = entering.enter(model)
-            next_step, solution = step((*effects, entering.effect), grown)
+            model = entering.enter(model)
+            grown = advance(model, state)
+            verdict, state = judge_model(grown, stretch, extra, alpha), grown
         except (NotIdentifiable, ValueError):
             break
-        model, effects = grown, (*effects, entering.effect)
+        effects = (*effects, entering.effect)
         ties.append(Tie(entering.effect, entering.members, entering.experiment))
-        steps.append(next_step)
-        verdict = judge_model(model, solution, stretch, extra, alpha)
+        fits.append((effects, verdict.fit))
         examined += verdict.scan.examined
-        report(0.3 + 0.7 * (number + 1) / most)
-    if delayed(steps[-1].fit, verdict.scan, alpha):
-        held, _ = step((), Model.linear().freeze(time_offset=0.0))
+        report(0.3 + 0.6 * (number + 1) / most)
+    if delayed(fits[-1][1], verdict.scan, alpha):
+        held = result(solve(undelayed(original), state.recordings))
         effects = ("time_offset", *effects)
         ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-        steps = [held, *(replace(one, effects=("time_offset", *one.effects)) for one in steps)]
+        fits = [((), held), *((("time_offset", *names), one) for names, one in fits)]
     for tie in verdict.classes:
         if tie.effect in {test.effect for test in verdict.channels} and tie.effect not in effects:
             effects = (*effects, tie.effect)
             ties.append(tie)
-    steps[-1] = replace(steps[-1], effects=effects)
-    return Improvement(tuple(steps), verdict, tuple(ties), examined, same_run)
+    fits[-1] = (effects, fits[-1][1])
+    dropped = state.dropped(original)
+    test = original[0] if holdout is None else holdout
+    test_begin, test_end = (split, finish) if same_run else (None, None)
+    if dropped:
+        test, lost = gated_holdout(fits[0][1].model, test, test_begin, test_end)
+        dropped = (*dropped, *lost)
+    steps = [
+        Step(
+            names,
+            one,
+            compare(one, state.recordings[0], start=begin, end=split),
+            compare(one, test, start=test_begin, end=test_end),
+        )
+        for names, one in fits
+    ]
+    return Improvement(tuple(steps), replace(verdict, dropped=dropped), tuple(ties), examined, same_run)
+
+
+def gated_holdout(
+    model: Model, recording: Recording, start: float | None, end: float | None
+) -> tuple[Recording, tuple[Dropped, ...]]:
+    """Held-out data without their own wild readings, the same for every step; as they are where no fit is possible."""
+    try:
+        state = gated([recording], lambda these: solve_runs(model, these, start=start, end=end))
+    except (NotIdentifiable, ValueError):
+        return recording, ()
+    found = state.dropped([recording])
+    return state.recordings[0], tuple(replace(d, recording=f"held out, {d.recording or 'recording'}") for d in found)
+
+
+def undelayed(recordings: Sequence[Recording]) -> Model:
+    """The base model without any freedom to be late: neither an offset of the clocks nor a slower low-pass."""
+    if any(r.rig.lowpass_prior > 0.0 for r in recordings):
+        return Model.linear().add("lowpass_error").freeze(time_offset=0.0, lowpass_error=0.0)
+    return Model.linear().freeze(time_offset=0.0)

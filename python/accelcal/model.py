@@ -15,6 +15,9 @@ from accelcal.signals import Signals
 BASE = ("bias", "scale_factor", "time_offset")
 """The three parameters of every model."""
 
+NOMINAL = (*BASE, "lowpass_error")
+"""Coefficients at which the output itself is taken; all others add to it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Prior:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,27 @@ WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 MEMORY = 10.0
 """Seconds before a start that effects with memory are run up on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coasting:
+    """Errors of predictions over one horizon, start point by start point."""
+
+    starts: NDArray[np.intp]
+    """Reading after which position is withheld, (n,)."""
+    ends: NDArray[np.intp]
+    """Reading at which the error is taken, (n,)."""
+    frozen: Array
+    """(n,) m"""
+    rezeroed: Array
+    """(n,) m"""
+    floor: Array
+    """Standard deviation from noise and start state, (n,) m."""
+
+
+def rms(y: Array) -> float | None:
+    """Root mean square; None of nothing."""
+    return float(np.sqrt(np.mean(y**2))) if len(y) else None
 
 
 class Prediction:
@@ -67,7 +87,8 @@ class Prediction:
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
         spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
         signals = replace(run.output_signals(self.values, cutoff, motion), v_std=spread)
-        at_grid = run.output_at(signals.t + run.origins.t + self.values.time_offset, cutoff) - self.values.bias
+        at = signals.t + run.origins.t + self.values.time_offset
+        at_grid = run.output_at(at, cutoff, run.tau(self.values)) - self.values.bias
         self.gain = run.rig.polarity / self.values.scale
         self.bare: Array = self.gain * at_grid - run.rig.gravity
         return signals
@@ -160,29 +181,16 @@ class Prediction:
         end = np.minimum(np.searchsorted(t, t[k] + horizon), len(t) - 1)
         return np.asarray(k[(self.breaks[end] == self.breaks[k]) & self.counts[k]])
 
-    def at_horizons(
-        self, horizons: Sequence[float]
-    ) -> tuple[dict[float, float | None], dict[float, float | None], dict[float, float | None], dict[float, int]]:
-        """Rms coasting errors at each horizon: frozen, rezeroed, floor, and the number of start points."""
-        frozen: dict[float, float | None] = {}
-        rezeroed: dict[float, float | None] = {}
-        floor: dict[float, float | None] = {}
-        used: dict[float, int] = {}
+    def at_horizon(self, horizon: float) -> Coasting:
+        """Coasting errors at one horizon, from every start point that has an unbroken record ahead."""
         t = self.run.t
-        for horizon in horizons:
-            starts = self.starts(horizon)
-            used[horizon] = len(starts)
-            if len(starts) == 0:
-                frozen[horizon] = rezeroed[horizon] = floor[horizon] = None
-                continue
-            ends = np.minimum(np.searchsorted(t, t[starts] + horizon), len(t) - 1)
-            errors = np.empty((len(starts), 3))
-            for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
-                one, two = self.predict(int(k), np.array([row]))
-                errors[i] = self.run.z[row] - one[0], self.run.z[row] - two[0], self.floor(int(k), t[[row]])[0]
-            rms = np.sqrt(np.mean(errors**2, axis=0))
-            frozen[horizon], rezeroed[horizon], floor[horizon] = (float(x) for x in rms)
-        return frozen, rezeroed, floor, used
+        starts = self.starts(horizon)
+        ends = np.minimum(np.searchsorted(t, t[starts] + horizon), len(t) - 1)
+        errors = np.empty((len(starts), 3))
+        for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
+            one, two = self.predict(int(k), np.array([row]))
+            errors[i] = self.run.z[row] - one[0], self.run.z[row] - two[0], self.floor(int(k), t[[row]])[0]
+        return Coasting(starts, ends, *errors.T)
 
     def k_step(self, k: int) -> float | None:
         """Rms error of the prediction `k` readings ahead, m; None when the record is too short."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.filters import FilterChoice, FilterRun, forward_parameters, run
 from accelcal.fit import Estimate, Fit, fit
-from accelcal.model import Model
+from accelcal.model import NOMINAL, Model
 from accelcal.recording import Array, Channel, Recording
 from accelcal.replay import Run
 
@@ -53,9 +53,9 @@ def fit_recursive(
     prepared = Run(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")
     position = Channel("position", prepared.t, prepared.z, "m")
-    noise, scale = replayed.noise(), replayed.values().scale
+    noise, scale, tau = replayed.noise(), replayed.values().scale, prepared.tau(replayed.values())
     density = noise.q * scale**2
-    names = choice.states(low_pass=prepared.tau > 0.0)
+    names = choice.states(low_pass=tau > 0.0)
     x0 = np.zeros(len(names))
     x0[0] = prepared.z[0]
     std = {"p": math.sqrt(noise.r), "v": prepared.speed, "a": float(np.std(accel.y)), "y": float(np.std(accel.y))}
@@ -65,14 +65,14 @@ def fit_recursive(
     first = max(0, int(np.searchsorted(accel.t, position.t[0], side="right")) - 1)
     accel = Channel(accel.name, accel.t[first:], accel.y[first:], accel.unit)
     ahead = max(0.0, float(position.t[0] - accel.t[0]))
-    lever = ahead + (prepared.tau if choice.system == "aci" else 0.0)
+    lever = ahead + (tau if choice.system == "aci" else 0.0)
     P0[0, 0] += (lever * std["v"]) ** 2 + (std["a"] * ahead**2 / 2.0) ** 2
     P0[0, 1] = P0[1, 0] = -lever * std["v"] ** 2
     if choice.system == "aci":
-        filtered = run(choice, accel, position, q=density, r_position=noise.r, x0=x0, P0=P0, tau=prepared.tau)
+        filtered = run(choice, accel, position, q=density, r_position=noise.r, x0=x0, P0=P0, tau=tau)
     else:
         change = float(np.mean(np.diff(smoothed_acceleration(prepared, replayed)) ** 2))
-        coloured = prepared.tau > 0.0
+        coloured = tau > 0.0
         filtered = run(
             choice,
             accel,
@@ -83,7 +83,7 @@ def fit_recursive(
             q_accel=density if coloured else None,
             x0=x0,
             P0=P0,
-            tau=prepared.tau,
+            tau=tau,
         )
     return _as_fit(replayed, filtered, choice), filtered
 
@@ -100,15 +100,16 @@ def stage_output(run: Run) -> Array:
 def smoothed_acceleration(prepared: Run, replayed: Fit) -> Array:
     """Acceleration of the stage at the accelerometer's rate, without most of the noise, (n,) m/s²."""
     cutoff = replayed.validity["frequency"][1]
-    return prepared.output_at(prepared.uniform_times(), cutoff) / replayed.values().scale
+    values = replayed.values()
+    return prepared.output_at(prepared.uniform_times(), cutoff, prepared.tau(values)) / values.scale
 
 
 def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
     found = forward_parameters(filtered)
     order = {PARAMETER_OF[name]: i for i, name in enumerate(found.names)}
     polarity, gravity = replayed.rig.polarity, replayed.rig.gravity
-    offset = replayed["time_offset"]
-    frozen = replayed.model.freeze(time_offset=offset.value)
+    held = {e.name: e.value for e in replayed.free if e.name in NOMINAL and e.name not in order}
+    frozen = replayed.model.freeze(**held)
     T = np.eye(len(order))
     # The filter saw polarity * output - gravity; its constant is polarity K0 + (1 + k - 1) gravity.
     T[order["bias"], order["bias"]] = polarity
@@ -122,7 +123,8 @@ def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
         for e in replayed.estimates
     )
     said = (
-        f"time_offset {offset.value:.3g} s and the noise are the replay's; the filter does not estimate them",
+        f"{' and '.join(f'{name} {value:.3g} s' for name, value in held.items())} and the noise are the replay's; "
+        "the filter does not estimate them, and its standard deviations take them as known",
         *replayed.remarks,
     )
     parts = (

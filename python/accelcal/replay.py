@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal import _core
-from accelcal.model import BASE, Term, evaluate
+from accelcal.model import NOMINAL, Term, evaluate
 from accelcal.recording import Array, Channel, Recording, RecordingError
 from accelcal.signals import (
     GRID_PER_CUTOFF,
@@ -65,11 +65,16 @@ class Values:
         """m/s²"""
         return self.by_name.get("bias", 0.0)
 
+    @property
+    def lowpass_error(self) -> float:
+        """By how much the low-pass is slower than declared, s."""
+        return self.by_name.get("lowpass_error", 0.0)
+
     def additive(self, port: str) -> Iterator[tuple[Term, float]]:
-        """Coefficients beyond the base that add to the output, or to the reading, and are not zero."""
+        """Coefficients that add to the output beyond the nominal, or to the reading, and are not zero."""
         for term in self.terms:
             coefficient = self.by_name[term.name]
-            if term.name not in BASE and term.port == port and coefficient != 0.0:
+            if term.name not in NOMINAL and term.port == port and coefficient != 0.0:
                 yield term, coefficient
 
     def total(self, port: str, s: Signals) -> Array | None:
@@ -135,7 +140,11 @@ class Run:
         self.accel = Channel(accel.name, accel.t[reach], accel.y[reach], accel.unit)
         self.accel_step = float(np.median(np.diff(self.accel.t)))
         self.reading_step = float(np.median(np.diff(self.t)))
-        self.tau = self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
+        self.declared_tau = self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
+
+    def tau(self, values: Values) -> float:
+        """Time constant of the low-pass at the values of a model, s; 0 where there is none."""
+        return max(0.0, self.declared_tau + values.lowpass_error)
 
     @cached_property
     def speed(self) -> float:
@@ -181,7 +190,7 @@ class Run:
             self.accel.y,
             self.t - begin,
             how="cubic",
-            tau=self.tau,
+            tau=self.tau(values),
             delay=values.time_offset,
             hole=HOLE * self.accel_step,
         )
@@ -246,8 +255,9 @@ class Run:
             cutoff = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
             del rough
         output = low_pass(output, rate, cutoff)
-        if self.tau > 0.0:
-            output = output + self.tau * derivative(output, self.accel_step)
+        tau = self.tau(values)
+        if tau > 0.0:
+            output = output + tau * derivative(output, self.accel_step)
         a = gain * output - self.rig.gravity + low_pass(wanted, rate, cutoff)
         del output, wanted
         # Each series is thinned as soon as it is used up: an hour of them would not fit side by side.
@@ -283,12 +293,12 @@ class Run:
         if signals is not None and total is not None:
             output -= np.interp(t, signals.t + self.origins.t, total)
 
-    def output_at(self, t: Array, cutoff: float) -> Array:
-        """Output at times `t` of its own clock, low-passed without phase, the known RC filter undone, m/s²."""
+    def output_at(self, t: Array, cutoff: float, tau: float) -> Array:
+        """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
         own = np.arange(self.accel.t[0], self.accel.t[-1], self.accel_step)
         output = low_pass(np.interp(own, self.accel.t, self.accel.y), 1.0 / self.accel_step, cutoff)
-        if self.tau > 0.0:
-            output = output + self.tau * derivative(output, self.accel_step)
+        if tau > 0.0:
+            output = output + tau * derivative(output, self.accel_step)
         return np.asarray(np.interp(t, own, output))
 
     def output_signals(self, values: Values, cutoff: float, motion: tuple[Array, Array]) -> Signals:
@@ -301,7 +311,7 @@ class Run:
         motion : position (m) and velocity (m/s) at `uniform_times`.
         """
         t = self.uniform_times()
-        plain = self.output_at(t + values.time_offset, cutoff)
+        plain = self.output_at(t + values.time_offset, cutoff, self.tau(values))
         grid = Thinning.of(t, self.accel_step, cutoff)
         gain, (p, v) = self.rig.polarity / values.scale, (grid.thin(y) for y in motion)
         signals: Signals | None = None

@@ -77,6 +77,8 @@ class Rig:
     resolution: float | None = None
     """Encoder resolution, m."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    tolerance: float | None = None
+    """Contribution to the output below which an effect does not matter to the user, m/s²; None = not declared."""
     assumptions: tuple[str, ...] = ()
     """Sentences on what was not declared and therefore assumed."""
 
@@ -94,6 +96,11 @@ class Rig:
             return 0.0
         share = UNDECLARED_TOLERANCE if self.lowpass.tolerance is None else self.lowpass.tolerance
         return share * self.lowpass.tau
+
+    @property
+    def lowpass_prior(self) -> float:
+        """Declared standard deviation of the time constant, s; 0 where none is declared: the fit takes it as exact."""
+        return 0.0 if self.lowpass is None else (self.lowpass.tolerance or 0.0) * self.lowpass.tau
 
     @property
     def polarity(self) -> float:

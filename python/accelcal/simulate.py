@@ -48,7 +48,7 @@ PARAMETERS: Mapping[str, str] = MappingProxyType(
         "time_offset": "s",
         "quadratic": "(m/s²)⁻¹",
         "cubic": "(m/s²)⁻²",
-        "cross_axis_product": "(m/s²)⁻¹",
+        "cross_axis_gravity": "(m/s²)⁻¹",
         "misalignment": "rad",
     }
 )
@@ -223,7 +223,7 @@ def _sensor_output(
 def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:
     """Sensor model (4), with the cross-axis product of (7) and the share of gravity that a leaning input axis sees."""
     across = rig.roll * math.sqrt(max(0.0, STANDARD_GRAVITY**2 - rig.gravity**2))
-    slope = 1.0 + theta["scale_factor"] + theta["cross_axis_product"] * across
+    slope = 1.0 + theta["scale_factor"] + theta["cross_axis_gravity"] * across
     constant = theta["bias"] + theta["misalignment"] * across
     return constant + s * (slope + s * (theta["quadratic"] + s * theta["cubic"]))
 

@@ -265,6 +265,19 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
             }
             for b in comparison.bins
         ],
+        "outside": [
+            {
+                "variable": o.variable,
+                "unit": o.unit,
+                "range": None if o.range is None else list(o.range),
+                "readings_outside": o.count,
+                "readings": o.of,
+                "one_step_rms_m": {"inside": o.one_step[0], "outside": o.one_step[1]},
+                "coast_rms_m": {f"{h:g}": {"inside": c[0], "outside": c[1]} for h, c in o.coast.items()},
+                "coast_starts": {f"{h:g}": {"inside": n[0], "outside": n[1]} for h, n in o.starts.items()},
+            }
+            for o in comparison.outside
+        ],
         "remarks": list(comparison.remarks),
     }
 

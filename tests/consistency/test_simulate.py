@@ -123,7 +123,7 @@ def test_reversal_changes_the_sign_of_acceleration_and_gravity_but_not_of_the_bi
 
 
 def test_roll_changes_the_sign_of_everything_across_the_axis() -> None:
-    theta = {"scale_factor": 0.01, "cross_axis_product": 1e-3, "misalignment": 2e-3}
+    theta = {"scale_factor": 0.01, "cross_axis_gravity": 1e-3, "misalignment": 2e-3}
     t, normal = output(tone(2.0, 3.0), QUIET, theta)
     _, rolled = output(tone(2.0, 3.0), replace(QUIET, mount="rolled"), theta)
     a = 2.0 * np.sin(2 * np.pi * 3.0 * t)

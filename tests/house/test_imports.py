@@ -30,6 +30,7 @@ LAYERS = (
     ("compare", "recursive"),
     ("store",),
     ("power", "diagnose", "breaks", "channels", "detectable"),
+    ("gating", "importance"),
     ("loop", "campaign"),
     ("findings",),
 )

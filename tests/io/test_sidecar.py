@@ -35,6 +35,8 @@ a_y         = { column = "a_y", unit = "m/s^2" }       # lateral acceleration; a
 encoder_scale = 1e-5
 level = "0.05 deg"
 misalignment = "0.1 deg"
+[judge]
+tolerance = "1 mg"            # effects that contribute less are listed as below tolerance
 """
 
 
@@ -60,6 +62,7 @@ def test_complete_sidecar_is_read_in_si(tmp_path):
         lowpass=LowPass(159.0, 0.0),
         resolution=1e-6,
         uncertainty=Uncertainty(1e-5, pytest.approx(math.radians(0.05)), pytest.approx(math.radians(0.1))),
+        tolerance=pytest.approx(1e-3 * G0, rel=1e-14),
     )
     assert found.time == Clock(column="t", unit="s")
     assert found.channels["a_y"] == Source("a_y", "m/s^2")
@@ -77,6 +80,18 @@ def test_every_key_is_optional_and_what_is_missing_is_said(tmp_path):
         "sensor",
         "offset_tolerance",
     ]
+
+
+def test_a_low_pass_without_tolerance_is_said_to_be_taken_as_exact(tmp_path):
+    text = '[channels]\naccel = {{ column = "a", lowpass = {{ kind = "RC", fc = "159 Hz"{} }} }}\n'
+    said = [read(tmp_path, text.format(more)).rig.assumptions for more in ("", ", tolerance = 0.05")]
+    assert [any("its corner as exact" in s for s in one) for one in said] == [True, False]
+
+
+@pytest.mark.parametrize("value", ['"0 mg"', '"-1 mg"', '"1 mm"'])
+def test_a_tolerance_that_is_no_acceleration_is_refused(tmp_path, value):
+    with pytest.raises(RecordingError, match=r"judge.tolerance.*expected"):
+        read(tmp_path, f"[judge]\ntolerance = {value}\n")
 
 
 def test_position_with_its_own_clock(tmp_path):

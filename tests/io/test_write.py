@@ -60,6 +60,7 @@ RIG = Rig(
     lowpass=LowPass(159.1, 0.05),
     resolution=1e-6,
     uncertainty=Uncertainty(1e-5, 1e-3, 2e-3),
+    tolerance=0.01,
 )
 
 

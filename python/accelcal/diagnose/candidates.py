@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.effects import HOUSE, Effect, Shape, side_channels
-from accelcal.effects.memory import lagged
+from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.fit import Pass
 from accelcal.model import Model, Term, terms_of
 from accelcal.recording import Array
-from accelcal.signals import Signals
 
 JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
@@ -78,34 +76,11 @@ def _product(grids: Mapping[str, Array]) -> list[dict[str, float]]:
     return combined
 
 
-def _lowpass_error(s: Signals, tau: float) -> Array:
-    """The known low-pass has another time constant than declared: e = -dtau (1 + k) x, tau x' = jerk - x.
-
-    Looks like: a delay, and above 1/(10 tau) a little more.
-    Easily confused with: time_offset, sensor_lag.
-    Separate by: measuring the filter.
-    """
-    return -s.scale * lagged(s.jerk, tau, s.step, 0.0)
-
-
-LOWPASS_ERROR = Effect(
-    name="lowpass_error",
-    unit="s",
-    port="output",
-    owner="timing",
-    symbol="dtau",
-    scale=5e-5,
-    source="declared tolerance of the low-pass",
-    function=_lowpass_error,
-    shapes={"tau": Shape("s", (1e-6, 1.0), trials=1)},
-    visible=False,
-)
-"""Carried beside the base while others are judged, no larger than the declared tolerance allows."""
-
-
 def nuisances(one: Pass) -> list[tuple[Term, float]]:
-    """What is known not to be known, with its standard deviation."""
+    """What is known not to be known, with its standard deviation.
+
+    The time constant of the low-pass is carried in every judgement, with the five percent of the delay rule where no
+    tolerance is declared: five percent of a millisecond is more than a delay when the motion is fast.
+    """
     tolerance = one.run.rig.lowpass_tolerance
-    if tolerance <= 0.0:
-        return []
-    return [(Term(LOWPASS_ERROR, 0, {"tau": one.run.tau}), tolerance)]
+    return [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []

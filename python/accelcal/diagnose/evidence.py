@@ -26,8 +26,9 @@ class Known:
     def __init__(self, one: Pass, base: Sequence[Term]) -> None:
         self.carrier = Carrier(one)
         unsure = nuisances(one)
-        terms = [*base, *(term for term, _ in unsure)]
-        self.belief: Array = np.array([*np.zeros(len(base)), *(std**-2.0 for _, std in unsure)])
+        plain = [term for term in base if term.name not in {other.name for other, _ in unsure}]
+        terms = [*plain, *(term for term, _ in unsure)]
+        self.belief: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in unsure)])
         self.B: Array = self.carrier.whole(terms)
         self.y: Array = self.carrier.whitened
         moves = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
@@ -36,8 +37,9 @@ class Known:
         A = self.B @ self.B.T + np.diag(self.belief)
         self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
         self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
-        self.by: Array = self.B @ self.y
-        self.wy: Array = self.weights(self.by)
+        at = np.array([one.values.by_name.get(term.name, 0.0) for term in terms])
+        # Belief pulls towards zero, not towards the values at hand.
+        self.wy: Array = self.weights(self.B @ self.y - self.belief * at)
 
     def weights(self, products: Array) -> Array:
         """Weights with which the base, under its prior information, predicts columns from its products with them."""
@@ -123,7 +125,7 @@ class Evidence:
         return G, c
 
     def gain(self, i: int, chosen: Sequence[int] = ()) -> tuple[float, int, Array, Array]:
-        """Twice the log-likelihood gain of item `i` beside those chosen, its degrees of freedom, estimate, covariance."""
+        """Twice the log-likelihood gain of item `i` beside those chosen, its freedom, estimate, covariance."""
         G, c = self.after(chosen)
         columns = self.columns[i]
         A, b = G[columns, columns], c[columns]

@@ -78,12 +78,12 @@ def tilt(s: Signals) -> Array:
 def misalignment(s: Signals) -> Array:
     """The input axis leans by delta towards the vertical: gravity adds delta g0.
 
-    Equation: e = (1 + k) delta g0, with the sign of the roll.
+    Equation: e = delta g0, with the sign of the roll.
     Looks like: a bias.
     Easily confused with: bias and tilt.
     Separate by: rolling the sensor by 180 degrees about its input axis; the bias changes by 2 delta g0.
     """
-    return np.full_like(s.t, s.scale * s.rig.roll * STANDARD_GRAVITY)
+    return np.full_like(s.t, s.rig.roll * STANDARD_GRAVITY)
 
 
 @effect("cross_axis_gravity", unit="(m/s²)⁻¹", symbol="Kin", scale=1e-3, source="paper, eq. 7", visible=False)

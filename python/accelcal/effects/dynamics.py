@@ -92,6 +92,27 @@ def sensor_lag(s: Signals, tau: float) -> Array:
 
 
 @effect(
+    "lowpass_error",
+    unit="s",
+    owner="rig",
+    symbol="dtau",
+    scale=5e-5,
+    source="RC of 159 Hz with a capacitor of 5 %",
+    visible=False,
+)
+def lowpass_error(s: Signals) -> Array:
+    """The declared low-pass has a time constant longer by dtau; a fit carries it where a tolerance is declared.
+
+    Equation: e = -(1 + k) dtau x, (tau + dtau) x' = jerk - x, with tau as declared.
+    Looks like: a delay, and above 1/(10 tau) an output that falls short.
+    Easily confused with: time_offset and sensor_lag.
+    Separate by: measuring the filter; a sweep of frequency up to a tenth of 1/tau.
+    """
+    lowpass = s.rig.lowpass
+    return -s.scale * (s.jerk if lowpass is None else lagged(s.jerk, lowpass.tau, s.step, 0.0))
+
+
+@effect(
     "sensor_resonance",
     unit="s²",
     owner="mounting",

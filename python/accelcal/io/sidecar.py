@@ -16,6 +16,10 @@ from accelcal.rig import LowPass, Rig, Sensor, Uncertainty
 ASSUMED_AXIS = 'axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2'
 ASSUMED_MOUNT = 'mount is not declared: "normal" is assumed, so the input axis points along the stage axis'
 ASSUMED_LOWPASS = "no low-pass is declared for the accelerometer channel: none is assumed"
+ASSUMED_LOWPASS_TOLERANCE = (
+    "tolerance of the low-pass is not declared: the fit takes its corner as exact; a "
+    "delay counts as an effect only beyond 5 % of its time constant"
+)
 ASSUMED_RESOLUTION = "encoder resolution is not declared: position noise is estimated from the data alone"
 ASSUMED_NOISE = "sensor noise density is not declared: there is nothing to compare the fitted noise with"
 ASSUMED_OFFSET_TOLERANCE = "offset_tolerance is not declared: the clocks are taken as meant to agree"
@@ -229,6 +233,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "level": _amount("angle", "not negative"),
         "misalignment": _amount("angle", "not negative"),
     },
+    "judge": {"tolerance": _amount("acceleration", "positive")},
 }
 """Every key of a sidecar with its check; any other key of [channels] is a side channel."""
 
@@ -262,6 +267,7 @@ def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
         ASSUMED_AXIS: "axis" in rig or "gravity_along_axis" in rig,
         ASSUMED_MOUNT: "mount" in rig,
         ASSUMED_LOWPASS: lowpass is not None,
+        ASSUMED_LOWPASS_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
         ASSUMED_RESOLUTION: resolution is not None,
         ASSUMED_NOISE: sensor.noise is not None,
         ASSUMED_ZERO: sensor.scale is None or sensor.zero is not None,
@@ -275,6 +281,7 @@ def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
         **rig,
         **tables["clock"],
+        **tables["judge"],
     )
 
 

@@ -82,6 +82,9 @@ CHANNELS
 # encoder_scale = 1e-5
 # level = "0.05 deg"
 # misalignment = "0.1 deg"
+
+[judge]
+# tolerance = "1 mg"            # effects that contribute less are listed as below tolerance
 """
 _SCALE_OPTIONAL = """\
 # scale = "0.25 V/g"            # when the channel is in V or counts

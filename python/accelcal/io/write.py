@@ -107,6 +107,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
         "clock": _clock(rig),
         "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
+        "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2")}),
     }
     text = "\n".join(
         f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items())

@@ -37,7 +37,7 @@ def cross_axis_item(plan: Plan) -> Item:
     hidden = STANDARD_GRAVITY * product
 
     def once(rng: np.random.Generator) -> tuple[float, float, float]:
-        sensor = {"bias": 0.05, "scale_factor": k, "cross_axis_product": product}
+        sensor = {"bias": 0.05, "scale_factor": k, "cross_axis_gravity": product}
         normal, rolled = (_linear_fit(rng, sensor, mount) for mount in ("normal", "rolled"))
         return normal.states[-1, 2], rolled.states[-1, 2], float(np.sqrt(normal.variances[-1, 2] / runs))
 

@@ -1,0 +1,83 @@
+"""A low-pass that is not quite what was declared: the tolerance stands in the standard deviations, and in no verdict
+twice. `benches/consistency.py` runs the whole of the first statistic."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from accelcal import CXL02_RIG, Model, fit, simulate, store
+from accelcal.loop import improve
+from accelcal.recording import Recording
+from accelcal.rig import LowPass
+from tests.consistency.campaign import rms_region
+from tests.consistency.toleranced import NAMES, TRUTH, normalised, record
+
+RUNS = 40
+PROBABILITY = 0.999
+
+
+def rms(motion: str, tolerance: float, **how: bool) -> np.ndarray:
+    found = np.array([normalised(seed, motion, tolerance, **how) for seed in range(RUNS)])
+    return np.asarray(np.sqrt(np.mean(found**2, axis=0)))
+
+
+def test_standard_deviations_are_honest_when_the_low_pass_is_off_within_its_tolerance() -> None:
+    # 99.9 % for the three parameters together.
+    found = rms("interleaved", 0.05)
+    low, high = rms_region(RUNS, 1.0 - (1.0 - PROBABILITY) / len(NAMES))
+    print(dict(zip(NAMES, found.round(3), strict=True)), f"in [{low:.2f}, {high:.2f}], {RUNS} fits")
+    assert np.all((found > low) & (found < high))
+
+
+def test_a_tolerance_that_is_not_declared_makes_scale_and_delay_overconfident() -> None:
+    # The sister that must fail: same records, same statistic.
+    found = rms("interleaved", 0.05, declared=False)
+    _, high = rms_region(RUNS, PROBABILITY)
+    print(dict(zip(NAMES, found.round(3), strict=True)), f"above {high:.2f}")
+    assert np.all(found[1:] > 1.5 * high)
+
+
+def test_motion_fast_enough_to_show_the_low_pass_finds_its_error() -> None:
+    fast = fit(Model.linear(), record(3, "fast", 0.05, declared=True))
+    assert fast.rig.lowpass is not None
+    prior = fast.rig.lowpass_prior
+    assert fast["lowpass_error"].std < 0.2 * prior
+    assert fast.model.priors["lowpass_error"].std == prior
+    assert abs(fast["time_offset"].value - TRUTH["time_offset"]) < 5.0 * fast["time_offset"].std
+
+
+def test_an_exact_low_pass_adds_nothing_to_the_model() -> None:
+    exact = replace(CXL02_RIG, lowpass=LowPass(159.0, 0.0))
+    made = simulate("tones", seconds=10.0, rig=exact, parameters=TRUTH, rng=np.random.default_rng(1))
+    assert "lowpass_error" not in fit(Model.linear(), made.recording).model.effects
+
+
+def test_a_model_with_the_error_of_its_low_pass_survives_its_file(tmp_path) -> None:
+    found = fit(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
+    store.save(found, tmp_path / "m.json")
+    assert store.to_dict(store.load(tmp_path / "m.json")) == store.to_dict(found)
+
+
+def late(delay: float, slower: float = 0.0) -> Recording:
+    """A record whose declared tolerance of 2 % of the low-pass, 20 us, stands beside a delay of the clock."""
+    built = replace(CXL02_RIG, lowpass=LowPass(159.0 / (1.0 + slower)))
+    truth = {**TRUTH, "time_offset": delay}
+    made = simulate("interleaved", seconds=30.0, rig=built, parameters=truth, rng=np.random.default_rng(8))
+    return replace(made.recording, rig=replace(CXL02_RIG, lowpass=LowPass(159.0, 0.02)))
+
+
+@pytest.mark.parametrize(
+    ("delay", "slower", "named"),
+    [(30e-6, 0.0, True), (10e-6, 0.0, False), (0.0, 0.015, False), (10e-6, 0.015, True), (0.0, 0.04, True)],
+)
+def test_the_tolerance_is_taken_off_a_delay_once(delay: float, slower: float, named: bool) -> None:
+    # The delay is known to 0.6 us; three standard deviations of the time constant would be 60 us. False alarms: 0.5 %.
+    found = improve(late(delay, slower))
+    assert ("time_offset" in found.effects) == named
+    if named:
+        before, after = found.steps[0].heldout, found.steps[-1].heldout
+        assert before.one_step_rms > after.one_step_rms  # the first step is free to be neither late nor slow
+        assert "lowpass_error" in found.steps[0].fit.model.fixed
