@@ -32,6 +32,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.fit
+	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency
 	$(BIN)/python -m benches.power --write
 

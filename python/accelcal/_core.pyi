@@ -19,6 +19,7 @@ __all__ = [
     "ReplayTrack",
     "__version__",
     "drive",
+    "innovations",
     "play",
     "run_filter",
     "swap_form",
@@ -95,6 +96,13 @@ def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
 ) -> tuple[_Array, _Array, _Flags]: ...
 
+def innovations(
+    drives: list[tuple[_Array, _Array, _Array, _Array, _Flags]],
+    *,
+    q: float,
+    r: float,
+    prior: tuple[float, float, float, float],
+) -> _Array: ...
 @final
 class Bank:
     def __new__(
@@ -118,7 +126,6 @@ class Bank:
 class Parts:
     def __new__(cls, parts: list[tuple[_Array, _Array, _Array, _Array, _Flags, _Flags]]) -> Parts: ...
     def log_likelihood(self, *, q: float, r: float, prior: tuple[float, float, float, float]) -> float: ...
-    def innovations(self, *, q: float, r: float, prior: tuple[float, float, float, float]) -> _Array: ...
 
 @final
 class ReplayTrack:

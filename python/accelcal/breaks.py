@@ -211,7 +211,6 @@ class Columns:
         moving = ~gone
         self.drives = [Drive(plain.t, zero, first * moving, second * moving, gone) for first, second in integrals]
         self.drives.append(Drive(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
-        self.parts = _core.Parts([(*drive.arrays, moving) for drive in self.drives])
 
     def inside(self, band: float) -> Relation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
@@ -219,7 +218,8 @@ class Columns:
         r = run.reading_variance_guess
         noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
         settled = self.drives[0].settled(run.wait(noise))
-        innovations = self.parts.innovations(q=noise.q, r=noise.r, prior=run.prior(noise.r))
+        drives = [drive.arrays for drive in self.drives]
+        innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))
         stack = np.ascontiguousarray(innovations[:, settled].T)
         size = np.sqrt(np.mean(stack**2, axis=0))
         size = np.where(size > 0.0, size, 1.0)

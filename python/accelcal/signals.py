@@ -58,8 +58,14 @@ class Signals:
     """Standard deviation of the noise left in `a`, m/s²."""
     bias: float = 0.0
     """K0 of the model at hand, m/s²."""
+    whole: Signals | None = None
+    """What this is a stretch of; spacing, length and widths are those of the whole."""
 
-    def at(self, rows: NDArray[np.bool_]) -> Signals:
+    def part(self, rows: slice) -> Signals:
+        """A stretch, on which an effect without memory has the values that it has there on the whole."""
+        return replace(self.at(rows), whole=self.whole or self)
+
+    def at(self, rows: NDArray[np.bool_] | slice) -> Signals:
         """Some of the times only; no longer uniform."""
         return replace(
             self,
@@ -118,11 +124,15 @@ class Signals:
     @property
     def step(self) -> float:
         """Spacing of the times, s."""
+        if self.whole is not None:
+            return self.whole.step
         return float(self.t[-1] - self.t[0]) / max(1, len(self.t) - 1)
 
     @property
     def length(self) -> float:
         """Time from the first sample to the last, s."""
+        if self.whole is not None:
+            return self.whole.length
         return float(self.t[-1] - self.t[0])
 
     @property
@@ -138,12 +148,12 @@ class Signals:
     @property
     def a_width(self) -> float:
         """Half-width over which corners at a = 0 are rounded, m/s²."""
-        return corner(self.a, self.a_std)
+        return corner(self.a, self.a_std) if self.whole is None else self.whole.a_width
 
     @property
     def v_width(self) -> float:
         """Half-width over which corners at v = 0 are rounded, m/s."""
-        return corner(self.v, self.v_std)
+        return corner(self.v, self.v_std) if self.whole is None else self.whole.v_width
 
 
 CORNER_NOISE = 4.0

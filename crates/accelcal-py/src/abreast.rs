@@ -9,13 +9,13 @@ use crate::replay::{prior_of, refuse};
 
 type Floats<'py> = PyReadonlyArray1<'py, f64>;
 type Flags<'py> = PyReadonlyArray1<'py, bool>;
+type Driven<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>);
 type Part<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Flags<'py>);
 
 /// Parts of equal length, ready for filters of any noise.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct Parts {
     eights: Vec<Vec<Abreast<8>>>,
-    fours: Vec<Vec<Abreast<4>>>,
     singles: Vec<Vec<Abreast<1>>>,
 }
 
@@ -27,23 +27,15 @@ impl Parts {
         let parts = parts
             .iter()
             .map(|(t, z, first, second, restart, counts)| {
-                let readings = Readings {
-                    t: t.as_slice()?,
-                    z: z.as_slice()?,
-                    first: first.as_slice()?,
-                    second: second.as_slice()?,
-                    restart: restart.as_slice()?,
-                };
+                let readings = readings_of((t, z, first, second, restart))?;
                 Ok((readings, counts.as_slice()?))
             })
             .collect::<PyResult<Vec<_>>>()?;
         let (eights, left) = parts.as_chunks::<8>();
-        let (fours, left) = left.as_chunks::<4>();
         let (singles, _) = left.as_chunks::<1>();
         Ok(Self {
-            eights: eights.iter().map(side_by_side).collect::<PyResult<_>>()?,
-            fours: fours.iter().map(side_by_side).collect::<PyResult<_>>()?,
-            singles: singles.iter().map(side_by_side).collect::<PyResult<_>>()?,
+            eights: eights.iter().map(packed).collect::<PyResult<_>>()?,
+            singles: singles.iter().map(packed).collect::<PyResult<_>>()?,
         })
     }
 
@@ -56,9 +48,6 @@ impl Parts {
             for rows in &self.eights {
                 sum += abreast::log_likelihood(rows, noise, prior)?;
             }
-            for rows in &self.fours {
-                sum += abreast::log_likelihood(rows, noise, prior)?;
-            }
             for rows in &self.singles {
                 sum += abreast::log_likelihood(rows, noise, prior)?;
             }
@@ -66,57 +55,70 @@ impl Parts {
         })
         .map_err(|error: ReplayError| refuse(error))
     }
-
-    /// Innovations (parts, readings), m.
-    #[pyo3(signature = (*, q, r, prior))]
-    fn innovations<'py>(
-        &self,
-        py: Python<'py>,
-        q: f64,
-        r: f64,
-        prior: (f64, f64, f64, f64),
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
-        let found = py
-            .detach(|| {
-                let mut found = Vec::new();
-                for rows in &self.eights {
-                    innovations(rows, noise, prior, &mut found)?;
-                }
-                for rows in &self.fours {
-                    innovations(rows, noise, prior, &mut found)?;
-                }
-                for rows in &self.singles {
-                    innovations(rows, noise, prior, &mut found)?;
-                }
-                Ok(found)
-            })
-            .map_err(|error: ReplayError| refuse(error))?;
-        let parts = 8 * self.eights.len() + 4 * self.fours.len() + self.singles.len();
-        let readings = found.len() / parts.max(1);
-        PyArray1::from_vec(py, found).reshape([parts, readings])
-    }
 }
 
-fn side_by_side<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<Abreast<N>>> {
-    let mut rows = Vec::with_capacity(parts[0].0.t.len());
-    abreast::side_by_side(*parts, |row| rows.push(row)).map_err(refuse)?;
-    Ok(rows)
+/// Innovations (drives, readings) of drives t, z, first, second, restart behind one filter, m.
+#[pyfunction]
+#[pyo3(signature = (drives, *, q, r, prior))]
+pub fn innovations<'py>(
+    py: Python<'py>,
+    drives: Vec<Driven<'_>>,
+    q: f64,
+    r: f64,
+    prior: (f64, f64, f64, f64),
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
+    let drives = drives
+        .iter()
+        .map(|(t, z, first, second, restart)| readings_of((t, z, first, second, restart)))
+        .collect::<PyResult<Vec<_>>>()?;
+    let n = drives.first().map_or(0, |readings| readings.t.len());
+    let nothing = vec![false; n];
+    let drives: Vec<_> = drives.into_iter().map(|readings| (readings, nothing.as_slice())).collect();
+    let mut found = vec![0.0; drives.len() * n];
+    py.detach(|| {
+        let (fours, singles) = drives.as_chunks::<4>();
+        let (several, alone) = found.split_at_mut(4 * n * fours.len());
+        for (drives, rows) in fours.iter().zip(several.chunks_exact_mut((4 * n).max(1))) {
+            fill(*drives, noise, prior, rows)?;
+        }
+        for (drive, rows) in singles.iter().zip(alone.chunks_exact_mut(n.max(1))) {
+            fill([*drive], noise, prior, rows)?;
+        }
+        Ok(())
+    })
+    .map_err(|error: ReplayError| refuse(error))?;
+    PyArray1::from_vec(py, found).reshape([drives.len(), n])
 }
 
-/// Appends the innovations of each part.
-fn innovations<const N: usize>(
-    rows: &[Abreast<N>],
+fn readings_of<'a>(
+    (t, z, first, second, restart): (&'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Flags<'_>),
+) -> PyResult<Readings<'a>> {
+    Ok(Readings {
+        t: t.as_slice()?,
+        z: z.as_slice()?,
+        first: first.as_slice()?,
+        second: second.as_slice()?,
+        restart: restart.as_slice()?,
+    })
+}
+
+fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<Abreast<N>>> {
+    Ok(abreast::side_by_side(*parts).map_err(refuse)?.collect())
+}
+
+/// Innovations of each drive, one row behind the other.
+fn fill<const N: usize>(
+    drives: [(Readings<'_>, &[bool]); N],
     noise: Noise,
     prior: Prior,
-    found: &mut Vec<f64>,
+    rows: &mut [f64],
 ) -> Result<(), ReplayError> {
-    let (begin, n) = (found.len(), rows.len());
-    found.resize(begin + N * n, 0.0);
-    let (found, mut k) = (&mut found[begin..], 0);
-    abreast::innovations(rows, noise, prior, |e| {
+    let n = drives[0].0.t.len();
+    let mut k = 0;
+    abreast::innovations(abreast::side_by_side(drives)?, noise, prior, |e| {
         for (j, value) in e.into_iter().enumerate() {
-            found[j * n + k] = value;
+            rows[j * n + k] = value;
         }
         k += 1;
     })

@@ -22,7 +22,7 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::abreast::Parts;
+    use super::abreast::{Parts, innovations};
 
     #[pymodule_export]
     use super::bank::Bank;

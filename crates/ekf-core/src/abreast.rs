@@ -24,14 +24,13 @@ pub struct Abreast<const N: usize> {
     any_starts: bool,
 }
 
-/// Lays parts of equal length side by side; hands out one [`Abreast`] for each reading, in order.
+/// Parts of equal length, side by side: one [`Abreast`] for each reading, in order.
 ///
 /// # Errors
 /// [`ReplayError::Condition`] when readings are unusable or lengths differ.
 pub fn side_by_side<const N: usize>(
     parts: [(Readings<'_>, &[bool]); N],
-    mut take: impl FnMut(Abreast<N>),
-) -> Result<(), ReplayError> {
+) -> Result<impl Iterator<Item = Abreast<N>>, ReplayError> {
     let n = parts.first().map_or(0, |(readings, _)| readings.t.len());
     for (readings, counts) in &parts {
         readings.check_samples()?;
@@ -41,9 +40,9 @@ pub fn side_by_side<const N: usize>(
             }
         }
     }
-    for k in 0..n {
+    Ok((0..n).map(move |k| {
         let starts = parts.map(|(readings, _)| readings.starts(k));
-        take(Abreast {
+        Abreast {
             h: parts.map(|(readings, _)| if k == 0 { 0.0 } else { readings.t[k] - readings.t[k - 1] }),
             z: parts.map(|(readings, _)| readings.z[k]),
             first: parts.map(|(readings, _)| readings.first[k]),
@@ -51,15 +50,14 @@ pub fn side_by_side<const N: usize>(
             counts: parts.map(|(_, counts)| if counts[k] { 1.0 } else { 0.0 }),
             starts,
             any_starts: starts.contains(&true),
-        });
-    }
-    Ok(())
+        }
+    }))
 }
 
 /// Runs the filters; `take` gets each reading with the innovations `e` and their variances `S`.
 #[inline(always)] // with the closure, or the parts do not stay side by side in registers
 fn walk<const N: usize>(
-    readings: &[Abreast<N>],
+    readings: impl Iterator<Item = Abreast<N>>,
     noise: Noise,
     prior: Prior,
     mut take: impl FnMut(&Abreast<N>, [f64; N], [f64; N]),
@@ -68,7 +66,7 @@ fn walk<const N: usize>(
     let Noise { q, R } = noise;
     let (mut p, mut v) = ([0.0; N], [0.0; N]);
     let (mut pp, mut pv, mut vv) = ([0.0; N], [0.0; N], [0.0; N]);
-    for (index, one) in readings.iter().enumerate() {
+    for (index, one) in readings.enumerate() {
         for j in 0..N {
             let h = one.h[j];
             p[j] += h * v[j] + one.second[j];
@@ -97,7 +95,7 @@ fn walk<const N: usize>(
         if let Some(&S) = S.iter().find(|&&variance| !(variance > 0.0)) {
             return Err(ReplayError::InnovationVariance { index, S });
         }
-        take(one, e, S);
+        take(&one, e, S);
     }
     Ok(())
 }
@@ -107,7 +105,7 @@ fn walk<const N: usize>(
 /// # Errors
 /// [`ReplayError`] for unusable noise, or when a variance stops being positive.
 pub fn innovations<const N: usize>(
-    readings: &[Abreast<N>],
+    readings: impl Iterator<Item = Abreast<N>>,
     noise: Noise,
     prior: Prior,
     mut take: impl FnMut([f64; N]),
@@ -125,7 +123,7 @@ const PRODUCT: usize = 8;
 pub fn log_likelihood<const N: usize>(readings: &[Abreast<N>], noise: Noise, prior: Prior) -> Result<f64, ReplayError> {
     let (mut squares, mut counted, mut logarithms) = ([0.0; N], [0.0; N], 0.0);
     let (mut product, mut held) = ([1.0; N], 0);
-    walk(readings, noise, prior, |one, e, S| {
+    walk(readings.iter().copied(), noise, prior, |one, e, S| {
         for j in 0..N {
             squares[j] += one.counts[j] * (e[j] * e[j] / S[j]);
             counted[j] += one.counts[j];
@@ -191,22 +189,8 @@ mod tests {
     }
 
     fn packed<const M: usize>(parts: [(Readings<'_>, &[bool]); M]) -> [Abreast<M>; N] {
-        let nothing = Abreast {
-            h: [0.0; M],
-            z: [0.0; M],
-            first: [0.0; M],
-            second: [0.0; M],
-            counts: [0.0; M],
-            starts: [false; M],
-            any_starts: false,
-        };
-        let (mut found, mut k) = ([nothing; N], 0);
-        side_by_side(parts, |one| {
-            found[k] = one;
-            k += 1;
-        })
-        .unwrap();
-        found
+        let mut rows = side_by_side(parts).unwrap();
+        core::array::from_fn(|_| rows.next().unwrap())
     }
 
     #[test]
@@ -233,8 +217,8 @@ mod tests {
         let parts = Parts::new();
         let mut found = [[0.0; 4]; N];
         let mut rows = found.iter_mut();
-        let all = packed([0, 1, 2, 3].map(|part| parts.part(part)));
-        innovations(&all, NOISE, PRIOR, |e| *rows.next().unwrap() = e).unwrap();
+        let all = side_by_side([0, 1, 2, 3].map(|part| parts.part(part))).unwrap();
+        innovations(all, NOISE, PRIOR, |e| *rows.next().unwrap() = e).unwrap();
         for part in 0..4 {
             let mut kept = [[0.0; N]; 9];
             let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut kept;
@@ -251,7 +235,7 @@ mod tests {
         let parts = Parts::new();
         let (readings, counts) = parts.part(0);
         let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
-        assert_eq!(side_by_side([(readings, &counts[1..])], |_| ()), Err(short));
+        assert_eq!(side_by_side([(readings, &counts[1..])]).err(), Some(short));
         let rows = packed([(readings, counts)]);
         assert!(matches!(log_likelihood(&rows, Noise { q: 0.0, R: 1.0 }, PRIOR), Err(ReplayError::Noise { .. })));
         let prior = Prior { v: 0.0, P: MotionCovariance { pp: -1.0, pv: 0.0, vv: 1.0 } };

@@ -10,6 +10,7 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from accelcal import _core
+from accelcal.effects import is_local
 from accelcal.fit import Pass
 from accelcal.model import Term, evaluate
 from accelcal.recording import Array
@@ -17,8 +18,8 @@ from accelcal.signals import Signals
 
 OVERSAMPLING = 6.0
 """Rate of the sums over the larger of crossover and bandwidth of the motion."""
-MOST_SUMS = 1 << 25
-"""Sums, all columns together, that are held at a time: 256 MB."""
+MOST_SUMS = 3 << 23
+"""Sums, all columns together, that are held at a time: 200 MB."""
 MOST_READINGS = 1 << 19
 """Readings whose passage through the grid is worked out at a time."""
 ABREAST = 8
@@ -29,8 +30,8 @@ class Carrier:
     """A fitted run that columns are carried through.
 
     Whitened samples are summed in groups over the square root of their number: white stays white, and below a fraction
-    of the rate nothing is lost. Effects are always evaluated over the whole run, since many have a memory or read
-    their scale off it; of a long run the sums are handed out stretch by stretch.
+    of the rate nothing is lost. Of a long run the sums are handed out stretch by stretch; effects with a memory are
+    evaluated over the whole run all the same.
     """
 
     def __init__(self, one: Pass) -> None:
@@ -66,17 +67,17 @@ class Carrier:
         The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms.
         """
         state = np.zeros((len(terms), 2))
+        factor = -self.one.run.rig.polarity / self.signals.scale
         begin = 0
         for readings in self._parts(len(terms)):
             bank = self._bank(readings)
             sums = np.empty((len(terms), bank.rows))
-            for first, columns, port in batches(terms, self):
+            for first, columns, port in self._columns(terms, readings):
                 here = slice(first, first + len(columns))
                 if port == "output":
-                    factor = -self.one.run.rig.polarity / self.signals.scale
                     bank.carry_inputs(columns, factor, state[here], sums[here])
                 else:
-                    bank.carry_readings([y[readings] for y in columns], state[here], sums[here])
+                    bank.carry_readings(columns, state[here], sums[here])
             yield slice(begin, begin + bank.rows), sums
             begin += bank.rows
 
@@ -95,17 +96,25 @@ class Carrier:
         edges = [0, *(int(k) for k in begins), len(self.one.counts)]
         return [slice(a, b) for a, b in pairwise(edges)]
 
+    def _grid(self, readings: slice) -> slice:
+        """Grid times that shape the motion over a stretch of readings."""
+        s, t = self.signals, self.one.run.t
+        start = float(s.t[0]) + self.one.run.origins.t
+        low = max(0, int((t[max(readings.start - 1, 0)] - start) / s.step) - 2)
+        high = min(len(s.t), int((t[readings.stop - 1] - start) / s.step) + 4)
+        return slice(max(0, min(low, high - 4)), high)
+
     def _bank(self, readings: slice) -> _core.Bank:
         """The gains and the geometry of a stretch; the last one is kept."""
         if self._last is None or self._last[0] != readings:
-            one, s = self.one, self.signals
+            one, s, grid = self.one, self.signals, self._grid(readings)
             self._last = None  # gone before the next is made
             bank = _core.Bank(
                 one.track,
                 one.run.t,
                 one.drive.restart,
                 one.counts,
-                grid=(float(s.t[0]) + one.run.origins.t, s.step, len(s.t)),
+                grid=(float(s.t[0]) + one.run.origins.t + grid.start * s.step, s.step, grid.stop - grid.start),
                 from_=readings.start,
                 to=readings.stop,
                 group=self.group,
@@ -113,17 +122,19 @@ class Carrier:
             self._last = (readings, bank)
         return self._last[1]
 
-
-def batches(terms: Sequence[Term], carrier: Carrier) -> Iterator[tuple[int, list[Array], str]]:
-    """Columns of one port at a time: index of the first term, at most `ABREAST` columns, their port."""
-    first = 0
-    for port, run in groupby(terms, key=lambda term: term.port):
-        waiting: list[Array] = []
-        for column in evaluate(list(run), carrier.signals if port == "output" else carrier.at_readings):
-            waiting.append(np.ascontiguousarray(column))
-            if len(waiting) == ABREAST:
+    def _columns(self, terms: Sequence[Term], readings: slice) -> Iterator[tuple[int, list[Array], str]]:
+        """Columns over a stretch, of one port at a time: index of the first, at most `ABREAST` of them, the port."""
+        first = 0
+        for (port, local), run in groupby(terms, key=lambda term: (term.port, is_local(term.effect))):
+            s, rows = (self.signals, self._grid(readings)) if port == "output" else (self.at_readings, readings)
+            if local:
+                s, rows = s.part(rows), slice(None)
+            waiting: list[Array] = []
+            for column in evaluate(list(run), s):
+                waiting.append(np.ascontiguousarray(column[rows]))
+                if len(waiting) == ABREAST:
+                    yield first, waiting, port
+                    first, waiting = first + ABREAST, []
+            if waiting:
                 yield first, waiting, port
-                first, waiting = first + ABREAST, []
-        if waiting:
-            yield first, waiting, port
-            first += len(waiting)
+                first += len(waiting)

@@ -19,6 +19,13 @@ from accelcal.effects.own import EffectsFileError, load_effects
 
 HOUSE = tuple(CATALOGUE.values())
 """The effects that come with accelcal, without side channels and users' own."""
+_BY_NAME = {one.name: one for one in HOUSE}
+
+
+def is_local(effect: Effect) -> bool:
+    """Whether an effect is known to have no memory, so that it can be evaluated on a stretch of a record."""
+    return not effect.memory and _BY_NAME.get(effect.name) is effect
+
 
 __all__ = [
     "CATALOGUE",
@@ -30,6 +37,7 @@ __all__ = [
     "cards",
     "effect",
     "find",
+    "is_local",
     "load_effects",
     "side_channel",
     "side_channels",

@@ -85,6 +85,8 @@ class Effect:
     by what it explains beyond them."""
     positive: bool = False
     """Whether physics allows a positive coefficient only."""
+    memory: bool = False
+    """Whether its value at one time depends on the signals at other times."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the house catalogue."""
     digest: str = ""
@@ -134,6 +136,7 @@ def effect(
     experiment: str = "",
     includes: tuple[str, ...] = (),
     positive: bool = False,
+    memory: bool = False,
 ) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
     """Enter a function of :class:`Signals` (and its shape parameters, by keyword) into the catalogue.
 
@@ -154,6 +157,8 @@ def effect(
     experiment : what separates it from its rivals; the card's line "Separate by:" unless given.
     includes : simpler effects that it contains, such as what a shifted origin turns it into.
     positive : whether only a positive coefficient is physical.
+    memory : whether its value at one time depends on the signals at other times. Effects of a user's own are taken
+        to have one whatever they say; a house effect without is evaluated on stretches of a long record.
 
     Raises
     ------
@@ -172,6 +177,7 @@ def effect(
         "visible": visible,
         "includes": includes,
         "positive": positive,
+        "memory": memory,
     }
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:

@@ -79,6 +79,7 @@ def timing_jitter(s: Signals) -> Array:
     shapes={"tau": Shape("s", (1e-4, 1e-2), trials=4, spacing="log")},
     includes=("time_offset",),
     positive=True,
+    memory=True,
 )
 def sensor_lag(s: Signals, tau: float) -> Array:
     """First-order low-pass that was not declared; time_offset, in every base, already holds its delay tau.
@@ -99,6 +100,7 @@ def sensor_lag(s: Signals, tau: float) -> Array:
     scale=5e-5,
     source="RC of 159 Hz with a capacitor of 5 %",
     visible=False,
+    memory=True,
 )
 def lowpass_error(s: Signals) -> Array:
     """The declared low-pass has a time constant longer by dtau; a fit carries it where a tolerance is declared.
@@ -121,6 +123,7 @@ def lowpass_error(s: Signals) -> Array:
     source="900 Hz: IIS2ICLX; brackets 100 Hz to 500 Hz",
     includes=("time_offset",),
     positive=True,
+    memory=True,
 )
 def sensor_resonance(s: Signals) -> Array:
     """Resonance of sensor or bracket, well above the motion; time_offset already holds its delay 1/(Q w0).
@@ -140,6 +143,7 @@ def sensor_resonance(s: Signals) -> Array:
     scale=3e-4,
     source="1e-4 to 1e-3, no published figure",
     shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log")},
+    memory=True,
 )
 def creep(s: Signals, tau: float) -> Array:
     """The element relaxes: part of its response comes late; before the record it was at rest.

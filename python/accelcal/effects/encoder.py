@@ -62,6 +62,7 @@ def encoder_cyclic(s: Signals, period: float) -> Array:
     symbol="d",
     scale=1e-6,
     source="µm, no published figure",
+    memory=True,
 )
 def encoder_backlash(s: Signals) -> Array:
     """Slack between carriage and reading head: the reading depends on the direction of the last move.

@@ -232,6 +232,7 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     parts=tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
     family=True,
     includes=("bias",),
+    memory=True,
 )
 def shape_since_reversal(s: Signals) -> Array:
     """A response to reversals of the stage: some function of the time since the last, alike or odd in direction.

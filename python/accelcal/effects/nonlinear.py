@@ -109,6 +109,7 @@ def _slacks(s: Signals) -> tuple[float, float]:
     scale=1e-3,
     source="no published figure",
     shapes={"width": Shape("m/s²", _slacks, trials=5, spacing="log")},
+    memory=True,
 )
 def hysteresis(s: Signals, width: float) -> Array:
     """Play of full `width` between acceleration and output, at any rate and kept through rests.

@@ -60,6 +60,7 @@ def temperature_scale(s: Signals) -> Array:
     scale=1e-2,
     source="no published figure; 0.1 K/min then gives 0.002 mg",
     needs=("temperature",),
+    memory=True,
 )
 def temperature_rate(s: Signals) -> Array:
     """Bias from a temperature gradient across the sensor, in proportion to the rate of change.
@@ -103,6 +104,7 @@ def warm_up(s: Signals, tau: float) -> Array:
     scale=1e-4,
     source="no published figure; taken as K2",
     shapes={"tau": Shape("s", slow(0.015, 0.5), trials=5, spacing="log")},
+    memory=True,
 )
 def self_heating(s: Signals, tau: float) -> Array:
     """Bias from heat that motion makes in the sensor; before the record it was at rest.
