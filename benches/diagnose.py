@@ -2,7 +2,8 @@
 
 Run from the top of the repository: python -m benches.diagnose
 The minutes come from the independent worlds, with and without a hidden effect; the hour is four tones with a
-second-order nonlinearity. Each is diagnosed in a fresh process. Prints figure and threshold; exit code 1 when one is missed.
+second-order nonlinearity. Each is diagnosed in a fresh process. Prints figure and threshold; exit
+code 1 when one is missed.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from accelcal.recording import Recording
 from benches.fit import record, write_sample
 from tests.worlds import Hidden, World, at_d
+
+from accelcal.recording import Recording
 
 SECONDS_FOR_A_MINUTE = 1.0
 """Processor time, imports warm: all that `diagnose` does to a record it has not seen."""

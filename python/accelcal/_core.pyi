@@ -103,6 +103,7 @@ def innovations(
     r: float,
     prior: tuple[float, float, float, float],
 ) -> _Array: ...
+
 @final
 class Bank:
     def __new__(

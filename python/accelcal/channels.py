@@ -106,7 +106,7 @@ class Residuals:
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.taken[:ends] = self.taken[self.n - ends :] = False
 
-    @cached_property
+    @property
     def model(self) -> Array:
         """Output that the model expects at uniform times: smoothed motion through scale, effects, delay and RC."""
         s, values, run = self.signals, self.state.values, self.run
@@ -124,8 +124,9 @@ class Residuals:
     @cached_property
     def residual(self) -> Array:
         """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
-        slope = np.gradient(self.model, self.step)[self.place]
-        r = self.u - self.model[self.place] - slope * (self.t_u - self.t[self.place])
+        model = self.model
+        slope = np.gradient(model, self.step)[self.place]
+        r = self.u - model[self.place] - slope * (self.t_u - self.t[self.place])
         return np.asarray(np.interp(np.arange(self.n), self.place, r))
 
     @cached_property

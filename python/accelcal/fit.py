@@ -409,6 +409,12 @@ class Pass:
         self.whitened: Array = self.track.series("e") / np.sqrt(self.track.series("S"))
         self.normal = self.normal_equations()
 
+    def release(self) -> None:
+        """Give up filter and signals, which hold most of the memory of a long run; run, noise and values stay."""
+        for name in ("track", "drive", "whitened", "counts"):
+            vars(self).pop(name, None)
+        self.signals = None
+
     def normal_equations(self) -> Normal:
         """X'X and X'y of this run, stretch by stretch; X itself is never held whole."""
         assert self.signals is not None

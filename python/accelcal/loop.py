@@ -186,12 +186,15 @@ def judge_model(
     extra: Sequence[Effect] = (),
     alpha: float = ALPHA,
 ) -> Diagnosis:
-    """Verdict on a model that has just been fitted."""
+    """Verdict on a model that has just been fitted; the solution is used up."""
     solution, tests = state.solution, state.tests
     model, profiled = solution.model, result(solution)
     found = scan(solution.passes, model, extra=extra, alpha=alpha)
     level = alpha / (found.examined + len(tests))
     loud = heard([test for test in tests if test.p_value < level and test.effect not in model.effects])
+    largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
+    for one in solution.passes:  # what follows fits and predicts anew: one set of signals at a time
+        one.release()
     delay = "time_offset" not in model.fixed and delayed(completed(solution, profiled, found), found, alpha)
     if found.blocks < LEAST_BLOCKS:
         loud = ()
@@ -212,8 +215,8 @@ def judge_model(
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=loud,
         where=compare(profiled, solution.passes[0].run.recording, start=stretch.start, end=stretch.end),
-        largest=contributions(profiled, solution),
-        sizes=sizes_of(profiled, solution.passes, found.candidates, loud),
+        largest=largest,
+        sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
         suspect=stretch.suspect,

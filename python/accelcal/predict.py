@@ -57,6 +57,7 @@ class Prediction:
         self.p = track.series("p") + gain_p * self.e
         self.v = track.series("v") + gain_v * self.e
         self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r)
+        del track  # gone before the next is made: each holds nine series
         self.counts: Flags = self.drive.settled(run.wait(noise))
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive

@@ -18,9 +18,9 @@ from accelcal.signals import Signals
 
 OVERSAMPLING = 6.0
 """Rate of the sums over the larger of crossover and bandwidth of the motion."""
-MOST_SUMS = 3 << 23
-"""Sums, all columns together, that are held at a time: 200 MB."""
-MOST_READINGS = 1 << 19
+MOST_SUMS = 1 << 24
+"""Sums, all columns together, that are held at a time: 134 MB."""
+MOST_READINGS = 1 << 18
 """Readings whose passage through the grid is worked out at a time."""
 ABREAST = 8
 """Columns that pass the filter side by side."""

@@ -51,19 +51,20 @@ class Known:
         and if they are kept their rows (m, rows)."""
         m = len(terms)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
-        kept: list[Array] = []
+        kept = np.empty((m, self.carrier.rows)) if keep else None
         for rows, Z in self.carrier.stretches(terms):
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
-            if keep:
-                kept.append(Z)
+            if kept is not None:
+                kept[:, rows] = Z
         weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
-        if not keep:
-            return G, score, own, None
-        return G, score, own, np.concatenate(kept, axis=1) - weights.T @ self.B
+        if kept is not None:
+            for row, weight in zip(kept, weights.T, strict=True):  # one by one: all at once would take as much again
+                row -= weight @ self.B
+        return G, score, own, kept
 
 
 class Evidence:
@@ -87,7 +88,7 @@ class Evidence:
             self.c += c
             if left is not None:
                 rows.append(left)
-        self.X: Array = np.concatenate(rows, axis=1).T if keep else np.empty((0, m))
+        self.X: Array = (rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)).T if rows else np.empty((0, m))
         """Rows of the columns with the base taken out, if they are kept, (rows, m)."""
         self.y: Array = np.concatenate([known.y - known.wy @ known.B for known in runs]) if keep else np.empty(0)
         """Innovations with the base taken out, if they are kept, (rows,)."""
