@@ -55,7 +55,7 @@ pub fn side_by_side<const N: usize>(
 }
 
 /// Runs the filters; `take` gets each reading with the innovations `e` and their variances `S`.
-#[inline(always)] // with the closure, or the parts do not stay side by side in registers
+#[inline] // with the closure, or the parts do not stay side by side in registers
 fn walk<const N: usize>(
     readings: impl Iterator<Item = Abreast<N>>,
     noise: Noise,
@@ -224,8 +224,9 @@ mod tests {
             let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut kept;
             let mut track = replay::Track { e, S, gain_p, gain_v, p, v, pp, pv, vv };
             replay::filter(parts.part(part).0, NOISE, PRIOR, &mut track).unwrap();
-            for k in 0..N {
-                assert!((found[k][part] - kept[0][k]).abs() < 1e-18, "{part} {k}"); // m; readings are of 1e-5 m
+            for (k, row) in found.iter().enumerate() {
+                // Readings and intermediate positions of 1e-4 m in double precision, forty steps.
+                assert!((row[part] - kept[0][k]).abs() < 1e-15, "{part} {k}");
             }
         }
     }

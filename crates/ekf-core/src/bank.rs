@@ -57,7 +57,7 @@ pub fn prepare(
         }
     }
     let mut previous = before;
-    for k in 0..n {
+    for (k, &counted) in counts.iter().enumerate() {
         let now = gains.t[k];
         let from = previous.filter(|_| !gains.restart[k]);
         let mut passed = 0;
@@ -72,10 +72,10 @@ pub fn prepare(
             h: from.map_or(0.0, |earlier| now - earlier),
             gain_p: gains.gain_p[k],
             gain_v: gains.gain_v[k],
-            weight: if counts[k] { 1.0 / libm::sqrt(gains.S[k]) } else { 0.0 },
+            weight: if counted { 1.0 / libm::sqrt(gains.S[k]) } else { 0.0 },
             cells: passed,
             starts: from.is_none(),
-            counts: counts[k],
+            counts: counted,
         });
         previous = Some(now);
     }
@@ -156,11 +156,11 @@ pub fn carry_readings<const N: usize>(
 }
 
 /// The filter of each reading in turn; `advance` moves the responses up to it and returns what adds to the reading.
-#[inline(always)] // with the closure, or the columns do not stay side by side in registers
+#[inline] // with the closure, or the columns do not stay side by side in registers
 fn walk<const N: usize>(
     stretch: Stretch<'_>,
     response: &mut Response<N>,
-    sums: [&mut [f64]; N],
+    mut sums: [&mut [f64]; N],
     mut advance: impl FnMut(&Passage, &mut [f64; N], &mut [f64; N]) -> [f64; N],
 ) -> Result<(), ReplayError> {
     let counted = stretch.passages.iter().filter(|passage| passage.counts).count();
@@ -191,8 +191,8 @@ fn walk<const N: usize>(
         if passage.counts {
             held += 1;
             if held == stretch.group && row < groups {
-                for j in 0..N {
-                    sums[j][row] = sum[j] * mean;
+                for (filled, whole) in sums.iter_mut().zip(sum) {
+                    filled[row] = whole * mean;
                 }
                 (sum, held, row) = ([0.0; N], 0, row + 1);
             }
@@ -216,7 +216,7 @@ struct Packed<'a, const N: usize> {
 
 impl<const N: usize> Packed<'_, N> {
     /// The four rows from `row` on; rows are asked for in rising order.
-    #[inline(always)]
+    #[inline]
     fn at(&mut self, row: usize) -> &[[f64; N]; NODES] {
         if row + NODES > self.high {
             self.fill(row);
