@@ -95,7 +95,6 @@ def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[lis
 def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
 ) -> tuple[_Array, _Array, _Flags]: ...
-
 def innovations(
     drives: list[tuple[_Array, _Array, _Array, _Array, _Flags]],
     *,
