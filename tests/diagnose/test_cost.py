@@ -128,19 +128,19 @@ def test_an_effect_that_is_not_of_the_house_is_taken_to_have_a_memory():
 
 
 def seconds(work: Callable[[], object]) -> float:
-    """Least processor time of three."""
-    found = []
-    for _ in range(3):
-        begin = time.process_time()
-        work()
-        found.append(time.process_time() - begin)
-    return min(found)
+    """Processor time."""
+    begin = time.process_time()
+    work()
+    return time.process_time() - begin
 
 
 def test_a_diagnosis_costs_no_more_than_a_few_fits(bent: Recording):
     made = fit(Model.linear(), bent)
-    alone = seconds(lambda: fit(Model.linear(), bent))
-    assert seconds(lambda: diagnose(made, bent)) < 8.0 * alone  # 4.3 measured, in one run of both
+    ratios = [
+        seconds(lambda: diagnose(made, bent)) / seconds(lambda: fit(Model.linear(), bent)) for _ in range(5)
+    ]  # side by side, the least counts: a busy machine can only add
+    print(f"diagnose over fit: {min(ratios):.1f} of {[round(r, 1) for r in ratios]}")
+    assert min(ratios) < 8.0  # 5 on an idle machine; 9 before columns went abreast
 
 
 def grown(kind: str) -> float:
