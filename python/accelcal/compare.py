@@ -8,11 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from scipy import special
 
+from accelcal.effects.memory import since_reversal
 from accelcal.fit import Fit
 from accelcal.predict import Coasting, Prediction, accumulated, rms
 from accelcal.recording import Array, Recording
-from accelcal.replay import Flags
+from accelcal.replay import Flags, Noise
 from accelcal.signals import ORDER, Signals, derivative, low_pass
 
 HORIZONS = (1.0, 5.0, 10.0)
@@ -63,6 +65,32 @@ class Bins:
         """Mean over its standard deviation, (n,); against frequency the excess over 1."""
         offset = 1.0 if self.variable == "frequency" else 0.0
         return np.divide(self.mean - offset, self.std, out=np.zeros_like(self.mean), where=self.std > 0.0)
+
+    def explained(self, rms: float) -> float:
+        """Share of the mean square `rms`² that a function of this variable explains, beyond chance; at least 0.
+
+        Bins weigh as much as they hold data, which is the inverse of their variance; 0 against frequency.
+        """
+        known = self.std > 0.0
+        if self.variable == "frequency" or not known.any() or not rms > 0.0:
+            return 0.0
+        weight = self.std[known] ** -2.0
+        return max(0.0, float(np.sum(weight * self.mean[known] ** 2 - 1.0) / np.sum(weight)) / rms**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Density of a residual, the one that noise alone would have, and the region of their ratio."""
+
+    frequency: Array
+    """(n,) Hz"""
+    density: Array
+    """(n,) one-sided, unit of the residual squared per Hz."""
+    predicted: Array
+    """(n,) the same under noise alone."""
+    low: float
+    high: float
+    """95 % of the ratios of density to prediction lie between, each frequency on its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +320,7 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
         "velocity": (motion.v, "m/s"),
         "acceleration": (motion.a, "m/s²"),
         "jerk": (motion.jerk, "m/s³"),
+        "time since reversal": (since_reversal(motion), "s"),
         **{
             name: (y + (run.origins.temperature if name == "temperature" else 0.0), run.recording.side[name].unit)
             for name, y in motion.side.items()
@@ -299,13 +328,16 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
     }
     found = []
     for name, (x, unit) in variables.items():
-        low, high = (float(v) for v in np.quantile(x, [0.001, 0.999]))
+        known = np.isfinite(x)
+        if not known.any():
+            continue
+        low, high = (float(v) for v in np.quantile(x[known], [0.001, 0.999]))
         if not high > low:
             continue
         edges = np.linspace(low, high, BINS + 1)
-        index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, BINS - 1)
+        index = np.clip(np.searchsorted(edges, x[known], side="right") - 1, 0, BINS - 1)
         count = np.bincount(index, minlength=BINS)
-        total = np.bincount(index, weights=residual, minlength=BINS)
+        total = np.bincount(index, weights=residual[known], minlength=BINS)
         mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
         std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
         found.append(Bins(name, unit, edges, mean, std))
@@ -319,10 +351,7 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
     f, density = scipy.signal.welch(residual, fs=rate, nperseg=segment)
-    noise, scale = ahead.noise, ahead.values.scale
-    encoder = 2.0 * noise.r * ahead.run.reading_step * (2.0 * np.pi * f) ** 4
-    passed = 1.0 / (1.0 + (f / band) ** (2 * ORDER)) ** 2  # the low-pass ran forwards and backwards
-    expected = scale**2 * (2.0 * noise.q + encoder) * passed
+    expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.run.reading_step, band)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
     averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
@@ -332,6 +361,62 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
             ratio[i] = float(np.mean(density[rows] / expected[rows]))
             std[i] = 1.3 / math.sqrt(averages * float(rows.sum()))  # neighbours of a Hann window overlap
     return Bins("frequency", "Hz", edges, ratio, std)
+
+
+def predicted_density(f: Array, noise: Noise, scale: float, step: float, band: float) -> Array:
+    """One-sided density of the accelerometer-side residual under noise alone, (n,) (m/s²)²/Hz.
+
+    Parameters
+    ----------
+    f : (n,) Hz.
+    noise, scale : of the model; scale is 1 + k.
+    step : of the encoder readings, s.
+    band : of the low-pass, Hz.
+    """
+    encoder = 2.0 * noise.r * step * (2.0 * np.pi * f) ** 4
+    passed = 1.0 / (1.0 + (f / band) ** (2 * ORDER)) ** 2  # the low-pass ran forwards and backwards
+    return np.asarray(scale**2 * (2.0 * noise.q + encoder) * passed)
+
+
+def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
+    """Spectrum of the accelerometer-side residual beside the predicted noise; None where the record is too short."""
+    _t, residual = comparison.accel_residual
+    step = float(np.median(np.diff(comparison.residual[0])))
+    found = welch(residual, 1.0 / step)
+    if found is None:
+        return None
+    f, density, low, high = found
+    inside = (f > 0.0) & (f <= comparison.band)
+    predicted = predicted_density(f[inside], fit.noise(), fit.values().scale, step, comparison.band)
+    return Spectrum(f[inside], density[inside], predicted, low, high)
+
+
+def one_step_spectrum(comparison: Comparison) -> Spectrum | None:
+    """Spectrum of one-step residuals over their predicted deviation, which is flat when nothing is missing, 1/Hz."""
+    t, e = comparison.residual
+    rate = 1.0 / float(np.median(np.diff(t)))
+    found = welch(e / comparison.residual_std, rate)
+    if found is None:
+        return None
+    f, density, low, high = found
+    return Spectrum(f[1:], density[1:], np.full(len(f) - 1, 2.0 / rate), low, high)
+
+
+SEGMENTS = 24
+"""Half-overlapping segments of a spectrum that is looked at."""
+OVERLAP_LOSS = 1.0 + 2.0 / 36.0
+"""Half-overlapping Hann segments are worth this many times fewer independent ones (Welch 1967)."""
+
+
+def welch(y: Array, rate: float) -> tuple[Array, Array, float, float] | None:
+    """Frequencies, one-sided density, and the 95 % region of its ratio to the true one; None below 64 samples."""
+    if len(y) < 64:
+        return None
+    segment = int(min(len(y), max(64, 2 * len(y) // (SEGMENTS + 1))))
+    f, density = scipy.signal.welch(y, fs=rate, nperseg=segment)
+    worth = max(1.0, (2.0 * len(y) / segment - 1.0) / OVERLAP_LOSS)
+    low, high = (float(special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
+    return f, density, low, high
 
 
 def worst_of(bins: Sequence[Bins]) -> str:

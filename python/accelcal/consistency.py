@@ -66,6 +66,23 @@ class Whiteness:
 
 
 @dataclass(frozen=True, slots=True)
+class CumulativePeriodogram:
+    """Power below each frequency as a share of all, beside the straight line of white noise."""
+
+    frequency: Array
+    """(m,) cycles per sample, up to 1/2."""
+    share: Array
+    """(m,)"""
+    limit: float
+    """Largest distance from the line that white noise exceeds with probability 5 %."""
+
+    @property
+    def distance(self) -> float:
+        """Largest distance from the line."""
+        return float(np.max(np.abs(self.share - 2.0 * self.frequency)))
+
+
+@dataclass(frozen=True, slots=True)
 class Coverage:
     """How often an interval held the truth, against the rate that it promised."""
 
@@ -204,6 +221,30 @@ def whiteness(normalised: Array, lags: int = 20, alpha: float = 0.01) -> Whitene
     rho = np.array([normalised[:-l] @ normalised[l:] for l in lag]) / power
     ljung_box = float(K * (K + 2) * np.sum(rho**2 / (K - lag)))
     return Whiteness(rho, K, ljung_box, float(special.gammaincc(0.5 * lags, 0.5 * ljung_box)), alpha)
+
+
+def cumulative_periodogram(normalised: Array) -> CumulativePeriodogram:
+    """Cumulative periodogram of a sequence with its Kolmogorov-Smirnov limit (Bartlett 1955).
+
+    Parameters
+    ----------
+    normalised : (K,)
+        Innovations over their standard deviation, in order.
+
+    Raises
+    ------
+    ValueError
+        Fewer than 16 samples, or a constant sequence.
+    """
+    K = len(normalised)
+    if K < 16:
+        raise ValueError(f"a cumulative periodogram needs at least 16 samples, not {K}.")
+    power = np.abs(np.fft.rfft(normalised - np.mean(normalised)))[1:] ** 2
+    total = float(np.sum(power))
+    if not total > 0.0:
+        raise ValueError("the periodogram of a constant sequence is not defined.")
+    m = len(power)
+    return CumulativePeriodogram(np.arange(1, m + 1) / K, np.cumsum(power) / total, 1.358 / np.sqrt(m - 1.0))
 
 
 def rms_error(estimates: Array, truth: ArrayLike) -> Array:

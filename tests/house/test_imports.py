@@ -27,12 +27,12 @@ LAYERS = (
     ("noise",),
     ("fit",),
     ("predict",),
-    ("compare", "recursive"),
+    ("compare", "recursive", "tracks", "budget", "applied", "recovered"),
     ("store",),
     ("power", "diagnose", "breaks", "channels", "detectable"),
     ("gating", "importance"),
     ("loop", "campaign"),
-    ("findings",),
+    ("findings", "ladder"),
 )
 """From the ground up: a module imports from lower layers, or from its own."""
 FACES = ("paper", "plots", "report", "app", "export", "cli", "demo", "doctor", "__main__")

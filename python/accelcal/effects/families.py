@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import direction, held_sign
+from accelcal.effects.memory import direction, since_reversal
 from accelcal.recording import Array
 from accelcal.signals import TINY, Signals
 
@@ -242,14 +242,9 @@ def shape_since_reversal(s: Signals) -> Array:
     Easily confused with: coulomb, hysteresis, creep, encoder_backlash.
     Separate by: rests of several lengths between moves.
     """
-    heading = direction(s)
-    way = held_sign(heading)
-    turned = np.flatnonzero(way[1:] != way[:-1]) + 1
-    last = np.full(len(s.t), -1, dtype=np.intp)
-    last[turned] = turned
-    last = np.maximum.accumulate(last)
-    moved = last >= 0
-    age = np.where(moved, s.t - s.t[last], 0.0)
+    heading, age = direction(s), since_reversal(s)
+    moved = np.isfinite(age)
+    age = np.where(moved, age, 0.0)
     u = np.interp(np.log(np.maximum(age, AGES[0])), np.log(AGES), np.arange(len(AGES), dtype=np.float64))
     hats = np.maximum(1.0 - np.abs(u[:, None] - np.arange(len(AGES))), 0.0) * moved[:, None]
     return s.rig.polarity * np.hstack([hats, hats * heading[:, None]])

@@ -51,6 +51,16 @@ def held_sign(heading: Array) -> Array:
     return np.where(sure >= 0, np.sign(heading[sure]), 0.0)
 
 
+def since_reversal(s: Signals) -> Array:
+    """Time since the stage last turned round, (n,) s; NaN before it first did."""
+    way = held_sign(direction(s))
+    turned = np.flatnonzero(way[1:] != way[:-1]) + 1
+    last = np.full(len(s.t), -1, dtype=np.intp)
+    last[turned] = turned
+    last = np.maximum.accumulate(last)
+    return np.where(last >= 0, s.t - s.t[last], np.nan)
+
+
 def since(s: Signals, instant: float) -> Array:
     """0 before `instant` and 1 after it, straight across one spacing so that the instant can be refined."""
     return np.clip((s.t - instant) / s.step + 0.5, 0.0, 1.0)
