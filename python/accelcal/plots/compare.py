@@ -223,7 +223,7 @@ def histogram(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
     text = f"One-step residuals over their predicted standard deviation: standard deviation {np.std(y):.3f}{nis}"
-    style.headline(figure, text + _imposed(comparison), look)
+    style.headline(figure, text + imposed(comparison), look)
     return figure
 
 
@@ -470,7 +470,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
         ("every parameter from the fit", comparison.coast_frozen_rms, look.other),
         ("noise alone", comparison.coast_floor, look.floor),
     )
-    points = {name: _seen(found) for name, found, _ in curves}
+    points = {name: horizons(found) for name, found, _ in curves}
     factor, unit = style.prefixed("m", *[y for _, y in points.values()])
     style.dress(axes, look, x=style.label("time without position", "s"), y=style.label("rms unaided drift", unit))
     allowed = [h for h, found in comparison.coast_rms.items() if found is not None]
@@ -511,7 +511,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
         style.headline(part, text, look, size)
 
 
-def _seen(found: Mapping[float, float | None]) -> tuple[Array, Array]:
+def horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
     """Horizons that the record allows, with their values, (n,) each."""
     pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
     return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
@@ -544,10 +544,10 @@ def _one_step(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
         f"One-step residuals: rms {style.length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
         f"{style.grouped(len(e))} inside the 95 % band"
     )
-    style.headline(part, text + _imposed(comparison), look, size)
+    style.headline(part, text + imposed(comparison), look, size)
 
 
-def _imposed(comparison: Comparison) -> str:
+def imposed(comparison: Comparison) -> str:
     """What must be said when predicted deviations are not claimed."""
     return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
 

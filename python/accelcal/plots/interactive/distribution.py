@@ -1,0 +1,57 @@
+"""Normal quantiles beside those of the one-step residuals."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal.compare import Comparison
+from accelcal.plots import style
+from accelcal.plots.compare import imposed, normalised, quantiles
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
+    """Draw the quantiles of normalised one-step residuals against those of the normal distribution.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare.compare`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    y = normalised(comparison)
+    expected, seen = quantiles(y)
+    figure = sheet.canvas()
+    figure.add_scatter(
+        x=expected.astype(np.float32),
+        y=seen.astype(np.float32),
+        mode="markers",
+        name="residuals",
+        marker={"color": look.model.colour, "symbol": "square-open", "size": 4},
+        hovertemplate="%{x:.2f} expected, %{y:.2f} seen<extra></extra>",
+    )
+    reach = float(np.abs(expected).max())
+    sheet.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), look.other, "standard normal")
+    nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
+    sheet.dress(
+        figure,
+        look,
+        f"Q-Q plot of one-step residuals over their predicted deviation: standard deviation {np.std(y):.3f}{nis}"
+        f"{imposed(comparison)}",
+        note=style.Thinned(expected, seen, len(seen), len(y)).note,
+        height=340,
+    )
+    figure.update_xaxes(title_text=sheet.axis_title("normal quantile", "1"))
+    figure.update_yaxes(title_text=sheet.axis_title("quantile of residuals", "1"))
+    return figure

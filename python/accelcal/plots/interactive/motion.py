@@ -1,0 +1,56 @@
+"""Measured and simulated position, and the error of the simulation with the band that noise alone allows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal.compare import Comparison
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
+    """Draw measured and simulated position, and below them the error of the simulation.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare.compare`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly or tsdownsample is not installed.
+    """
+    look = style.theme_of(theme)
+    t, measured, position = comparison.simulated
+    error, spread = position - measured, 2.0 * comparison.simulated_std
+    factor, unit = style.prefixed("m", measured)
+    error_factor, error_unit = style.prefixed("m", error)
+    figure = sheet.canvas(2, 1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06)
+    drawn = sheet.trace(figure, t, measured, look.measured, "measured", factor=factor, unit=unit)
+    sheet.trace(figure, t, position, look.model, "simulated", factor=factor, unit=unit)
+    at, reach = style.typical(t, spread)
+    reach = reach * error_factor
+    sheet.band(figure, at, -reach, reach, "noise alone, ± 2 σ", look, row=2)
+    sheet.trace(figure, t, error, look.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2)
+    sheet.dress(
+        figure,
+        look,
+        f"Simulated without position from {t[0]:.3g} s on: rms error {style.length(comparison.simulated_rms)}",
+        note=drawn.note,
+        height=460,
+    )
+    figure.update_yaxes(title_text=sheet.axis_title("position", unit), row=1, col=1)
+    edge = (
+        1.1 * error_factor * max(float(np.abs(error).max()), min(float(spread.max()), 3.0 * float(np.abs(error).max())))
+    )
+    figure.update_yaxes(title_text=sheet.axis_title("error", error_unit), range=[-edge, edge], row=2, col=1)
+    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=2, col=1)
+    return figure

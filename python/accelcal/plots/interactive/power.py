@@ -1,0 +1,89 @@
+"""What a record can see: the largest contribution that each effect can make and stay unseen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from accelcal.effects import find
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+from accelcal.power import Power, Sight
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST = 40
+"""Effects that are drawn at each port."""
+ROW, GAP = 20, 90
+"""Height of a row, and of the space between panels, pixels."""
+
+
+def seen_at(power: Power, port: str) -> list[Sight]:
+    """Effects that are seen at the sensor ("output") or at the encoder ("position"), the smallest first."""
+    return sorted(
+        (s for s in power.sights if s.seen and (find(s.effect).port == "position") == (port == "position")),
+        key=lambda s: s.largest,
+    )
+
+
+def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
+    """Draw the size of each effect that is found with 95 % probability, as its largest contribution.
+
+    Parameters
+    ----------
+    power : from `accelcal.power.power`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    panels = [
+        (seen_at(power, port)[:MOST], unit, title)
+        for port, unit, title in (("output", "m/s²", "at the sensor"), ("position", "m", "at the encoder"))
+    ]
+    panels = [p for p in panels if p[0]]
+    if not panels:
+        return sheet.message(sheet.canvas(), look, "Power", "No effect can be seen on this record.")
+    heights = [len(p[0]) for p in panels]
+    total = sum(heights)
+    room = ROW * (total + len(panels)) + GAP * (len(panels) - 1)
+    figure = sheet.canvas(
+        len(panels),
+        1,
+        row_heights=[(h + 1.0) / (total + len(panels)) for h in heights],
+        subplot_titles=[title for _, _, title in panels],
+        vertical_spacing=GAP / room,
+    )
+    for row, (several, unit, _) in enumerate(panels, 1):
+        names = [sheet.plain(s.effect.replace("_", " ")) for s in several]
+        figure.add_scatter(
+            x=[s.largest for s in several],
+            y=names,
+            mode="markers",
+            showlegend=False,
+            row=row,
+            col=1,
+            marker={"color": look.model.colour, "symbol": "diamond", "size": 8},
+            customdata=[f"{min(s.smallest):.3g} {s.unit}" for s in several],
+            hovertemplate="%{y}: %{customdata}, at most %{x:.3g} " + unit + "<extra></extra>",
+        )
+        scale = sheet.logarithmic(0.7 * several[0].largest, 1.4 * several[-1].largest)
+        title = sheet.axis_title("largest contribution at the smallest size that is found", unit)
+        figure.update_xaxes(**scale, title_text=title, row=row, col=1)
+        figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
+    blind = [s.effect.replace("_", " ") for s in power.sights if not s.seen]
+    sheet.dress(
+        figure,
+        look,
+        f"What this record can see with 95 % probability, among {power.examined} alternatives",
+        note=f"not seen at all: {', '.join(blind)}" if blind else "",
+        height=sheet.BOTTOM + room,
+        legend=False,
+        titled=True,
+        left=sheet.labels([s.effect for several, _, _ in panels for s in several]),
+    )
+    return figure

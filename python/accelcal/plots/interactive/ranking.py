@@ -1,0 +1,120 @@
+"""Candidates by what each explains, with brackets around those that cannot be told apart."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from accelcal.diagnose import Candidate
+from accelcal.loop import Diagnosis
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST = 12
+"""Candidates that are drawn."""
+
+
+def classes(diagnosis: Diagnosis, most: int = MOST) -> list[list[Candidate]]:
+    """The best candidates, each class together, best first."""
+    left = list(diagnosis.scan.candidates[:most])
+    found: list[list[Candidate]] = []
+    while left:
+        first = left[0]
+        group = [c for c in left if c is first or (c.effect in first.members and c.p_value < diagnosis.alpha)]
+        found.append(group)
+        left = [c for c in left if c not in group]
+    return found
+
+
+def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
+    """Draw equivalent standard deviations of each candidate; significant ones filled, ties in brackets.
+
+    Parameters
+    ----------
+    diagnosis : from `accelcal.loop.diagnose`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    figure = sheet.canvas()
+    groups = classes(diagnosis)
+    if not groups:
+        return sheet.message(figure, look, "Candidates", "No candidate could be tested on this record.")
+    flat = [c for group in groups for c in group]
+    names = [sheet.plain(c.effect.replace("_", " ")) for c in flat]
+    for said, chosen, filled in (("significant", look.model, True), ("no evidence", look.floor, False)):
+        rows = [i for i, c in enumerate(flat) if (c.p_value < diagnosis.alpha) == filled]
+        if not rows:
+            continue
+        figure.add_bar(
+            y=rows,
+            x=[flat[i].snr for i in rows],
+            orientation="h",
+            name=said,
+            width=0.62,
+            marker={
+                "color": chosen.colour if filled else sheet.faded(chosen.colour, 0.15),
+                "line": {"color": chosen.colour, "width": 1.5},
+                "pattern": {"shape": "" if filled else "/", "size": 5},
+            },
+            text=[f"{flat[i].snr:.1f} σ" for i in rows],
+            textposition="outside",
+            cliponaxis=False,
+            customdata=[[_amount(flat[i]), f"{flat[i].p_value:.2g}"] for i in rows],
+            hovertemplate="%{x:.1f} σ, family-wise p %{customdata[1]}<br>%{customdata[0]}<extra></extra>",
+        )
+    top, begin = max(c.snr for c in flat), 0
+    for group in groups:
+        end = begin + len(group) - 1
+        if len(group) > 1:
+            x = 1.2 * top
+            figure.add_scatter(
+                x=[x * 0.985, x, x, x * 0.985],
+                y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
+                mode="lines",
+                line={"color": look.other.colour, "width": 2},
+                hoverinfo="skip",
+                showlegend=False,
+            )
+            figure.add_annotation(
+                x=x,
+                y=0.5 * (begin + end),
+                text="cannot be<br>told apart",
+                showarrow=False,
+                xanchor="left",
+                xshift=6,
+                align="left",
+            )
+        begin = end + 1
+    sheet.dress(
+        figure,
+        look,
+        f"What the model lacks: {diagnosis.scan.examined} candidates examined",
+        note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
+        height=sheet.BOTTOM + 20 + 30 * len(flat),
+        left=sheet.labels(names),
+    )
+    figure.update_xaxes(
+        title_text=sheet.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
+    )
+    figure.update_yaxes(
+        tickvals=list(range(len(flat))),
+        ticktext=names,
+        range=[len(flat) - 0.4, -0.6],
+        showgrid=False,
+        ticks="",
+    )
+    return figure
+
+
+def _amount(c: Candidate) -> str:
+    if len(c.estimate) == 1:
+        return sheet.plain(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
+    return sheet.plain(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")

@@ -1,0 +1,98 @@
+"""Mean residual against every variable, in bins with bands, the variable that explains most first."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal.compare import Bins, Comparison
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+COLUMNS = 3
+PANEL, GAP = 230, 82
+"""Height of a row of panels, and of the space between two, pixels."""
+
+
+def ordered(comparison: Comparison) -> list[tuple[Bins, float]]:
+    """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
+    rms = comparison.accel_rms
+    found = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
+    return sorted(found, key=lambda one: -one[1])
+
+
+def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
+    """Draw the mean residual against a, v, p, jerk, time, time since reversal and every side channel.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare.compare`; bins with too little data to have a band are absent.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    chosen = ordered(comparison)
+    if not chosen:
+        return sheet.message(sheet.canvas(), look, "Mean residual", "The record is too short to say where it fails.")
+    rows = math.ceil(len(chosen) / COLUMNS)
+    titles = [sheet.plain(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
+    figure = sheet.canvas(
+        rows, COLUMNS, subplot_titles=titles, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.075
+    )
+    means = [np.where(b.std > 0.0, b.mean, np.nan) for b, _ in chosen]
+    factor, unit = style.prefixed("m/s²", *means)
+    for i, ((one, _), mean) in enumerate(zip(chosen, means, strict=True)):
+        place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
+        x_factor, x_unit = (1.0, one.unit) if one.unit == "s" else style.prefixed(one.unit, one.edges)
+        centre = 0.5 * (one.edges[1:] + one.edges[:-1]) * x_factor
+        x = np.repeat(one.edges, 2)[1:-1] * x_factor
+        reach = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
+        known = np.isfinite(reach)
+        sheet.band(
+            figure,
+            x[known],
+            -reach[known],
+            reach[known],
+            "noise alone, ± 2 σ",
+            look,
+            legend=i == 0,
+            group="band",
+            **place,
+        )
+        sheet.curve(
+            figure,
+            centre,
+            mean * factor,
+            look.residual,
+            "mean residual",
+            markers=True,
+            width=1.2,
+            unit=unit,
+            showlegend=i == 0,
+            legendgroup="mean",
+            **place,
+        )
+    sheet.dress(
+        figure,
+        look,
+        comparison.worst[:1].upper() + comparison.worst[1:],
+        height=sheet.BOTTOM + PANEL * rows,
+        titled=True,
+    )
+    for i, (one, _) in enumerate(chosen):
+        at = {"row": i // COLUMNS + 1, "col": i % COLUMNS + 1}
+        x_unit = one.unit if one.unit == "s" else style.prefixed(one.unit, one.edges)[1]
+        figure.update_xaxes(title_text=sheet.axis_title(one.variable, x_unit), nticks=5, **at)
+        title = sheet.axis_title("mean residual", unit) if i % COLUMNS == 0 else None
+        figure.update_yaxes(title_text=title, nticks=6, **at)
+    return figure

@@ -1,0 +1,53 @@
+"""What has no name, as the function that was recovered, with its band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+from accelcal.recovered import Shape
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def shape(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
+    """Draw the branches of one recovered function with ± 2 standard deviations.
+
+    Parameters
+    ----------
+    recovered : branches of one effect, from `accelcal.recovered.shapes`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    figure = sheet.canvas()
+    if not recovered:
+        return sheet.message(figure, look, "Recovered shape", "The model holds no shape without a name.")
+    first = recovered[0]
+    factor, unit = style.prefixed(first.unit, *[one.value for one in recovered])
+    x_factor, x_unit = (1.0, first.variable_unit)
+    if first.variable_unit != "s":
+        x_factor, x_unit = style.prefixed(first.variable_unit, first.x)
+    for one, chosen in zip(recovered, (look.model, look.other), strict=False):
+        x, y, reach = one.x * x_factor, one.value * factor, 2.0 * one.std * factor
+        name = one.label or "recovered"
+        sheet.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", look, colour=chosen.colour)
+        sheet.curve(figure, x, y, chosen, name, unit=unit)
+    sheet.dress(
+        figure,
+        look,
+        f"What has no name: a function of {first.variable}",
+        note="a constant could as well be bias",
+        height=340,
+    )
+    figure.update_xaxes(title_text=sheet.axis_title(first.variable, x_unit))
+    figure.update_yaxes(title_text=sheet.axis_title("contribution", unit))
+    return figure

@@ -1,0 +1,109 @@
+"""How alike the signatures of effects are on a record: the map behind "cannot be told apart"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import OKABE_ITO, ThemeName
+from accelcal.power import Power
+from accelcal.recording import Array
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST = 20
+"""Effects that are drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Signatures:
+    """Correlation of the signatures of some effects."""
+
+    names: tuple[str, ...]
+    correlation: Array
+    """(n, n)"""
+
+
+def signatures_of(power: Power, first: Sequence[str] = (), most: int = MOST) -> Signatures:
+    """Effects named in `first`, then those tied to another one, then the best seen; like beside like.
+
+    Parameters
+    ----------
+    power : of the record.
+    first : effects that must be on the map, if they have one column.
+    most : effects on the map.
+    """
+    tied = [name for group in power.ties for name in group.members]
+    rest = sorted(power.row, key=lambda name: power[name].largest)
+    wanted = [n for n in dict.fromkeys([*first, *tied, *rest]) if n in power.row][:most]
+    rows = [power.row[n] for n in wanted]
+    rho = np.asarray(power.correlation[np.ix_(rows, rows)])
+    order = _chain(np.abs(rho))
+    return Signatures(tuple(wanted[i] for i in order), rho[np.ix_(order, order)])
+
+
+def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "light") -> Figure:
+    """Draw the correlation of the signatures of effects on a record.
+
+    Parameters
+    ----------
+    power : from `accelcal.power.power`.
+    first : effects that must be on the map.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    seen = signatures_of(power, first)
+    figure = sheet.canvas()
+    if len(seen.names) < 2:
+        return sheet.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
+    names = [sheet.plain(n.replace("_", " ")) for n in seen.names]
+    texts = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in seen.correlation]
+    figure.add_heatmap(
+        z=seen.correlation,
+        x=names,
+        y=names,
+        text=texts,
+        texttemplate="%{text}",
+        textfont={"size": 10},
+        zmin=-1,
+        zmax=1,
+        xgap=1,
+        ygap=1,
+        hovertemplate="%{x} and %{y}: %{z:.3f}<extra></extra>",
+        colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, look.page], [1.0, OKABE_ITO["vermillion"]]],
+        colorbar={"title": {"text": "ρ", "side": "top"}, "thickness": 12, "outlinewidth": 0},
+    )
+    sheet.dress(
+        figure,
+        look,
+        "How alike effects look on this record: correlation of their signatures, the base taken out",
+        note="numbers in percent where |ρ| is 50 or more; beyond 95 % two effects cannot be told apart",
+        height=sheet.BOTTOM + 24 * len(names),
+        legend=False,
+        left=sheet.labels(names),
+    )
+    under = 40 + int(0.8 * sheet.labels(names))
+    figure.update_layout(margin_b=under, height=figure.layout.height + under - sheet.BOTTOM)
+    figure.update_xaxes(tickangle=-50, showgrid=False, ticks="", title_text="effect (ρ has unit 1)")
+    figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")
+    return figure
+
+
+def _chain(likeness: Array) -> list[int]:
+    """An order in which each effect follows the one that it is most like."""
+    order = [0]
+    while len(order) < len(likeness):
+        left = [i for i in range(len(likeness)) if i not in order]
+        order.append(max(left, key=lambda i: float(likeness[order[-1], i])))
+    return order

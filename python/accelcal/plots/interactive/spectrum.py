@@ -1,0 +1,139 @@
+"""Spectrum of the residual beside the predicted noise, lines named."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal.channels import ChannelFinding
+from accelcal.compare import Comparison, Spectrum, accel_spectrum, one_step_spectrum
+from accelcal.fit import Fit
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+
+def lines(findings: Sequence[ChannelFinding]) -> list[tuple[float, str]]:
+    """Frequencies that were found, Hz, each with its name."""
+    return [(f.parts["frequency"], f.effect.replace("_", " ")) for f in findings if "frequency" in f.parts]
+
+
+def spectrum(
+    fit: Fit, comparison: Comparison, findings: Sequence[ChannelFinding] = (), *, theme: ThemeName = "light"
+) -> Figure:
+    """Draw the density of the accelerometer-side residual, and of one-step residuals over their predicted deviation.
+
+    Parameters
+    ----------
+    fit : whose noise is predicted.
+    comparison : of that fit, from `accelcal.compare.compare`.
+    findings : of a diagnosis; those with a frequency are named.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    panels: list[tuple[Spectrum, str, str, str]] = []
+    below, whole = accel_spectrum(fit, comparison), one_step_spectrum(comparison)
+    if below is not None:
+        panels.append((below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer side, inside the band"))
+    if whole is not None:
+        panels.append(
+            (whole, "one-step residual / predicted σ", "1/√Hz", "one step ahead, up to half the encoder's rate")
+        )
+    if not panels:
+        return sheet.message(sheet.canvas(), look, "Spectrum", "The record is too short for a spectrum.")
+    figure = sheet.canvas(1, len(panels), subplot_titles=[p[3] for p in panels], horizontal_spacing=0.11)
+    outside = 0.0
+    for i, (seen, _, unit, _) in enumerate(panels):
+        f, expected = seen.frequency, np.sqrt(seen.predicted)
+        place: dict[str, Any] = {"row": 1, "column": i + 1}
+        sheet.band(
+            figure,
+            f,
+            expected * seen.low**0.5,
+            expected * seen.high**0.5,
+            "95 % of noise alone",
+            look,
+            legend=i == 0,
+            group="band",
+            **place,
+        )
+        drawn = sheet.thin(f, np.sqrt(seen.density))
+        sheet.curve(
+            figure,
+            drawn.t,
+            drawn.y,
+            look.residual,
+            "residual",
+            width=1.1,
+            unit=unit,
+            showlegend=i == 0,
+            legendgroup="residual",
+            **place,
+        )
+        sheet.curve(
+            figure,
+            f,
+            expected,
+            look.floor,
+            "predicted noise",
+            unit=unit,
+            showlegend=i == 0,
+            legendgroup="floor",
+            **place,
+        )
+        ratio = seen.density / seen.predicted
+        outside = max(outside, float(np.mean((ratio < seen.low) | (ratio > seen.high))))
+        for at, name in lines(findings):
+            if f[0] <= at <= f[-1]:
+                _mark(figure, at, name, look, i + 1)
+    named = "; ".join(f"{name} at {at:.4g} Hz" for at, name in lines(findings))
+    sheet.dress(
+        figure,
+        look,
+        f"Spectrum of the residual: up to {100.0 * outside:.0f} % of frequencies outside the band, 5 % by chance",
+        note=f"lines found: {named}" if named else "no line stands out",
+        height=360,
+        titled=True,
+    )
+    for i, (seen, quantity, unit, _) in enumerate(panels):
+        across = sheet.logarithmic(float(seen.frequency[0]), float(seen.frequency[-1]))
+        figure.update_xaxes(**across, title_text=sheet.axis_title("frequency", "Hz"), row=1, col=i + 1)
+        upward = sheet.logarithmic(*_reach(seen))
+        figure.update_yaxes(**upward, title_text=sheet.axis_title(quantity, unit), row=1, col=i + 1)
+    return figure
+
+
+def _reach(seen: Spectrum) -> tuple[float, float]:
+    """Ends of the ordinate: residual and prediction whole, and at least two decades."""
+    y = np.sqrt(np.concatenate([np.maximum(seen.density, 1e-300), seen.predicted]))
+    low, high = 0.8 * float(np.quantile(y, 0.002)), 1.6 * float(y.max())
+    middle = float(np.sqrt(low * high))
+    return min(low, 0.1 * middle), max(high, 10.0 * middle)
+
+
+def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) -> None:
+    """A dash-dotted line at a frequency, with its name; annotations on a logarithmic axis are placed by logarithm."""
+    place = {"row": 1, "col": column, "yref": "y domain" if column == 1 else f"y{column} domain"}
+    line = {"color": look.other.colour, "dash": "dashdot", "width": 1.4}
+    figure.add_shape(type="line", x0=at, x1=at, y0=0.0, y1=1.0, line=line, **place)
+    figure.add_annotation(
+        x=math.log10(at),
+        y=1.0,
+        yanchor="top",
+        xanchor="right",
+        showarrow=False,
+        textangle=-90,
+        text=sheet.plain(f"{name} {at:.4g} Hz"),
+        **place,
+    )

@@ -1,0 +1,128 @@
+"""The record on its time line: position, rest, what is used, breaks and faults."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal.breaks import Fault, faults, usable
+from accelcal.overview import rest
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+from accelcal.recording import Recording
+from accelcal.replay import Run
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+MOST = 400
+"""Stretches of rest that are shaded, the longest ones."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """What is marked on the time line, s."""
+
+    start: float
+    end: float
+    """Stretch that is used."""
+    breaks: tuple[float, ...]
+    faults: tuple[Fault, ...]
+    rest: tuple[tuple[float, float], ...]
+
+
+def marks(recording: Recording) -> Marks:
+    """Breaks, faults, rest and the stretch on which one model can hold.
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+    """
+    found = usable(recording)
+    seen = faults(recording, Run(recording, start=found.start, end=found.end))
+    return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)))
+
+
+def longest(stretches: Sequence[tuple[float, float]], most: int = MOST) -> list[tuple[float, float]]:
+    """The longest of some stretches."""
+    return sorted(stretches, key=lambda one: one[0] - one[1])[:most]
+
+
+def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -> Figure:
+    """Draw position and output over time with breaks, faults and rest marked.
+
+    Parameters
+    ----------
+    recording : whole.
+    seen : from `marks`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly or tsdownsample is not installed.
+    """
+    look = style.theme_of(theme)
+    position, accel = recording.position, recording.accel
+    figure = sheet.canvas(2, 1, shared_xaxes=True, vertical_spacing=0.06)
+    factor, unit = style.prefixed("m", position.y)
+    drawn = [
+        sheet.trace(figure, position.t, position.y, look.measured, "position", factor=factor, unit=unit),
+        sheet.trace(figure, accel.t, accel.y, look.residual, "output", unit="m/s²", row=2),
+    ]
+    figure.update_layout(shapes=[_shade(begin, end, look.grid) for begin, end in longest(seen.rest)])
+    for at in seen.breaks:
+        figure.add_vline(
+            x=at,
+            line={"color": look.other.colour, "dash": "dash", "width": 2},
+            annotation={"text": f"break at {at:.4g} s", "yanchor": "top", "xanchor": "left"},
+            row=1,
+            col=1,
+        )
+        figure.add_vline(x=at, line={"color": look.other.colour, "dash": "dash", "width": 2}, row=2, col=1)
+    if seen.faults:
+        times = np.array([f.time for f in seen.faults])
+        figure.add_scatter(
+            x=times,
+            y=np.interp(times, position.t, position.y * factor),
+            mode="markers",
+            name="fault",
+            row=1,
+            col=1,
+            marker={"symbol": "x", "size": 10, "color": look.other.colour},
+            text=[sheet.plain(f.sentence) for f in seen.faults],
+            hovertemplate="%{text}<extra></extra>",
+        )
+    broken = f"{len(seen.breaks)} break" + ("" if len(seen.breaks) == 1 else "s") if seen.breaks else "no break"
+    counted = f"{len(seen.faults)} fault" + ("" if len(seen.faults) == 1 else "s") if seen.faults else "no fault"
+    sheet.dress(
+        figure,
+        look,
+        f"Used from {seen.start:.4g} s to {seen.end:.4g} s: {broken}, {counted}",
+        note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", sheet.note_of(*drawn)))),
+        height=400,
+    )
+    figure.update_yaxes(title_text=sheet.axis_title("position", unit), row=1, col=1)
+    figure.update_yaxes(title_text=sheet.axis_title("output", "m/s²"), row=2, col=1)
+    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=2, col=1)
+    return figure
+
+
+def _shade(begin: float, end: float, colour: str) -> dict[str, Any]:
+    """A stretch of time, shaded behind all panels."""
+    across = {"xref": "x", "x0": begin, "x1": end}
+    upward = {"yref": "paper", "y0": 0.0, "y1": 1.0}
+    return {
+        "type": "rect",
+        **across,
+        **upward,
+        "fillcolor": colour,
+        "opacity": 0.5,
+        "line": {"width": 0},
+        "layer": "below",
+    }

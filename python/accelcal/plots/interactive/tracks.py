@@ -1,0 +1,81 @@
+"""Parameters as readings come in, with their bands."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+from accelcal.tracks import Track
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+COLUMNS = 2
+PANEL, GAP = 220, 82
+"""Height of a row of panels, and of the space between two, pixels."""
+MOST = 8
+"""Parameters that are drawn."""
+SETTLED = 0.2
+"""Share of the track whose uncertainty sizes the axis."""
+
+
+def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
+    """Draw estimate and ± 2 standard deviations of every parameter against time.
+
+    Parameters
+    ----------
+    track : from `accelcal.tracks.track`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly is not installed.
+    """
+    look = style.theme_of(theme)
+    count = min(MOST, len(track.names))
+    rows = math.ceil(count / COLUMNS)
+    names = [sheet.plain(n.replace("_", " ")) for n in track.names[:count]]
+    figure = sheet.canvas(
+        rows, COLUMNS, subplot_titles=names, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.11
+    )
+    for i in range(count):
+        place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
+        y, std = track.values[:, i], track.std[:, i]
+        known = np.isfinite(std)
+        t, y, std = track.t[known], y[known], std[known]
+        low, high = y - 2.0 * std, y + 2.0 * std
+        late = slice(int(SETTLED * len(y)), None)
+        ends = (float(low[late].min()), float(high[late].max())) if len(y) else (0.0, 1.0)
+        factor, unit = sheet.scaled(track.units[i], *ends)
+        sheet.band(figure, t, low * factor, high * factor, "± 2 σ", look, legend=i == 0, group="band", **place)
+        sheet.curve(
+            figure,
+            t,
+            y * factor,
+            look.residual,
+            "estimate",
+            unit=unit,
+            showlegend=i == 0,
+            legendgroup="estimate",
+            **place,
+        )
+        figure.update_yaxes(range=[e * factor for e in ends], row=place["row"], col=place["column"])
+        figure.update_yaxes(title_text=sheet.axis_title("estimate", unit), row=place["row"], col=place["column"])
+        figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=place["row"], col=place["column"])
+    left = len(track.names) - count
+    sheet.dress(
+        figure,
+        look,
+        "Parameters from the readings up to each instant, with their uncertainty",
+        note=f"{left} further parameters are not drawn" if left else "",
+        height=sheet.BOTTOM + PANEL * rows,
+        titled=True,
+        left=92,
+    )
+    return figure

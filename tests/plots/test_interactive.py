@@ -1,0 +1,395 @@
+"""Interactive figures carry the numbers of the API, units on every axis, and colours that everyone tells apart."""
+
+import itertools
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.plots.test_plots import SHORT, a_comparison
+
+import accelcal as ac
+from accelcal.channels import ChannelFinding
+from accelcal.compare import accel_spectrum, compare, one_step_spectrum
+from accelcal.consistency import cumulative_periodogram
+from accelcal.ladder import ladder
+from accelcal.loop import Tie, diagnose
+from accelcal.plots import interactive, style
+from accelcal.plots.compare import normalised
+from accelcal.plots.interactive.ranking import classes
+from accelcal.plots.interactive.regions import ordered
+from accelcal.plots.interactive.sheet import logarithmic, thin
+from accelcal.plots.interactive.signatures import signatures_of
+from accelcal.plots.interactive.tiles import tiles_of
+from accelcal.plots.interactive.timeline import Marks
+from accelcal.power import power
+from accelcal.recovered import shapes
+from accelcal.simulate import CXL02_RIG, simulate
+from accelcal.tracks import track
+
+THEMES = ("light", "dark")
+LINE = ChannelFinding("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
+
+
+class Story:
+    """Everything that figures are drawn from, for one record with a hidden cubic."""
+
+    def __init__(self):
+        truth = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
+        self.run, self.other = (
+            simulate(
+                "interleaved", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(s)
+            ).recording
+            for s in (1, 2)
+        )
+        self.fit = ac.fit(ac.Model.linear(), self.run)
+        self.diagnosis = diagnose(self.fit, self.run)
+        self.seen = self.diagnosis.where
+        self.ladder = ladder(self.fit, self.run, self.diagnosis, holdout=self.other)
+        self.power = power(self.run)
+        self.track = track(self.fit, self.run)
+        self.marks = interactive.marks(self.run)
+        shaped = ac.Model.linear().add("shape_of_position", shapes=self.ends)
+        constant_and_slope = {"shape_of_position.s5": 0.0, "shape_of_position.s6": 0.0}
+        self.shaped = ac.fit(shaped.freeze(**constant_and_slope), self.run)
+
+    @property
+    def ends(self):
+        low, high = self.fit.validity["p"]
+        return {"shape_of_position": {"low": low - self.fit.origins.p, "high": high - self.fit.origins.p}}
+
+    def figures(self, theme):
+        seen = self.seen
+        return {
+            "simulated": interactive.simulated(seen, theme=theme),
+            "coasting": interactive.coasting(seen, theme=theme),
+            "one_step": interactive.one_step(seen, previous=seen, theme=theme),
+            "accel_side": interactive.accel_side(seen, previous=seen, theme=theme),
+            "regions": interactive.regions(seen, theme=theme),
+            "spectrum": interactive.spectrum(self.fit, seen, [LINE], theme=theme),
+            "white": interactive.white(seen, theme=theme),
+            "quantile_plot": interactive.quantile_plot(seen, theme=theme),
+            "tiles": interactive.tiles(seen, theme=theme),
+            "tracks": interactive.tracks(self.track, theme=theme),
+            "ranking": interactive.ranking(self.diagnosis, theme=theme),
+            "signatures": interactive.signatures(self.power, theme=theme),
+            "falling": interactive.falling(self.ladder, theme=theme),
+            "shape": interactive.shape(shapes(self.shaped), theme=theme),
+            "power_of": interactive.power_of(self.power, theme=theme),
+            "timeline": interactive.timeline(self.run, self.marks, theme=theme),
+        }
+
+
+@pytest.fixture(scope="module")
+def story():
+    return Story()
+
+
+@pytest.fixture(scope="module")
+def drawn(story):
+    return {theme: story.figures(theme) for theme in THEMES}
+
+
+def axes(figure, letter):
+    return [figure.layout[key] for key in figure.to_plotly_json()["layout"] if re.fullmatch(rf"{letter}axis\d*", key)]
+
+
+def headline(figure):
+    return next(a.text for a in figure.layout.annotations if a.name == "headline")
+
+
+def named(figure, name):
+    return next(t for t in figure.data if t.name == name)
+
+
+def colours(figure):
+    return set(re.findall(r"#[0-9A-Fa-f]{6}", figure.to_json()))
+
+
+def test_every_figure_is_offered(drawn):
+    assert set(drawn["light"]) == set(interactive.__all__) - {"marks"}
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_every_axis_carries_its_unit(drawn, theme):
+    for name, figure in drawn[theme].items():
+        for letter in "xy":
+            titles = [axis.title.text for axis in axes(figure, letter) if axis.title.text]
+            inherits = {("tiles", "y"), ("signatures", "y"), ("ranking", "y"), ("power_of", "y"), ("falling", "x")}
+            if (name, letter) in inherits:  # names of variables, effects and models
+                continue
+            assert titles, (name, letter)
+            assert all(re.search(r"\(.+\)", title) for title in titles), (name, titles)
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_colours_are_those_of_the_palette(drawn, theme):
+    look = style.theme_of(theme)
+    allowed = {c.upper() for c in (*style.OKABE_ITO.values(), look.page, look.ink, look.grid, "#FFFFFF")}
+    for name, figure in drawn[theme].items():
+        assert {c.upper() for c in colours(figure)} - allowed == set(), name
+
+
+def test_themes_differ_in_looks_alone(drawn):
+    for name in drawn["light"]:
+        day, night = drawn["light"][name], drawn["dark"][name]
+        assert day.layout.paper_bgcolor != night.layout.paper_bgcolor
+        assert headline(day) == headline(night)
+        for a, b in zip(day.data, night.data, strict=True):
+            if a.type == "scatter" and not isinstance(a.y[0], str):
+                np.testing.assert_array_equal(np.asarray(a.y, dtype=float), np.asarray(b.y, dtype=float))
+
+
+def test_one_step_keeps_extremes_and_states_statistics_of_all_data(story, drawn):
+    t, e = story.seen.residual
+    figure = drawn["light"]["one_step"]
+    shown = np.asarray(named(figure, "residual").y)
+    assert len(t) > 2 * len(shown)
+    assert np.nanmax(shown) == pytest.approx(1e6 * e.max(), rel=1e-6)  # single precision, in µm
+    assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-6)
+    inside = np.mean(np.abs(e) <= 1.96 * story.seen.residual_std)
+    assert f"{100 * inside:.1f} % of" in headline(figure)
+    assert f"4 000 of {style.grouped(len(t))} points shown" in headline(figure)
+
+
+def test_coasting_shows_drift_and_floor(story, drawn):
+    figure = drawn["light"]["coasting"]
+    for name, found in (
+        ("this run's constant re-estimated", story.seen.coast_rms),
+        ("every parameter from the fit", story.seen.coast_frozen_rms),
+        ("noise alone", story.seen.coast_floor),
+    ):
+        line = named(figure, name)
+        factor = line.y[0] / found[line.x[0]]
+        assert factor in (pytest.approx(1e3), pytest.approx(1e6))
+        np.testing.assert_allclose(line.y, [factor * found[h] for h in line.x], rtol=1e-12)  # one product
+
+
+def test_regions_come_in_the_order_of_what_they_explain(story, drawn):
+    found = ordered(story.seen)
+    shares = [share for _, share in found]
+    assert shares == sorted(shares, reverse=True)
+    assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
+    assert {"time", "position", "velocity", "acceleration", "jerk", "time since reversal"} == {
+        b.variable for b, _ in found
+    }
+    titles = [a.text for a in drawn["light"]["regions"].layout.annotations if a.name != "headline"]
+    assert [t.split(":")[0] for t in titles] == [b.variable for b, _ in found]
+
+
+def test_explained_share_of_a_pure_function_and_of_noise():
+    rng = np.random.default_rng(3)
+    x = rng.uniform(-1.0, 1.0, 60_000)
+    bins = np.clip(((x + 1.0) * 6.0).astype(int), 0, 11)
+    count = np.bincount(bins)
+    for y, low, high in ((np.sin(3.0 * x), 0.9, 1.0), (rng.standard_normal(len(x)), 0.0, 0.002)):
+        mean = np.bincount(bins, weights=y) / count
+        one = ac.compare.__globals__["Bins"]("x", "m", np.linspace(-1, 1, 13), mean, 1.0 / np.sqrt(count) * np.std(y))
+        # Twelve bins hold 99 % of a sine; of noise they hold 12/60 000 by chance, taken off. False alarm below 1e-6.
+        assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
+
+
+def test_spectrum_names_lines_and_keeps_its_band(story, drawn):
+    figure = drawn["light"]["spectrum"]
+    assert "tone at 12.5 Hz" in headline(figure)
+    labels = [a for a in figure.layout.annotations if a.text == "tone 12.5 Hz"]
+    assert len(labels) == 2
+    assert all(a.x == pytest.approx(np.log10(12.5)) for a in labels)
+
+
+def test_spectrum_of_white_residuals_stays_in_its_region():
+    # 95 % of 1000 correlated frequencies: between 92 and 98 % is four sigma even if only a quarter are independent.
+    white = a_comparison(n=48_000)
+    found = one_step_spectrum(white)
+    ratio = found.density / found.predicted
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.02)  # 24 000 exponential ordinates: 0.0065
+    assert 0.92 < np.mean((ratio > found.low) & (ratio < found.high)) < 0.98
+    # The sister: residuals with a line leave it.
+    t, e = white.residual
+    loud = replace(white, residual=(t, e + 1e-6 * np.sin(2.0 * np.pi * 10.0 * t)))
+    heard = one_step_spectrum(loud)
+    peak = np.argmax(heard.density / heard.predicted)
+    assert heard.frequency[peak] == pytest.approx(10.0, abs=0.1)
+    assert heard.density[peak] / heard.predicted[peak] > 10 * heard.high
+
+
+def test_predicted_noise_is_that_of_a_good_model(story):
+    cubic = ac.fit(ac.Model.linear().add("cubic"), story.run)
+    found = accel_spectrum(cubic, compare(cubic, story.other))
+    middle = found.frequency < 0.7 * found.frequency[-1]
+    ratio = found.density[middle] / found.predicted[middle]
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.15)  # five sigma of 24 segments over some ten bands
+    lacking = accel_spectrum(story.fit, compare(story.fit, story.other))
+    short = lacking.density / lacking.predicted
+    assert np.mean((short < lacking.low) | (short > lacking.high)) > 0.3  # the sister: a model that lacks the cubic
+
+
+def test_cumulative_periodogram_tells_white_from_coloured():
+    rng = np.random.default_rng(11)
+    rejected = [
+        found.distance > found.limit for found in (cumulative_periodogram(rng.standard_normal(500)) for _ in range(400))
+    ]
+    assert 4 <= sum(rejected) <= 40  # 20 expected at 5 %: beyond four sigma below 1e-4
+    coloured = np.convolve(rng.standard_normal(600), np.ones(3), mode="valid")
+    seen = cumulative_periodogram(coloured)
+    assert seen.distance > 2.0 * seen.limit
+    with pytest.raises(ValueError, match="at least 16"):
+        cumulative_periodogram(np.ones(8))
+    with pytest.raises(ValueError, match="constant"):
+        cumulative_periodogram(np.ones(40))
+
+
+def test_quantiles_are_those_of_all_residuals(story, drawn):
+    y = np.sort(normalised(story.seen))
+    shown = np.asarray(named(drawn["light"]["quantile_plot"], "residuals").y)
+    assert shown[0] == pytest.approx(y[0], rel=1e-6)
+    assert shown[-1] == pytest.approx(y[-1], rel=1e-6)
+
+
+def test_tiles_hold_scores(story):
+    seen = tiles_of(story.seen)
+    for row, sigma in zip(seen.rows, seen.sigma, strict=True):
+        one = next(b for b in story.seen.bins if row.startswith(f"{b.variable},"))
+        known = one.std > 0.0
+        np.testing.assert_array_equal(sigma[known], one.score[known])
+        assert np.all(np.isnan(sigma[~known]))
+    assert seen.rows[0].startswith("acceleration")
+
+
+def test_tracks_end_where_the_fit_ends(story):
+    for i, name in enumerate(story.track.names):
+        assert story.track.values[-1, i] == pytest.approx(story.fit[name].value, rel=1e-9, abs=1e-12)  # same solve
+        assert story.track.std[-1, i] == pytest.approx(story.fit[name].std, rel=1e-9)
+    late = story.track.std[20:]
+    assert np.all(np.diff(late, axis=0) <= 1e-12 * late[:-1])  # information only grows
+
+
+def test_a_track_equals_a_fit_of_the_first_part():
+    # Noise and smoothed motion are those of the whole record, so only nearly: a tenth of a standard deviation.
+    truth = {"bias": 0.05, "scale_factor": 0.01}
+    run = simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(4)).recording
+    whole = ac.fit(ac.Model.linear(), run)
+    found = track(whole, run, points=20)
+    half = ac.fit(ac.Model.linear(), run, end=float(found.t[9]), origins=whole.origins)
+    for i, name in enumerate(found.names):
+        assert found.std[9, i] == pytest.approx(half[name].std, rel=0.05)
+        assert abs(found.values[9, i] - half[name].value) < 0.3 * half[name].std
+        assert found.std[9, i] > 1.1 * found.std[-1, i]
+
+
+def test_ranking_draws_every_candidate_and_brackets_ties(story, drawn):
+    groups = classes(story.diagnosis)
+    flat = [c.effect for group in groups for c in group]
+    assert sorted(flat) == sorted(c.effect for c in story.diagnosis.scan.candidates[:12])
+    figure = drawn["light"]["ranking"]
+    bars = [x for t in figure.data if t.type == "bar" for x in t.x]
+    assert sorted(bars) == sorted(c.snr for c in story.diagnosis.scan.candidates[:12])
+    several = sum(1 for group in groups if len(group) > 1)
+    assert sum(1 for a in figure.layout.annotations if "told apart" in (a.text or "")) == several
+    assert sum(1 for t in figure.data if t.type == "scatter") == several
+
+
+def test_a_tie_is_bracketed(story):
+    first, second, *rest = story.diagnosis.scan.candidates
+    tied = (replace(first, members=(first.effect, second.effect)), replace(second, p_value=1e-9), *rest)
+    diagnosis = replace(
+        story.diagnosis,
+        scan=replace(story.diagnosis.scan, candidates=tied),
+        classes=(Tie(first.effect, (first.effect, second.effect), "x"),),
+    )
+    assert [c.effect for c in classes(diagnosis)[0]] == [first.effect, second.effect]
+    alone = replace(
+        diagnosis, scan=replace(diagnosis.scan, candidates=(replace(first, members=(first.effect,)), *rest))
+    )
+    assert [c.effect for c in classes(alone)[0]] == [first.effect]
+
+
+def test_signatures_are_the_correlations_of_the_record(story):
+    seen = signatures_of(story.power, ["cubic", "odd_quadratic"])
+    assert {"cubic", "odd_quadratic"} <= set(seen.names)
+    np.testing.assert_allclose(np.diag(seen.correlation), 1.0, rtol=1e-9)  # of unit signatures
+    for i, j in itertools.combinations(range(len(seen.names)), 2):
+        a, b = (story.power.row[seen.names[k]] for k in (i, j))
+        assert seen.correlation[i, j] == story.power.correlation[a, b]
+
+
+def test_falling_draws_errors_floor_and_shares(story, drawn):
+    figure = drawn["light"]["falling"]
+    bars = [y for t in figure.data if t.type == "bar" for y in t.y]
+    factor = bars[0] / story.ladder.errors[0]
+    np.testing.assert_allclose(bars, np.array(story.ladder.errors) * factor, rtol=1e-12)  # one product
+    np.testing.assert_allclose(named(figure, "noise alone").y, story.ladder.floor * factor, rtol=1e-12)
+    texts = [text for t in figure.data if t.type == "bar" for text in t.text]
+    assert f"{100 * story.ladder.shares[1]:.0f} % of the excess" in texts[1]
+    assert story.ladder.errors[1] < 0.6 * story.ladder.errors[0]
+    assert "not in the model yet" in {t.name for t in figure.data}
+
+
+def test_a_base_at_the_floor_explains_nothing(story):
+    good = replace(story.ladder, rungs=story.ladder.rungs[1:])
+    poor = tuple(
+        replace(r, heldout=replace(r.heldout, coast_floor=dict.fromkeys(r.heldout.coast_floor, 1.0)))
+        for r in good.rungs
+    )
+    assert replace(good, rungs=poor).shares == (None,)
+
+
+def test_recovered_shape_is_the_fitted_function(story):
+    (one,) = shapes(story.shaped)
+    effect = "shape_of_position"
+    coefficients = np.array([story.shaped[f"{effect}.s{j}"].value for j in range(1, 11)])
+    from scipy.interpolate import BSpline
+
+    low, high = story.ends[effect]["low"], story.ends[effect]["high"]
+    knots = low + (high - low) / 7.0 * np.arange(-3, 11)
+    independent = BSpline(knots, coefficients, 3)(one.x - story.shaped.origins.p)
+    inside = slice(1, -1)  # the ends stand on a knot
+    np.testing.assert_allclose(one.value[inside], independent[inside], rtol=1e-8, atol=1e-12)  # same polynomials
+    assert np.all(one.std > 0.0)
+
+
+def test_power_shows_contributions_by_port(story, drawn):
+    figure = drawn["light"]["power_of"]
+    shown = {y: x for t in figure.data for x, y in zip(t.x, t.y, strict=True)}
+    for name, x in shown.items():
+        assert x == story.power[name.replace(" ", "_")].largest
+    assert {"cubic", "encoder cyclic"} <= set(shown)
+
+
+def test_breaks_and_faults_are_marked(story):
+    marks = Marks(0.0, 12.0, (12.0,), (), ((1.0, 2.0),))
+    figure = interactive.timeline(story.run, marks)
+    assert "1 break, no fault" in headline(figure)
+    lines = [s for s in figure.layout.shapes if s.type == "line"]
+    assert [s.x0 for s in lines] == [12.0, 12.0]
+    assert any("break at 12 s" in (a.text or "") for a in figure.layout.annotations)
+    assert [(s.x0, s.x1) for s in figure.layout.shapes if s.type == "rect"] == [(1.0, 2.0)]
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_records_too_short_are_said_in_place_of_figures(theme):
+    short = a_comparison(n=40, bins=(), accel_residual=(np.empty(0), np.empty(0)), **SHORT)
+    for draw in (interactive.coasting, interactive.regions, interactive.tiles, interactive.accel_side):
+        texts = " ".join(a.text for a in draw(short, theme=theme).layout.annotations)
+        assert "too short" in texts
+    assert interactive.white(a_comparison(n=12), theme=theme).layout.annotations
+
+
+def test_previous_residuals_stand_faintly_behind(story):
+    figure = interactive.accel_side(story.seen, previous=story.seen)
+    assert [t.name for t in figure.data] == ["before", "output − model"]
+    assert figure.data[0].opacity < 0.5
+
+
+def test_thinning_keeps_extremes_and_leaves_short_traces_alone():
+    t = np.arange(100_000.0)
+    y = np.sin(t / 900.0)
+    y[54_321] = 7.0
+    assert thin(t, y).y.max() == 7.0
+    assert thin(t[:100], y[:100]).shown == 100
+
+
+def test_ticks_of_logarithmic_axes():
+    few = logarithmic(0.9, 30.0)
+    assert few["tickvals"] == pytest.approx([1, 2, 5, 10, 20])
+    assert logarithmic(1e-7, 1e-1)["ticktext"] == ["10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "0.001", "0.01", "0.1"]
