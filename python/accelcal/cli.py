@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import shlex
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -452,6 +453,49 @@ def improve(
     if found.same_run:
         print("held out: the end of the same run; it cannot show set-up or slow-drift errors")
     show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
+
+
+@app.command()
+@reported
+def report(
+    model: ModelFile,
+    run: RunFile,
+    holdout: Holdout = None,
+    rig: Rig = None,
+    light: Annotated[bool, typer.Option("--light", help="Pictures and no script: small enough to mail.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="PDF as well; PDF alone where --output ends in .pdf.")] = False,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+) -> None:
+    """Write one page on a model and a recording: verdict, falling error, parameters, budget, where it fails.
+
+    The page opens offline. RUN.html unless --output says otherwise.
+
+    Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
+    """
+    from accelcal import report as page
+    from accelcal import store
+
+    target = output if output is not None else run.with_suffix(".html")
+    if target.suffix not in (".html", ".pdf"):
+        raise Usage(f"--output {target}: expected a name that ends in .html or .pdf")
+    extra = own_effects(effects_file)
+    fitted = store.load(model)
+    with progress("report") as share:
+        content = page.gather(
+            fitted,
+            load_like(fitted, run, rig),
+            holdout=None if holdout is None else load_like(fitted, holdout, rig),
+            extra=extra,
+            command=shlex.join(["accelcal", *sys.argv[1:]]),
+            report=share,
+        )
+    if target.suffix == ".html":
+        page.write(page.light(content) if light else page.html(content), target)
+        say(f"wrote {target}")
+    if pdf or target.suffix == ".pdf":
+        page.pdf(content, target.with_suffix(".pdf"))
+        say(f"wrote {target.with_suffix('.pdf')}")
 
 
 @app.command()
@@ -938,7 +982,7 @@ def doctor(json: Json = False) -> None:
 
     import accelcal
 
-    extras = {"plot": "matplotlib", "hdf5": "h5py"}
+    extras = {"plot": "matplotlib", "report": "plotly", "pdf": "typst", "hdf5": "h5py"}
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,

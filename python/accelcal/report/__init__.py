@@ -1,0 +1,7 @@
+"""The report: one page that opens offline and says what a model is worth on a recording, numbers with their origin."""
+
+from accelcal.report.content import Content, gather
+from accelcal.report.page import html, light, write
+from accelcal.report.paper import pdf
+
+__all__ = ["Content", "gather", "html", "light", "pdf", "write"]

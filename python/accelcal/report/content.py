@@ -1,0 +1,118 @@
+"""Everything that a report speaks of, found once through the public functions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from accelcal.applied import Application, example
+from accelcal.budget import Budget, budget
+from accelcal.compare import Comparison, compare
+from accelcal.effects import Effect
+from accelcal.fit import Fit
+from accelcal.ladder import Ladder, ladder
+from accelcal.loop import Diagnosis, diagnose
+from accelcal.overview import describe
+from accelcal.plots.interactive.timeline import Marks, marks
+from accelcal.power import Power, power
+from accelcal.recording import Recording
+from accelcal.recovered import Shape, shapes
+from accelcal.tracks import Track, track
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Content:
+    """What is said in a report."""
+
+    fit: Fit
+    recording: Recording
+    holdout: Recording | None
+    diagnosis: Diagnosis
+    """Of the model on `recording`."""
+    judged: Comparison
+    """Of the model as it stands in its file, with unseen data where there are any."""
+    unseen: bool
+    """Whether the fit has never seen what `judged` is about."""
+    marks: Marks
+    described: dict[str, Any]
+    """What was understood of `recording`, from `accelcal.overview.describe`."""
+    budget: Budget
+    applied: Application | None
+    """A worked example; None where the model cannot be inverted."""
+    ladder: Ladder | None
+    power: Power | None
+    track: Track | None
+    shapes: tuple[Shape, ...]
+    remarks: tuple[str, ...]
+    """What could not be worked out, and why."""
+    command: str = ""
+
+
+def gather(
+    fit: Fit,
+    recording: Recording,
+    *,
+    holdout: Recording | None = None,
+    extra: Sequence[Effect] = (),
+    command: str = "",
+    report: Callable[[float], None] = lambda share: None,
+) -> Content:
+    """Work out everything that a report says.
+
+    Parameters
+    ----------
+    fit : the model, as a model file holds it.
+    recording : what it is judged on, the fitted recording or another.
+    holdout : unseen recording for the falling error; by default the last 30 % of `recording`.
+    extra : effects of the user's own.
+    command : how the report was asked for; stands under provenance.
+    report : called with the share of the work that is done, 0 to 1.
+
+    Raises
+    ------
+    NotIdentifiable, RecordingError
+        If the recording cannot be judged at all.
+    """
+    remarks: list[str] = []
+
+    def attempt(what: str, work: Callable[[], T]) -> T | None:
+        try:
+            return work()
+        except ValueError as error:
+            remarks.append(f"{what} could not be worked out: {error}")
+            return None
+
+    found = diagnose(fit, recording, extra=extra)
+    report(0.35)
+    start, end = found.used[0]
+    judged = compare(fit, recording, start=start, end=end) if holdout is None else compare(fit, holdout)
+    report(0.5)
+    climbed = attempt("the falling error", lambda: ladder(fit, recording, found, holdout=holdout))
+    report(0.7)
+    seen = attempt("the power of the record", lambda: power(recording, fit.model, extra=extra, start=start, end=end))
+    report(0.85)
+    followed = attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
+    named = shapes(fit) or (shapes(climbed.rungs[-1].fit) if climbed is not None else ())
+    digest = (recording if holdout is None else holdout).digest
+    report(1.0)
+    return Content(
+        fit=fit,
+        recording=recording,
+        holdout=holdout,
+        diagnosis=found,
+        judged=judged,
+        unseen=digest not in {run.digest for run in fit.runs},
+        marks=marks(recording),
+        described=describe(recording),
+        budget=budget(fit),
+        applied=attempt("the worked example", lambda: example(fit)),
+        ladder=climbed,
+        power=seen,
+        track=followed,
+        shapes=named,
+        remarks=tuple(remarks),
+        command=command,
+    )

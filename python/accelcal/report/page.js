@@ -1,0 +1,39 @@
+// Draws the figures that stand in the page as JSON, in the theme of the page; the first one at once, others when idle.
+(() => {
+  const root = document.documentElement;
+  const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+  const plots = [...document.querySelectorAll(".plot")];
+  const figures = new Map(plots.map((div) => [div, JSON.parse(document.getElementById(div.dataset.source).textContent)]));
+
+  const merge = (day, night) => {
+    const out = { ...day };
+    for (const [key, value] of Object.entries(night)) {
+      const both = value && typeof value === "object" && !Array.isArray(value) && day[key] && typeof day[key] === "object";
+      out[key] = both ? merge(day[key], value) : value;
+    }
+    return out;
+  };
+  const draw = (div) => {
+    const figure = figures.get(div);
+    const dark = root.dataset.theme === "dark";
+    const data = dark ? figure.data.map((trace, i) => merge(trace, figure.dark.data[i])) : figure.data;
+    const layout = structuredClone(dark ? figure.dark.layout : figure.layout);
+    div.dataset.drawn = root.dataset.theme;
+    return Plotly.react(div, data, layout, config);
+  };
+  const later = window.requestIdleCallback ?? ((work) => setTimeout(work, 1));
+  const drawRest = () => {
+    const next = plots.find((div) => div.dataset.drawn !== root.dataset.theme);
+    if (next) draw(next).then(() => later(drawRest, { timeout: 200 }));
+    else root.dataset.ready = "true";
+  };
+  const button = document.getElementById("theme");
+  const choose = (theme) => {
+    root.dataset.theme = theme;
+    root.dataset.ready = "false";
+    button.textContent = theme === "dark" ? "Light page" : "Dark page";
+    drawRest();
+  };
+  button.addEventListener("click", () => choose(root.dataset.theme === "dark" ? "light" : "dark"));
+  choose(window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+})();

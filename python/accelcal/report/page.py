@@ -1,0 +1,126 @@
+"""The report as one HTML page that needs nothing else: plotly.js inside, or pictures alone."""
+
+from __future__ import annotations
+
+import base64
+import io as memory
+import json
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from accelcal.io import atomic_write
+from accelcal.plots import style
+from accelcal.plots.style import MissingExtra
+from accelcal.report.content import Content
+from accelcal.report.figures import Entry, entries
+from accelcal.report.view import view
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Still
+
+SECTIONS = ("found", "apart", "falling", "where", "parameters", "data")
+"""Sections that hold figures."""
+DRAWN = ("x", "y", "z", "text", "customdata")
+"""What a trace shows, the same in either theme."""
+
+
+def html(content: Content) -> str:
+    """Return the interactive page.
+
+    Parameters
+    ----------
+    content : from `accelcal.report.gather`.
+
+    Raises
+    ------
+    MissingExtra
+        If plotly, tsdownsample or jinja2 is not installed.
+    """
+    shown = [
+        {"name": e.name, "section": e.section, "caption": e.caption, "json": script_json(both_themes(e))}
+        for e in entries(content)
+    ]
+    try:
+        from plotly.offline import get_plotlyjs
+    except ImportError as error:
+        raise MissingExtra('the report needs plotly; install it with: pip install "accelcal[report]"') from error
+    return render(content, shown, get_plotlyjs())
+
+
+def light(content: Content) -> str:
+    """Return the page without script: pictures only, small enough to mail.
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib or jinja2 is not installed.
+    """
+    shown = []
+    for e in entries(content):
+        if e.still is not None:
+            code = base64.b64encode(svg(e.still("light"))).decode()
+            shown.append(
+                {
+                    "name": e.name,
+                    "section": e.section,
+                    "caption": e.caption,
+                    "image": f"data:image/svg+xml;base64,{code}",
+                }
+            )
+    return render(content, shown, "")
+
+
+def write(text: str, path: str | Path) -> None:
+    """Write a page, whole or not at all."""
+    atomic_write(path, text)
+
+
+def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
+    """Fill the template; everything but plotly.js and figure data is escaped."""
+    try:
+        import jinja2
+    except ImportError as error:
+        raise MissingExtra('the report needs jinja2; install it with: pip install "accelcal[report]"') from error
+    folder = resources.files("accelcal.report")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    template = environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
+    by_section = {name: [f for f in figures if f["section"] == name] for name in SECTIONS}
+    return template.render(
+        v=view(content),
+        figures=by_section,
+        plotly=plotly,
+        style=folder.joinpath("page.css").read_text(encoding="utf-8"),
+        script=folder.joinpath("page.js").read_text(encoding="utf-8") if plotly else "",
+    )
+
+
+def both_themes(entry: Entry) -> dict[str, Any]:
+    """A figure in the light theme, and what differs in the dark one."""
+    day, night = (json.loads(entry.interactive(theme).to_json()) for theme in ("light", "dark"))
+    skins = [{key: value for key, value in trace.items() if key not in DRAWN} for trace in night["data"]]
+    return {"data": day["data"], "layout": day["layout"], "dark": {"data": skins, "layout": night["layout"]}}
+
+
+def script_json(value: Any) -> str:
+    """JSON that may stand inside a script element: no text in it can end that element."""
+    text = json.dumps(value, ensure_ascii=True, separators=(",", ":"))
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def svg(figure: Still) -> bytes:
+    """A still figure as SVG; text is drawn, and a $ in it is a $."""
+    from matplotlib.text import Text
+
+    for text in figure.findobj(Text):
+        text.set_parse_math(False)
+    out = memory.BytesIO()
+    figure.savefig(
+        out,
+        format="svg",
+        dpi=style.PIXELS_PER_INCH * 0.6,
+        metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+    )
+    return out.getvalue()

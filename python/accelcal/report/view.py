@@ -1,0 +1,386 @@
+"""The words and numbers of a report as plain values: what the page and the paper both print."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+from accelcal._core import __version__
+from accelcal.budget import COVERAGE_FACTOR, Component
+from accelcal.effects import find
+from accelcal.findings import sizes
+from accelcal.fit import Estimate, tied_sum
+from accelcal.plots import style
+from accelcal.plots.compare import concise
+from accelcal.plots.interactive.falling import headline, steps
+from accelcal.report.content import Content
+from accelcal.rig import STANDARD_GRAVITY
+from accelcal.store import electrical
+from accelcal.units import display
+
+METHOD = (
+    "A filter for position and velocity runs once over the encoder readings, driven by exact integrals of the "
+    "accelerometer output through the inverse of the declared low-pass.",
+    "Every parameter, and every effect that could be missing, is carried through the same gains as a column, so that "
+    "estimates, covariance and ranking are one linear problem on whitened innovations.",
+    "Motion that an effect depends on is smoothed from both sensors with weights that keep its error out of the "
+    "residual, and the two noises are estimated by likelihood.",
+    "An effect is named when what it explains exceeds what the best of all alternatives would explain by chance; "
+    "effects that explain as much within a stated margin are said to be impossible to tell apart.",
+    "The falling error is unaided drift: position is withheld, and what is predicted from the accelerometer alone is "
+    "compared with the encoder on data that the fit has not seen.",
+)
+VERDICTS = {
+    "adequate": "nothing is missing",
+    "named": "an effect is missing",
+    "tied": "effects that cannot be told apart",
+    "shape": "something without a name",
+    "unexplained": "unexplained",
+    "too_short": "too short for a verdict",
+}
+LIMITS = 8
+"""Detection limits that are spelled out when nothing is missing."""
+
+
+def view(content: Content) -> dict[str, Any]:
+    """Everything that is printed, by section; every number is one of `content`."""
+    d = content.diagnosis
+    return {
+        "title": f"Accelerometer report: {content.recording.name or 'recording'}",
+        "verdict": d.verdict,
+        "badge": VERDICTS[d.verdict],
+        "sentence": d.sentence,
+        "suspect": list(d.suspect),
+        "summary": summary(content),
+        "found": found(content),
+        "limits": limits(content),
+        "apart": apart(content),
+        "falling": falling(content),
+        "where": content.diagnosis.where.worst,
+        "parameters": [parameter(content, e) for e in content.fit.estimates],
+        "electrical": volts(content),
+        "budget": budget(content),
+        "data": data(content),
+        "method": list(METHOD),
+        "example": example(content),
+        "provenance": provenance(content),
+        "remarks": [*content.fit.remarks, *(content.ladder.remarks if content.ladder else ()), *content.remarks],
+    }
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for reading, with a true minus sign.
+
+    Examples
+    --------
+    >>> number(-0.000123456), number(1.8e-5, 2)
+    ('−0.0001235', '1.8e−5')
+    """
+    return typeset(f"{value:.{digits}g}")
+
+
+def typeset(text: str) -> str:
+    """Numbers in a text with true minus signs and short exponents."""
+    return re.sub(r"e([+-])0*(?=\d)", r"e\1", text).replace("e+", "e").replace("-", "−")
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A number with its unit; a pure number has none."""
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
+def amount(value: float, std: float, unit: str) -> str:
+    """A value with the standard uncertainty of its last digits and its unit."""
+    shown = concise(value, std) if std > 0.0 else f"{number(value)} (held)"
+    return with_unit(shown, unit)
+
+
+def probability(p: float) -> str:
+    """A probability, also where it is too small for a number."""
+    return number(p, 2) if p > 0.0 else "<1e−300"
+
+
+def summary(content: Content) -> list[str]:
+    """The figures that a test engineer asks for first."""
+    seen = content.judged
+    kind = "a recording that the fit has not seen" if content.unseen else "the fitted recording"
+    lines = []
+    horizons = [h for h, value in seen.coast_rms.items() if value is not None]
+    if horizons:
+        h = max(horizons)
+        drift, floor = seen.coast_rms[h], seen.coast_floor[h]
+        assert drift is not None
+        assert floor is not None
+        if content.ladder is not None and content.ladder.horizon == h:
+            floor = content.ladder.floor  # of the best model: the noise of a poor one holds what it lacks
+        lines.append(
+            f"Unaided drift after {h:g} s on {kind}: {style.length(drift)} rms; noise alone would give "
+            f"{style.length(floor)}."
+        )
+    lines.append(f"One step ahead: {style.length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}.")
+    return lines
+
+
+def found(content: Content) -> list[dict[str, Any]]:
+    """Effects of the model beyond its base, and those that the record asks for."""
+    d, rows = content.diagnosis, list[dict[str, Any]]()
+    range_ = content.fit.rig.sensor.range
+    for name in content.fit.model.added:
+        mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
+        size = max(d.largest.get(e.name, 0.0) for e in mine)
+        rows.append({"effect": name, "state": "in the model", "estimate": several(mine), **contribution(size, range_)})
+    for one in d.scan.found:
+        c = next((c for c in d.scan.candidates if c.effect == one.effect), None)
+        if c is not None:
+            single = len(c.estimate) == 1
+            text = amount(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+            rows.append(
+                {
+                    "effect": c.effect,
+                    "state": "missing",
+                    "estimate": text,
+                    "snr": c.snr,
+                    "p_value": probability(c.p_value),
+                    **contribution(c.largest, range_),
+                }
+            )
+    for test in d.channels:
+        rows.append(
+            {
+                "effect": test.effect,
+                "state": "seen beside the mean",
+                "estimate": test.sentence,
+                "p_value": probability(test.p_value),
+                "contribution": "",
+            }
+        )
+    return rows
+
+
+def usual(unit: str, value: float, std: float) -> str:
+    """A value in the unit that test engineers use; empty where SI is that unit."""
+    return typeset(display(unit, value, std) or "").replace(" u", " µ")
+
+
+def several(estimates: list[Estimate]) -> str:
+    """Estimates of one effect in a cell."""
+    if len(estimates) > 2:
+        return f"{len(estimates)} coefficients"
+    return ", ".join(amount(e.value, e.std, e.unit) for e in estimates)
+
+
+def contribution(size: float, range_: float | None) -> dict[str, str]:
+    """The largest contribution in m/s², mg and percent of full scale."""
+    three = sizes(size, range_)
+    text = f"{number(size, 3)} m/s², {number(three['mg'] or 0.0, 3)} mg"
+    share = three["percent_of_full_scale"]
+    return {"contribution": text if share is None else f"{text}, {number(share, 3)} %FS"}
+
+
+def limits(content: Content) -> list[str]:
+    """Nothing missing larger than ...: only where that is the verdict."""
+    if content.diagnosis.verdict != "adequate" or content.power is None:
+        return []
+    sights = [s for s in content.power.sights if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"]
+    mine = [s for s in sights if find(s.effect).owner == "sensor"]
+    return [f"{s.effect} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
+
+
+def apart(content: Content) -> list[dict[str, str]]:
+    """What cannot be told apart, and the experiment that would."""
+    d = content.diagnosis
+    ties = [(t, "on this record") for t in d.classes if len(t.members) > 1]
+    ties += [(t, "on this rig as it stands") for t in d.inseparable]
+    return [
+        {
+            "members": ", ".join(t.members),
+            "where": where,
+            "experiment": f"{t.experiment[:1].upper()}{t.experiment[1:]}.",
+        }
+        for t, where in ties
+    ]
+
+
+def falling(content: Content) -> dict[str, Any] | None:
+    """The falling error as a table."""
+    climbed = content.ladder
+    if climbed is None:
+        return None
+    return {
+        "sentence": headline(climbed),
+        "same_run": climbed.same_run,
+        "floor": climbed.floor,
+        "rows": [
+            {
+                "model": name,
+                "error": error,
+                "shown": style.length(error),
+                "in_model": rung.in_model,
+                "share": None if share is None else f"{100.0 * share:.0f} %",
+            }
+            for name, rung, error, share in zip(
+                steps(climbed), climbed.rungs, climbed.errors, climbed.shares, strict=True
+            )
+        ],
+    }
+
+
+def parameter(content: Content, e: Estimate) -> dict[str, Any]:
+    """One row of the table of parameters; uncertainties are those of the fit."""
+    run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
+    size = content.diagnosis.largest.get(e.name)
+    return {
+        "name": f"{e.name}{run}",
+        "symbol": e.symbol,
+        "unit": e.unit,
+        "value": e.value,
+        "std": e.std,
+        "expanded": COVERAGE_FACTOR * e.std,
+        "shown": amount(e.value, e.std, e.unit),
+        "shown_std": with_unit(number(e.std, 2), e.unit) if e.std > 0.0 else "held",
+        "shown_expanded": with_unit(number(COVERAGE_FACTOR * e.std, 2), e.unit) if e.std > 0.0 else "",
+        "usual": usual(e.unit, e.value, e.std),
+        "owner": e.owner,
+        "stands_for": tied_sum(content.fit, e.name),
+        "contribution": "" if size is None else contribution(size, content.fit.rig.sensor.range)["contribution"],
+    }
+
+
+def volts(content: Content) -> list[dict[str, Any]]:
+    """Sensitivity and zero-g output where a scale is declared; volts per g as millivolts per g."""
+    both = electrical(content.fit, content.fit.rig)
+    rows = []
+    for key, one in (both or {}).items():
+        factor, unit = (1e3, f"m{one['unit']}") if one["unit"].startswith("V") else (1.0, one["unit"])
+        value, std = factor * one["value"], factor * one["std"]
+        rows.append(
+            {
+                "name": key.replace("_", " "),
+                "value": value,
+                "std": std,
+                "unit": unit,
+                "shown": amount(value, std, unit),
+                "shown_expanded": f"{number(COVERAGE_FACTOR * std, 2)} {unit}",
+            }
+        )
+    return rows
+
+
+def budget(content: Content) -> dict[str, Any]:
+    """The uncertainty budget, or the keys that are missing."""
+    found = content.budget
+
+    def component(c: Component, unit: str) -> dict[str, str]:
+        given = with_unit(number(c.input_std, 2), c.input_unit)
+        return {
+            "source": c.source,
+            "kind": c.kind,
+            "input": given,
+            "share": with_unit(number(c.contribution, 2), unit),
+        }
+
+    return {
+        "missing": list(found.missing),
+        "lines": [
+            {
+                "name": line.estimate.name,
+                "symbol": line.estimate.symbol,
+                "value": line.estimate.value,
+                "unit": line.estimate.unit,
+                "shown": amount(line.estimate.value, line.combined, line.estimate.unit),
+                "combined": line.combined,
+                "expanded": line.expanded,
+                "shown_combined": with_unit(number(line.combined, 2), line.estimate.unit),
+                "shown_expanded": with_unit(number(line.expanded, 2), line.estimate.unit),
+                "usual": usual(line.estimate.unit, line.estimate.value, line.combined),
+                "components": [component(c, line.estimate.unit) for c in line.components],
+            }
+            for line in found.lines
+        ],
+    }
+
+
+def data(content: Content) -> dict[str, Any]:
+    """What was understood of the recording."""
+    seen = content.described
+    rest = sum(end - start for start, end in seen["rest_s"])
+    return {
+        "channels": [
+            {
+                "name": name,
+                "samples": style.grouped(c["samples"]),
+                "rate": f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
+                "span": f"{number(c['start_s'], 6)} s to {number(c['end_s'], 6)} s",
+                "range": f"{number(c['min'])} to {number(c['max'])} {style.label('', c['unit']).strip(' ()')}",
+            }
+            for name, c in seen["channels"].items()
+        ],
+        "used": [f"{number(a, 6)} s to {number(b, 6)} s" for a, b in content.diagnosis.used],
+        "breaks": [f"{number(t, 6)} s" for t in content.diagnosis.breaks],
+        "range_used": None if seen["range_used"] is None else f"{100.0 * seen['range_used']:.0f} %",
+        "rest": f"{number(rest)} s in {len(seen['rest_s'])} stretches",
+        "warnings": [f["text"] for f in seen["findings"] if f["severity"] == "warning"],
+        "notes": [f["text"] for f in seen["findings"] if f["severity"] != "warning"],
+        "assumptions": list(seen["assumptions"]),
+        "noise": [noise(content, i) for i in range(len(content.fit.runs))],
+    }
+
+
+def noise(content: Content, index: int) -> str:
+    """Noise of one fitted run in words."""
+    run = content.fit.runs[index]
+    level, micro = run.noise.all, 1e6 / STANDARD_GRAVITY
+    text = (
+        f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, encoder {style.length(level.reading)} rms"
+    )
+    if run.noise.declared is not None:
+        text += f"; declared {number(run.noise.declared * micro)} µg/√Hz"
+    return text
+
+
+def example(content: Content) -> dict[str, Any] | None:
+    """One reading, step by step."""
+    applied = content.applied
+    if applied is None:
+        return None
+    fit, steps_ = content.fit, []
+    sensor = fit.rig.sensor
+    if applied.raw is not None:
+        unit = applied.raw_unit
+        steps_.append(f"The instrument shows {number(applied.raw, 6)} {unit}.")
+        steps_.append(
+            f"Declared zero and scale: ({number(applied.raw, 6)} − {number(sensor.zero or 0.0, 6)}) {unit} / "
+            f"({number(sensor.scale or math.nan, 6)} {unit}/(m/s²)) = {number(applied.output, 8)} m/s²."
+        )
+    else:
+        steps_.append(f"The output is {number(applied.output, 8)} m/s².")
+    steps_.append(
+        f"Without nonlinearity: (output − K0)/(1 + k) = ({number(applied.output, 8)} − {number(fit['bias'].value, 8)})/"
+        f"{number(fit.values().scale, 8)} = {number(applied.rounds[0], 8)} m/s²."
+    )
+    told = list(dict.fromkeys(number(a, 8) for a in applied.rounds))
+    steps_ += [f"Newton's step {i} on the nonlinear terms: {a} m/s²." for i, a in enumerate(told[1:], 1)]
+    steps_.append(
+        f"Specific force along the input axis: {number(applied.acceleration, 8)} m/s² = "
+        f"{number(applied.acceleration / STANDARD_GRAVITY, 7)} g, standard uncertainty from the fit "
+        f"{number(applied.std, 2)} m/s², expanded uncertainty {number(COVERAGE_FACTOR * applied.std, 2)} m/s², "
+        "coverage factor 2, noise of this reading not included."
+    )
+    left = [f"{name} ({owner})" for name, owner in applied.left_out]
+    if left:
+        steps_.append(f"Not applied to a single reading: {', '.join(left)}.")
+    return {"steps": steps_, "output": applied.output, "acceleration": applied.acceleration, "std": applied.std}
+
+
+def provenance(content: Content) -> list[tuple[str, str]]:
+    """Where everything came from."""
+    fit = content.fit
+    rows = [("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)]
+    rows += [(f"fitted: {run.name}", run.digest) for run in fit.runs]
+    rows += [(f"judged on: {r.name}", r.digest) for r in (content.recording, content.holdout) if r is not None]
+    rows += [("effects", ", ".join(fit.model.effects))]
+    sensor = fit.rig.sensor
+    rows += [("sensor", " ".join(filter(None, (sensor.model, sensor.serial))))]
+    rows += [("valid for", "; ".join(f"{k}: {number(a)} to {number(b)}" for k, (a, b) in fit.validity.items()))]
+    return [(name, value) for name, value in rows if value]

@@ -1,0 +1,128 @@
+"""The page in Chromium, with no network: it draws everything, complains of nothing, and no text runs into another."""
+
+import os
+import shutil
+
+import pytest
+
+from accelcal import report
+
+CHROMIUM = shutil.which("chromium")
+REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+
+BOXES = """() => [...document.querySelectorAll('.plot')].map(plot => {
+  const frame = plot.getBoundingClientRect();
+  const seen = [...plot.querySelectorAll(
+    '.annotation-text, .legendtext, .xtitle, .ytitle, .x2title, .y2title, .g-xtitle text, .g-ytitle text')]
+    .filter(e => e.textContent.trim() && e.getBoundingClientRect().width > 0)
+    .map(e => { const r = e.getBoundingClientRect();
+      return {text: e.textContent, left: r.left - frame.left, right: r.right - frame.left,
+              top: r.top - frame.top, bottom: r.bottom - frame.top}; });
+  return {name: plot.id, width: frame.width, height: frame.height, texts: seen};
+})"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if CHROMIUM is None:
+        if REQUIRED:
+            pytest.fail("chromium is required here (ACCELCAL_REQUIRE_BROWSER=1) and is not installed")
+        reason = "chromium is not installed; apt-get install chromium to run the browser tests"
+        print(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def files(pages, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pages")
+    for name, text in pages.items():
+        report.write(text, folder / f"{name}.html")
+    return folder
+
+
+def opened(browser, path, width=1280, scheme="light"):
+    """Open a page offline; return it with everything that it asked for and said."""
+    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme, offline=True)
+    page = context.new_page()
+    asked, said = [], []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("console", lambda message: said.append(message.text))
+    page.on("pageerror", lambda error: said.append(str(error)))
+    page.on("dialog", lambda dialog: (said.append(f"dialog: {dialog.message}"), dialog.dismiss()))
+    page.goto(path.as_uri())
+    return page, asked, said
+
+
+def overlapping(plot):
+    """Pairs of texts that cover each other by more than two pixels, and texts that leave the figure."""
+    texts = plot["texts"]
+    found = [
+        (a["text"], b["text"])
+        for i, a in enumerate(texts)
+        for b in texts[i + 1 :]
+        if min(a["right"], b["right"]) - max(a["left"], b["left"]) > 2
+        and min(a["bottom"], b["bottom"]) - max(a["top"], b["top"]) > 2
+    ]
+    found += [
+        (t["text"], "edge")
+        for t in texts
+        if t["left"] < -1 or t["top"] < -1 or t["right"] > plot["width"] + 1 or t["bottom"] > plot["height"] + 1
+    ]
+    return found
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (1920, "dark")])
+@pytest.mark.parametrize("which", ["lacking", "complete"])
+def test_every_figure_is_drawn_without_network_or_complaint(browser, files, which, width, scheme):
+    page, asked, said = opened(browser, files / f"{which}.html", width, scheme)
+    page.wait_for_selector("html[data-ready=true]", state="attached", timeout=60_000)
+    assert page.get_attribute("html", "data-theme") == scheme
+    drawn, wanted = page.locator(".plot:has(.main-svg)").count(), page.locator(".plot").count()
+    assert drawn == wanted >= 14
+    assert asked == [(files / f"{which}.html").as_uri()]
+    assert said == []
+    plots = page.evaluate(BOXES)
+    assert sum(len(p["texts"]) for p in plots) > 60
+    assert {p["name"]: overlapping(p) for p in plots if overlapping(p)} == {}
+    assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+    page.context.close()
+
+
+def test_overlapping_and_clipped_texts_are_caught():
+    # The sister: boxes that cover each other, and one that leaves the figure.
+    box = {"text": "a", "left": 0, "right": 50, "top": 0, "bottom": 10}
+    apart = {"width": 100, "height": 50, "texts": [box, box | {"left": 60, "right": 90}]}
+    assert overlapping(apart) == []
+    assert len(overlapping(apart | {"texts": [box, box | {"left": 40, "right": 90}]})) == 1
+    assert len(overlapping(apart | {"texts": [box | {"right": 130}]})) == 1
+
+
+def test_the_theme_turns_without_losing_data(browser, files):
+    page, _, said = opened(browser, files / "complete.html")
+    page.wait_for_selector("html[data-ready=true]", state="attached", timeout=60_000)
+    before = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.data.map(t => t.name || t.type))")
+    page.get_by_role("button", name="Dark page").click()
+    page.wait_for_selector("html[data-theme=dark][data-ready=true]", state="attached", timeout=60_000)
+    after = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.data.map(t => t.name || t.type))")
+    assert after == before
+    colours = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.layout.paper_bgcolor)")
+    assert set(colours) == {"#15171C"}
+    assert said == []
+    page.context.close()
+
+
+def test_the_light_page_shows_its_pictures(browser, files):
+    page, asked, said = opened(browser, files / "light.html")
+    sizes = page.evaluate("() => [...document.images].map(i => [i.naturalWidth, i.naturalHeight])")
+    assert len(sizes) >= 8
+    assert all(w > 100 and h > 100 for w, h in sizes)
+    assert [url for url in asked if not url.startswith("data:")] == [(files / "light.html").as_uri()]
+    assert said == []
+    page.context.close()

@@ -1,0 +1,53 @@
+"""`accelcal report` as a user meets it."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import store
+from accelcal.cli import write_recording
+from tests.report.reading import Page
+
+
+def accelcal(*arguments, cwd):
+    command = [sys.executable, "-m", "accelcal", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=240)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run")
+    truth = {"bias": 0.05, "scale_factor": 0.01}
+    run = ac.simulate("tones", seconds=12.0, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
+    write_recording(run.recording, path / "run.csv")
+    store.save(ac.fit(ac.Model.linear(), ac.load(path / "run.csv")), path / "m.json")
+    return path
+
+
+def test_report_writes_page_and_paper(folder):
+    done = accelcal("report", "m.json", "run.csv", "--light", "--pdf", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == ""
+    page = Page((folder / "run.html").read_text(encoding="utf-8"))
+    assert page.count("script") == 0
+    assert "accelcal report m.json run.csv --light --pdf" in page.text
+    fitted = store.load(folder / "m.json")
+    assert page.values["parameters"][::3][:3] == [e.value for e in fitted.estimates]
+    assert (folder / "run.pdf").read_bytes().startswith(b"%PDF-")
+    assert not list(folder.glob(".*.part"))
+
+
+def test_other_endings_are_refused_before_any_work(folder):
+    done = accelcal("report", "m.json", "run.csv", "-o", "run.docx", cwd=folder)
+    assert done.returncode == 2
+    assert "ends in .html or .pdf" in done.stderr
+    assert not (folder / "run.docx").exists()
+
+
+def test_help_has_an_example(folder):
+    done = accelcal("report", "-h", cwd=folder)
+    assert done.returncode == 0
+    assert "accelcal report m.json run12.csv --holdout run13.csv" in " ".join(done.stdout.replace("│", " ").split())
