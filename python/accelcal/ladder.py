@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal.breaks import usable
 from accelcal.compare import Comparison, compare
+from accelcal.effects import find
 from accelcal.fit import Fit, fit
 from accelcal.loop import HELD_OUT, Diagnosis
 from accelcal.model import Model
@@ -98,10 +99,13 @@ def ladder(
             found = fit(model, recording, start=begin, end=split, origins=fitted.origins)
         return Rung(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
 
-    added = fitted.model.added
+    # What turning the sensor or the tolerance of a low-pass brought in depends on the recordings, not on the model.
+    brought = [name for name in fitted.model.added if not find(name).visible]
+    whole = fitted.model.drop(*brought)
+    added = whole.added
     rungs, remarks = [], []
     for count in range(len(added) + 1):
-        model = fitted.model.drop(*added[count:])
+        model = whole.drop(*added[count:])
         top = fitted if count == len(added) and not same_run else None
         try:
             rungs.append(rung(added[count - 1] if count else "", model, True, top))
@@ -109,7 +113,7 @@ def ladder(
             if count == 0:
                 raise
             remarks.append(f"without {', '.join(added[count:])} the model cannot be fitted here: {error}")
-    model = fitted.model
+    model = whole
     for finding in diagnosis.scan.found if diagnosis is not None else ():
         try:
             model = finding.enter(model)

@@ -55,9 +55,10 @@ def track(
     solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
     one = solution.passes[0]
     assert one.signals is not None
-    belief = solution.layout.prior_information(fit.model)
+    model = solution.model
+    belief = solution.layout.prior_information(model)
     m = len(one.terms)
-    gram, score = np.diag(belief), belief * (solution.layout.prior_mean(fit.model) - solution.x)
+    gram, score = np.diag(belief), belief * (solution.layout.prior_mean(model) - solution.x)
     at = np.linspace(one.run.t[0], one.run.t[-1], points + 1)[1:]
     last = np.searchsorted(one.run.t, at, side="right")
     values, std = np.full((points, m), np.nan), np.full((points, m), np.nan)

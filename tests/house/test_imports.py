@@ -32,7 +32,7 @@ LAYERS = (
     ("power", "diagnose", "breaks", "channels", "detectable"),
     ("gating", "importance"),
     ("loop", "campaign"),
-    ("findings", "ladder"),
+    ("findings", "ladder", "likeness"),
 )
 """From the ground up: a module imports from lower layers, or from its own."""
 FACES = ("paper", "plots", "report", "app", "export", "cli", "demo", "doctor", "__main__")

@@ -11,6 +11,7 @@ from accelcal.budget import COVERAGE_FACTOR, Component
 from accelcal.effects import find
 from accelcal.findings import sizes
 from accelcal.fit import Estimate, tied_sum
+from accelcal.importance import Size
 from accelcal.plots import style
 from accelcal.plots.compare import concise
 from accelcal.plots.interactive.falling import headline, steps
@@ -55,9 +56,10 @@ def view(content: Content) -> dict[str, Any]:
         "summary": summary(content),
         "found": found(content),
         "limits": limits(content),
+        "importance": importance(content),
         "apart": apart(content),
         "falling": falling(content),
-        "where": content.diagnosis.where.worst,
+        "where": [content.diagnosis.where.worst, *content.judged.remarks],
         "parameters": [parameter(content, e) for e in content.fit.estimates],
         "electrical": volts(content),
         "budget": budget(content),
@@ -125,11 +127,10 @@ def summary(content: Content) -> list[str]:
 def found(content: Content) -> list[dict[str, Any]]:
     """Effects of the model beyond its base, and those that the record asks for."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
-    range_ = content.fit.rig.sensor.range
-    for name in content.fit.model.added:
+    for name in (n for n in content.fit.model.added if find(n).visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
-        size = max(d.largest.get(e.name, 0.0) for e in mine)
-        rows.append({"effect": name, "state": "in the model", "estimate": several(mine), **contribution(size, range_)})
+        size = contribution(content, d.sizes.get(name))
+        rows.append({"effect": name, "state": "in the model", "estimate": several(mine), "contribution": size})
     for one in d.scan.found:
         c = next((c for c in d.scan.candidates if c.effect == one.effect), None)
         if c is not None:
@@ -142,7 +143,7 @@ def found(content: Content) -> list[dict[str, Any]]:
                     "estimate": text,
                     "snr": c.snr,
                     "p_value": probability(c.p_value),
-                    **contribution(c.largest, range_),
+                    "contribution": contribution(content, d.sizes.get(c.effect)),
                 }
             )
     for test in d.channels:
@@ -152,7 +153,7 @@ def found(content: Content) -> list[dict[str, Any]]:
                 "state": "seen beside the mean",
                 "estimate": test.sentence,
                 "p_value": probability(test.p_value),
-                "contribution": "",
+                "contribution": contribution(content, d.sizes.get(test.effect)),
             }
         )
     return rows
@@ -170,12 +171,30 @@ def several(estimates: list[Estimate]) -> str:
     return ", ".join(amount(e.value, e.std, e.unit) for e in estimates)
 
 
-def contribution(size: float, range_: float | None) -> dict[str, str]:
-    """The largest contribution in m/s², mg and percent of full scale."""
-    three = sizes(size, range_)
-    text = f"{number(size, 3)} m/s², {number(three['mg'] or 0.0, 3)} mg"
-    share = three["percent_of_full_scale"]
-    return {"contribution": text if share is None else f"{text}, {number(share, 3)} %FS"}
+def contribution(content: Content, size: Size | None) -> str:
+    """The largest contribution over the used range: m/s², mg and percent of full scale, or m at the encoder."""
+    if size is None:
+        return ""
+    if size.at_encoder:
+        return style.length(size.value)
+    found = sizes(size, content.fit.rig.sensor.range)
+    text = f"{number(size.value, 3)} m/s², {number(found['mg'] or 0.0, 3)} mg"
+    share = found["percent_of_full_scale"]
+    return text if share is None else f"{text}, {number(share, 3)} %FS"
+
+
+def importance(content: Content) -> list[str]:
+    """Which effects matter under the declared tolerance; empty where none is declared."""
+    found = content.diagnosis.importance
+    if found is None:
+        return []
+    parts = (
+        ("matters", found.matters),
+        ("below it", found.below),
+        ("at the encoder, not comparable", found.not_comparable),
+    )
+    limit = f"Declared tolerance {number(found.tolerance)} m/s²"
+    return [f"{limit}, {said}: {', '.join(names)}." for said, names in parts if names]
 
 
 def limits(content: Content) -> list[str]:
@@ -229,7 +248,9 @@ def falling(content: Content) -> dict[str, Any] | None:
 def parameter(content: Content, e: Estimate) -> dict[str, Any]:
     """One row of the table of parameters; uncertainties are those of the fit."""
     run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
-    size = content.diagnosis.largest.get(e.name)
+    term = next(term for term in content.fit.model.terms if term.name == e.name)
+    largest = content.diagnosis.largest.get(e.name)
+    size = None if largest is None else Size(largest, term.port == "position")
     return {
         "name": f"{e.name}{run}",
         "symbol": e.symbol,
@@ -243,7 +264,7 @@ def parameter(content: Content, e: Estimate) -> dict[str, Any]:
         "usual": usual(e.unit, e.value, e.std),
         "owner": e.owner,
         "stands_for": tied_sum(content.fit, e.name),
-        "contribution": "" if size is None else contribution(size, content.fit.rig.sensor.range)["contribution"],
+        "contribution": contribution(content, size),
     }
 
 
@@ -320,6 +341,7 @@ def data(content: Content) -> dict[str, Any]:
         "breaks": [f"{number(t, 6)} s" for t in content.diagnosis.breaks],
         "range_used": None if seen["range_used"] is None else f"{100.0 * seen['range_used']:.0f} %",
         "rest": f"{number(rest)} s in {len(seen['rest_s'])} stretches",
+        "dropped": [dropped.sentence for dropped in content.diagnosis.dropped],
         "warnings": [f["text"] for f in seen["findings"] if f["severity"] == "warning"],
         "notes": [f["text"] for f in seen["findings"] if f["severity"] != "warning"],
         "assumptions": list(seen["assumptions"]),

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from accelcal.likeness import Likeness, likeness
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
 from accelcal.plots.style import OKABE_ITO, ThemeName
 from accelcal.power import Power
-from accelcal.recording import Array
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,16 +18,7 @@ MOST = 20
 """Effects that are drawn."""
 
 
-@dataclass(frozen=True, slots=True)
-class Signatures:
-    """Correlation of the signatures of some effects."""
-
-    names: tuple[str, ...]
-    correlation: Array
-    """(n, n)"""
-
-
-def signatures_of(power: Power, first: Sequence[str] = (), most: int = MOST) -> Signatures:
+def chosen(power: Power, first: Sequence[str] = (), most: int = MOST) -> Likeness:
     """Effects named in `first`, then those tied to another one, then the best seen; like beside like.
 
     Parameters
@@ -39,13 +27,11 @@ def signatures_of(power: Power, first: Sequence[str] = (), most: int = MOST) -> 
     first : effects that must be on the map, if they have one column.
     most : effects on the map.
     """
+    whole = likeness(power)
     tied = [name for group in power.ties for name in group.members]
-    rest = sorted(power.row, key=lambda name: power[name].largest)
-    wanted = [n for n in dict.fromkeys([*first, *tied, *rest]) if n in power.row][:most]
-    rows = [power.row[n] for n in wanted]
-    rho = np.asarray(power.correlation[np.ix_(rows, rows)])
-    order = _chain(np.abs(rho))
-    return Signatures(tuple(wanted[i] for i in order), rho[np.ix_(order, order)])
+    rest = sorted(whole.names, key=lambda name: power[name].largest)
+    wanted = [n for n in dict.fromkeys([*first, *tied, *rest]) if n in whole.names][:most]
+    return whole.of(_chain(whole.of(wanted)))
 
 
 def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "light") -> Figure:
@@ -63,7 +49,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
         If plotly is not installed.
     """
     look = style.theme_of(theme)
-    seen = signatures_of(power, first)
+    seen = chosen(power, first)
     figure = sheet.canvas()
     if len(seen.names) < 2:
         return sheet.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
@@ -100,10 +86,10 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     return figure
 
 
-def _chain(likeness: Array) -> list[int]:
+def _chain(seen: Likeness) -> list[str]:
     """An order in which each effect follows the one that it is most like."""
-    order = [0]
-    while len(order) < len(likeness):
-        left = [i for i in range(len(likeness)) if i not in order]
-        order.append(max(left, key=lambda i: float(likeness[order[-1], i])))
-    return order
+    order = list(range(min(1, len(seen.names))))
+    while len(order) < len(seen.names):
+        left = [i for i in range(len(seen.names)) if i not in order]
+        order.append(max(left, key=lambda i: abs(float(seen.correlation[order[-1], i]))))
+    return [seen.names[i] for i in order]
