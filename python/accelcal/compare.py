@@ -387,6 +387,8 @@ def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
         return None
     f, density, low, high = found
     inside = (f > 0.0) & (f <= comparison.band)
+    if int(inside.sum()) < FEWEST_LINES:
+        return None
     predicted = predicted_density(f[inside], fit.noise(), fit.values().scale, step, comparison.band)
     return Spectrum(f[inside], density[inside], predicted, low, high)
 
@@ -402,6 +404,8 @@ def one_step_spectrum(comparison: Comparison) -> Spectrum | None:
     return Spectrum(f[1:], density[1:], np.full(len(f) - 1, 2.0 / rate), low, high)
 
 
+FEWEST_LINES = 4
+"""Frequencies without which a spectrum shows nothing."""
 SEGMENTS = 24
 """Half-overlapping segments of a spectrum that is looked at."""
 OVERLAP_LOSS = 1.0 + 2.0 / 36.0

@@ -66,7 +66,7 @@ class Ladder:
     def measure(self) -> str:
         """What is compared, in words."""
         if self.horizon is None:
-            return "free-running error over the unseen data"
+            return "free-running error"
         return f"unaided drift after {self.horizon:g} s"
 
 

@@ -298,6 +298,8 @@ def test_a_tie_is_bracketed(story):
         classes=(Tie(first.effect, (first.effect, second.effect), "x"),),
     )
     assert [c.effect for c in classes(diagnosis)[0]] == [first.effect, second.effect]
+    unsure = (replace(tied[0], p_value=0.5), *tied[1:])
+    assert len(classes(replace(diagnosis, scan=replace(diagnosis.scan, candidates=unsure)))[0]) == 1
     alone = replace(
         diagnosis, scan=replace(diagnosis.scan, candidates=(replace(first, members=(first.effect,)), *rest))
     )
@@ -377,6 +379,20 @@ def test_records_too_short_are_said_in_place_of_figures(theme):
         texts = " ".join(a.text for a in draw(short, theme=theme).layout.annotations)
         assert "too short" in texts
     assert interactive.white(a_comparison(n=12), theme=theme).layout.annotations
+
+
+def test_a_band_below_every_frequency_leaves_no_spectrum(story):
+    assert accel_spectrum(story.fit, replace(story.seen, band=1e-3)) is None
+    alone = interactive.spectrum(story.fit, replace(story.seen, band=1e-3))
+    assert len(axes(alone, "x")) == 1
+
+
+def test_power_of_few_effects_is_drawn(story):
+    few = replace(story.power, sights=tuple(s for s in story.power.sights if s.effect in ("cubic", "quadratic")))
+    figure = interactive.power_of(few)
+    assert [sorted(t.y) for t in figure.data] == [["cubic", "quadratic"]]
+    none = interactive.power_of(replace(story.power, sights=()))
+    assert "No effect can be seen" in none.to_json()
 
 
 def test_previous_residuals_stand_faintly_behind(story):

@@ -9,7 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal import report
+from accelcal.gating import Dropped
 from accelcal.plots.style import MissingExtra
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
@@ -135,6 +137,34 @@ def test_thinned_traces_say_how_many_points_are_shown(pages, lacking):
     n = len(lacking.recording.accel)
     assert n > 4000
     assert f"4 000 of {n // 1000} {n % 1000:03d} points shown" in pages["lacking"]
+
+
+def test_a_record_too_short_for_a_verdict_has_a_report(tmp_path):
+    truth = {"bias": 0.05, "scale_factor": 0.01}
+    run = ac.simulate(
+        "tones", seconds=0.6, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(6)
+    ).recording
+    content = report.gather(ac.fit(ac.Model.linear(), run), run)
+    assert content.diagnosis.verdict == "too_short"
+    for text in (report.html(content), report.light(content)):
+        page = Page(text)
+        assert "too short for a verdict" in page.text
+        assert "the record is too short to look for more" in page.text
+        assert page.values["parameters"][0] == content.fit["bias"].value
+    report.pdf(content, tmp_path / "short.pdf")
+    assert (tmp_path / "short.pdf").stat().st_size > 10_000
+
+
+def test_what_a_diagnosis_says_beside_its_verdict_is_on_the_page(lacking):
+    wild = Dropped("run.csv", "accel", 3, 900)
+    rig = replace(lacking.diagnosis.fit.rig, tolerance=1e-3)
+    diagnosis = replace(lacking.diagnosis, dropped=(wild,), fit=replace(lacking.diagnosis.fit, rig=rig))
+    judged = replace(lacking.judged, remarks=("12 % of this run lies outside the fitted range",))
+    text = Page(report.light(replace(lacking, diagnosis=diagnosis, judged=judged))).text
+    assert wild.sentence in text
+    assert "12 % of this run lies outside the fitted range" in text
+    assert "Declared tolerance 0.001 m/s², matters: cubic" in text
+    assert "Declared tolerance" not in Page(report.light(lacking)).text
 
 
 def test_page_sizes(pages):

@@ -56,7 +56,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         1,
         row_heights=[(h + 1.0) / (total + len(panels)) for h in heights],
         subplot_titles=[title for _, _, title in panels],
-        vertical_spacing=GAP / room,
+        vertical_spacing=GAP / room if len(panels) > 1 else 0.0,
     )
     for row, (several, unit, _) in enumerate(panels, 1):
         names = [sheet.plain(s.effect.replace("_", " ")) for s in several]

@@ -23,7 +23,9 @@ def classes(diagnosis: Diagnosis, most: int = MOST) -> list[list[Candidate]]:
     found: list[list[Candidate]] = []
     while left:
         first = left[0]
-        group = [c for c in left if c is first or (c.effect in first.members and c.p_value < diagnosis.alpha)]
+        sure = first.p_value < diagnosis.alpha
+        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
+        group = [first, *tied]
         found.append(group)
         left = [c for c in left if c not in group]
     return found
