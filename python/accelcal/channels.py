@@ -805,9 +805,28 @@ def line(
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
         "follows_motion": float(follows),
         "within_motion": float(frequency < seen.signals.cutoff),
+        "made_by_motion": float(p_value < ALARM and driven(seen.signals, frequency)),
     }
     text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < ALARM else "no line stands out"
     return ChannelFinding("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
+
+
+DRIVEN = 20.0
+"""Power of a line of the motion's own nonlinear functions over that at its neighbours, where the motion makes lines."""
+
+
+def driven(s: Signals, frequency: float) -> bool:
+    """Whether a motion makes lines at a frequency: a nonlinearity that is missing would show as a tone there."""
+    window = np.hanning(len(s.t))
+    turn = np.exp(-2j * np.pi * frequency * s.t) * window
+    beside = frequency + np.concatenate([np.arange(-16, -3), np.arange(4, 17)]) / s.length
+    turns = np.exp(-2j * np.pi * beside[:, None] * s.t) * window
+    for made in (s.a**2, s.a**3, np.abs(s.a), np.sign(s.a), s.v**2, np.sign(s.v), s.p**2):
+        made = made - np.mean(made)
+        power = abs(complex(turn @ made)) ** 2
+        if power > DRIVEN * float(np.mean(np.abs(turns @ made) ** 2)):
+            return True
+    return False
 
 
 def line_fit(seen: Residuals, frequency: float) -> tuple[float, float]:
@@ -854,7 +873,8 @@ def pair_fit(X: Array, y: Array) -> tuple[float, float, float]:
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods of the scale that are looked for, m; the shortest is at least three counts."""
 PERIODS = 64
-"""Neighbouring periods over which the level of the spectrum is taken."""
+"""Neighbouring periods over which the level of the spectrum is taken; rests at few places give a strong line side lobes
+over all of them, so the level over sixteen times as many counts where it is lower."""
 MOST_CELLS = 2**19
 """Cells of position; a longer travel raises the shortest period."""
 
@@ -885,7 +905,7 @@ def encoder_cyclic(seen: Residuals) -> ChannelFinding:
     spectrum = np.abs(scipy.fft.rfft(cells)[rows]) ** 2
     if len(spectrum) < PERIODS:
         return nothing
-    spectrum /= local_level(spectrum, PERIODS)[0]
+    spectrum /= np.minimum(*(local_level(spectrum, several)[0] for several in (PERIODS, 16 * PERIODS)))
     best = (0.0, 0.0, 0.0, 0.0)
     step = float(kappa[1])
     tops = np.argsort(-spectrum)[:2]

@@ -191,7 +191,7 @@ def judge_model(
     model, profiled = solution.model, result(solution)
     found = scan(solution.passes, model, extra=extra, alpha=alpha)
     level = alpha / (found.examined + len(tests))
-    loud = heard([test for test in tests if test.p_value < level and test.effect not in model.effects])
+    loud = heard([t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found)
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
     for one in solution.passes:  # what follows fits and predicts anew: one set of signals at a time
         one.release()
@@ -231,11 +231,12 @@ EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whi
 """What a coarse converter or wild readings raise besides themselves."""
 
 
-def heard(loud: Sequence[ChannelFinding]) -> tuple[ChannelFinding, ...]:
+def heard(loud: Sequence[ChannelFinding], *, alone: bool) -> tuple[ChannelFinding, ...]:
     """Significant findings that stand on their own feet.
 
-    A line near a vibration, or in its band, belongs to it; a line inside the band of the motion may be a harmonic of
-    a missing nonlinearity, which is judged elsewhere.
+    A line near a vibration, or in its band, belongs to it. A line inside the band of the motion may be a harmonic of a
+    missing nonlinearity, which is judged elsewhere: it counts only `alone`, when no effect of the motion was found, and
+    where the motion makes no lines.
     """
     shaking = [test.parts for test in loud if test.effect == "vibration" and "frequency" in test.parts]
     raised = {other for test in loud if test.parts.get("coarse", 1.0) for other in EXPLAINED_BY.get(test.effect, ())}
@@ -250,7 +251,8 @@ def heard(loud: Sequence[ChannelFinding]) -> tuple[ChannelFinding, ...]:
             abs(f - part["frequency"]) < SAME_LINE * part["frequency"] or part["lowest"] < f < part["highest"]
             for part in shaking
         )
-        return not test.parts.get("within_motion") and not shaken
+        free = not test.parts.get("within_motion") or (alone and not test.parts.get("made_by_motion"))
+        return free and not shaken
 
     return tuple(test for test in loud if own(test))
 
