@@ -818,13 +818,11 @@ DRIVEN = 20.0
 def driven(s: Signals, frequency: float) -> bool:
     """Whether a motion makes lines at a frequency: a nonlinearity that is missing would show as a tone there."""
     window = np.hanning(len(s.t))
-    turn = np.exp(-2j * np.pi * frequency * s.t) * window
-    beside = frequency + np.concatenate([np.arange(-16, -3), np.arange(4, 17)]) / s.length
-    turns = np.exp(-2j * np.pi * beside[:, None] * s.t) * window
+    near, beside = np.arange(-2, 3) / 2.0, np.concatenate([np.arange(-24, -3), np.arange(4, 25)])
+    turns = np.exp(-2j * np.pi * (frequency + np.concatenate([near, beside])[:, None] / s.length) * s.t) * window
     for made in (s.a**2, s.a**3, np.abs(s.a), np.sign(s.a), s.v**2, np.sign(s.v), s.p**2):
-        made = made - np.mean(made)
-        power = abs(complex(turn @ made)) ** 2
-        if power > DRIVEN * float(np.mean(np.abs(turns @ made) ** 2)):
+        power = np.abs(turns @ (made - np.mean(made))) ** 2
+        if np.max(power[: len(near)]) > DRIVEN * np.median(power[len(near) :]):
             return True
     return False
 

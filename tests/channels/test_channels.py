@@ -6,6 +6,7 @@ One test alarms at 1e-4; eight tests look at a record, so a good record alarms w
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,7 @@ from accelcal.channels import (
     ALARM,
     Residuals,
     channel_findings,
+    driven,
     lines_of,
     outliers,
     portmanteau,
@@ -24,10 +26,12 @@ from accelcal.channels import (
     stands_alone,
 )
 from accelcal.loudness import Spectra, block_means, contamination, follows
+from accelcal.recording import Channel
 from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 from tests.channels import disturbed as world
 
 RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+RNG = np.random.default_rng
 MOTIONS = ("tones", "interleaved", "moves", "fast", "rests")
 
 
@@ -209,3 +213,32 @@ def test_all_tests_of_a_minute_cost_little():
         spent.append(time.process_time() - begin)
     print(f"channel tests of a 60 s record: {min(spent):.3f} s of processor time")
     assert min(spent) < 0.15
+
+
+def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
+    def signals_of(kind):
+        state = world.fitted(simulate(kind, seconds=30.0, rig=CXL02_RIG, parameters={}, rng=RNG(5)).recording)
+        assert state.signals is not None
+        return state.signals
+
+    periodic, broad = signals_of("tones"), signals_of("interleaved")
+    n = 16 * len(periodic.a)  # zero padding: a sixteenth of a bin
+    spectrum = np.abs(np.fft.rfft(periodic.a * np.hanning(len(periodic.a)), n))
+    loudest = float(np.fft.rfftfreq(n, periodic.step)[np.argmax(spectrum)])
+    assert driven(periodic, 3.0 * loudest)
+    assert not driven(broad, 3.0 * loudest)
+
+
+@pytest.mark.parametrize("size", [3e-7, 1e-6])
+def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
+    made = simulate("moves", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.1}, rng=RNG(6))
+    z = made.recording.position
+    wrong = z.y + size * np.sin(2.0 * np.pi * made.truth.motion.position(z.t) / 2e-5)
+    spoiled = replace(made.recording, position=Channel(z.name, z.t, wrong, z.unit))
+    found, good = (
+        next(one for one in channel_findings(world.fitted(record)) if one.effect == "encoder_cyclic")
+        for record in (spoiled, made.recording)
+    )
+    assert found.p_value < ALARM
+    assert found.parts["wavelength"] == pytest.approx(2e-5, rel=1e-3)
+    assert good.p_value > ALARM
