@@ -29,7 +29,7 @@ INSIDE = 0.999
 PREFACE = """# Power: detection as predicted, detection as observed
 
 Each record comes from `tests/worlds`, simulators that share no formula with the product, and was written to CSV and
-sidecar and read back. Its power was predicted before its residual was looked at: from motion and fitted noise alone,
+sidecar and read back. Its power was predicted from the motion and the noise that was fitted to the record alone,
 by running the rules of the search on drawn scores. An effect counts as found when anything enters. `d` is how many
 standard deviations it stands from nothing, the base taken out; for a wandering bias its intensity over that which is
 found with 95 %, times the distance at which one coefficient is. A band holds 99.9 % of the binomial law at the

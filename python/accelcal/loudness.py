@@ -94,7 +94,7 @@ def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
         w = 1.0 / mean
         c, _ = scipy.optimize.nnls(X * w[:, None], power * w)
         mean = np.maximum(X @ c, 0.05 * float(np.median(power)) + 1e-300)
-    spread = float(np.mean((power / mean - 1.0) ** 2))
+    spread = max(float(np.mean((power / mean - 1.0) ** 2)), 1e-12)  # all at one floor scatters not at all
     A = (X / mean[:, None]).T @ (X / mean[:, None])
     covariance = spread * np.linalg.inv(A + 1e-12 * np.trace(A) * np.eye(len(A)))
     return c / size, covariance / np.outer(size, size)

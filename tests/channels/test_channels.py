@@ -204,15 +204,19 @@ def _line_chance(y):
 
 
 def test_all_tests_of_a_minute_cost_little():
-    state = world.fitted(world.good("interleaved", ADXL105_RIG, 7).recording)
-    channel_findings(state)
-    spent = []
-    for _ in range(5):
+    """Side by side, the least ratio of five: a busy machine can only add."""
+    recording = world.good("interleaved", ADXL105_RIG, 7).recording
+    state = world.fitted(recording)
+
+    def seconds(work):
         begin = time.process_time()
-        channel_findings(state)
-        spent.append(time.process_time() - begin)
-    print(f"channel tests of a 60 s record: {min(spent):.3f} s of processor time")
-    assert min(spent) < 0.15
+        work()
+        return time.process_time() - begin
+
+    channel_findings(state)
+    ratios = [seconds(lambda: channel_findings(state)) / seconds(lambda: world.fitted(recording)) for _ in range(5)]
+    print(f"channel tests of a 60 s record over its fit: {min(ratios):.2f}")
+    assert min(ratios) < 2.0  # 1.0 on a quiet machine
 
 
 def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
