@@ -98,6 +98,16 @@ impl Form {
         Ok((other, jacobian))
     }
 
+    /// Where the polynomial of this form takes the value `y - K0`, and its first and second derivative there.
+    ///
+    /// # Errors
+    /// [`DomainError`] if the cubic is not monotone from zero to that value.
+    pub(crate) fn solved(self, y: f64, parameters: &Parameters) -> Result<(f64, f64, f64), DomainError> {
+        let curve = self.curve(parameters);
+        let r = curve.root(y - parameters.K0)?;
+        Ok((r, curve.slope(r), curve.bend(r)))
+    }
+
     fn curve(self, parameters: &Parameters) -> Curve {
         let sign = match self {
             Self::Forward => 1.0,

@@ -35,21 +35,28 @@ impl<const N: usize> Belief<N> {
     /// [`StepError::Variance`], [`StepError::Correlation`]. Runge-Kutta raises them under diffuse priors and over long
     /// steps, because it leaves out high powers of the step in `Phi P Phi'` (RK2 the third and fourth) and in `Q_d`.
     pub fn checked(self) -> Result<Self, StepError> {
-        for i in 0..N {
-            let variance = self.P[(i, i)];
-            if !(variance >= 0.0 && variance.is_finite()) {
-                return Err(StepError::Variance { state: i, variance });
-            }
-            for j in 0..i {
-                let product = variance * self.P[(j, j)];
-                let squared = self.P[(i, j)] * self.P[(i, j)];
-                if squared > product * (1.0 + SLACK) {
-                    return Err(StepError::Correlation { states: (j, i), squared: squared / product });
-                }
-            }
-        }
+        plausible(N, |i, j| self.P[(i, j)])?;
         Ok(self)
     }
+}
+
+/// Whether no variance is negative and no two of the `n` states correlate by more than one; `P(i, j)` is asked for `j <= i`.
+#[inline(always)]
+pub(crate) fn plausible(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(), StepError> {
+    for i in 0..n {
+        let variance = P(i, i);
+        if !(variance >= 0.0 && variance.is_finite()) {
+            return Err(StepError::Variance { state: i, variance });
+        }
+        for j in 0..i {
+            let product = variance * P(j, j);
+            let squared = P(i, j) * P(i, j);
+            if squared > product * (1.0 + SLACK) {
+                return Err(StepError::Correlation { states: (j, i), squared: squared / product });
+            }
+        }
+    }
+    Ok(())
 }
 
 /// `(A + A') / 2`.

@@ -7,28 +7,39 @@
 #![cfg_attr(not(feature = "std"), no_std)]
 #![forbid(unsafe_code)]
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in Bar-Shalom and the paper
+#![allow(clippy::inline_always)] // a kernel must be compiled into whichever run calls it, with that run's instructions
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // `!(s > 0.0)` refuses NaN too
 
 pub mod abreast;
 pub mod accelerometer;
 pub mod aci;
 pub mod bank;
+pub mod aci_block;
+pub mod aci_factored;
+pub mod aci_push;
+pub mod aci_staged;
 pub mod belief;
 pub mod condition;
 pub mod cwpa;
+pub mod cwpa_block;
+pub mod effect;
 pub mod error;
 pub mod factored;
 pub mod filter;
 pub mod integrate;
 pub mod interpolate;
 pub mod live;
+pub mod number;
+pub mod output;
 pub mod play;
 pub mod replay;
+pub mod row;
 pub mod sensor;
 pub mod smooth;
 pub mod system;
 pub mod timeline;
 pub mod update;
+pub mod wandering;
 
 pub use accelerometer::{Form, Parameters};
 pub use aci::Aci;

@@ -1,0 +1,262 @@
+//! What drives ACI at one instant, seen from the parameters: acceleration, its gradient, and the gradient's covariance.
+//!
+//! Parameters stand in the order `k, K0` (linear) or `k, K0, K2, K3` (cubic), extra effects behind them.
+
+use crate::accelerometer::{Form, Parameters};
+use crate::error::DomainError;
+use crate::number::Number;
+use crate::row::{Row, product};
+use crate::system::Order;
+
+/// The acceleration at one instant of a step over which the parameters stand still.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant<V: Row> {
+    /// `a(u, theta)`, and `+ 1/2 tr(a_theta,theta M)` in second order, m/s^2.
+    pub a: V::Number,
+    /// `g = da/dtheta`.
+    pub g: V,
+    /// `h = M g`.
+    pub h: V,
+    /// `da/du`: how the output's noise enters.
+    pub slope: V::Number,
+}
+
+/// How acceleration follows from the output and the parameters.
+pub trait Effect<V: Row, const M: usize>: Copy {
+    /// What is given at every instant.
+    type Input: Copy;
+    /// What has to be worked out once per estimate.
+    type Table: Copy;
+
+    /// The table for the parameters `theta` with covariance `M`; both stay as they are between two readings.
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> Self::Table;
+
+    /// The acceleration under `input`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn at(&self, table: &Self::Table, input: Self::Input) -> Result<Instant<V>, DomainError>;
+}
+
+const SCALE: usize = 0;
+const BIAS: usize = 1;
+const SECOND: usize = 2;
+const THIRD: usize = 3;
+
+#[inline(always)]
+fn unit<V: Row>(kind: V::Number, i: usize, x: V::Number) -> V {
+    V::from_fn(kind, |j| if i == j { x } else { kind.like(0.0) })
+}
+
+/// The inverse linear sensor (5), `a = (1 - k) w`, `w = u - K0`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct InverseLinear;
+
+/// What [`InverseLinear`] needs of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearTable<V: Row> {
+    slope: V::Number,
+    bias: V::Number,
+    bend: V::Number,
+    h: [V; 2],
+}
+
+impl<V: Row, const M: usize> Effect<V, M> for InverseLinear {
+    type Input = V::Number;
+    type Table = LinearTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> LinearTable<V> {
+        let bias = theta.at(BIAS);
+        let slope = bias.like(1.0) - theta.at(SCALE);
+        let bend = if order == Order::Second { spread[SCALE].at(BIAS) } else { bias.like(0.0) };
+        LinearTable { slope, bias, bend, h: [spread[BIAS].scaled(-slope), spread[SCALE]] }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &LinearTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+        let w = u - table.bias;
+        let slope = table.slope;
+        let g = V::from_fn(w, |i| match i {
+            SCALE => -w,
+            BIAS => -slope,
+            _ => w.like(0.0),
+        });
+        Ok(Instant { a: slope.times_plus(w, table.bend), g, h: table.h[0].plus(-w, table.h[1]), slope })
+    }
+}
+
+/// The inverse cubic sensor (6), `a = (1 - k) w + K2 w^2 + K3 w^3`.
+///
+/// `g` and `h = M g` are cubic polynomials in `w` with coefficients that only a reading changes: three multiplications per
+/// instant instead of a product with `M`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct InverseCubic;
+
+/// What [`InverseCubic`] needs of the estimate: coefficients of `w^0..w^3`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubicTable<V: Row> {
+    bias: V::Number,
+    a: [V::Number; 4],
+    g: [V; 4],
+    h: [V; 4],
+    slope: [V::Number; 3],
+}
+
+impl<V: Row, const M: usize> Effect<V, M> for InverseCubic {
+    type Input = V::Number;
+    type Table = CubicTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> CubicTable<V> {
+        let bias = theta.at(BIAS);
+        let (K2, K3) = (theta.at(SECOND), theta.at(THIRD));
+        let c = |x: f64| bias.like(x);
+        let slope = [c(1.0) - theta.at(SCALE), c(2.0) * K2, c(3.0) * K3];
+        let mut a = [c(0.0), slope[0], K2, K3];
+        if order == Order::Second {
+            let row = &spread[BIAS];
+            a[0] = K2.times_plus(row.at(BIAS), row.at(SCALE));
+            a[1] = slope[2].times_plus(row.at(BIAS), c(-2.0).times_plus(row.at(SECOND), a[1]));
+            a[2] = c(-3.0).times_plus(row.at(THIRD), a[2]);
+        }
+        let column = |i: usize, x: f64, j: usize| {
+            unit::<V>(bias, BIAS, -slope[j]) + if i == BIAS { V::every(c(0.0)) } else { unit(bias, i, c(x)) }
+        };
+        CubicTable {
+            bias,
+            a,
+            g: [column(BIAS, 0.0, 0), column(SCALE, -1.0, 1), column(SECOND, 1.0, 2), unit(bias, THIRD, c(1.0))],
+            h: [
+                spread[BIAS].scaled(-slope[0]),
+                spread[SCALE].scaled(c(-1.0)).plus(-slope[1], spread[BIAS]),
+                spread[SECOND].plus(-slope[2], spread[BIAS]),
+                spread[THIRD],
+            ],
+            slope,
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &CubicTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+        let w = u - table.bias;
+        let w2 = w * w;
+        let [a0, a1, a2, a3] = table.a;
+        let [s0, s1, s2] = table.slope;
+        let (each, squared) = (V::every(w), V::every(w2));
+        let cubic = |[b0, b1, b2, b3]: [V; 4]| squared.times_plus(each.times_plus(b3, b2), each.times_plus(b1, b0));
+        Ok(Instant {
+            a: w2.times_plus(w.times_plus(a3, a2), w.times_plus(a1, a0)),
+            g: cubic(table.g),
+            h: cubic(table.h),
+            slope: w2.times_plus(s2, w.times_plus(s1, s0)),
+        })
+    }
+}
+
+/// The forward linear sensor (3), `a = w / (1 + k)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ForwardLinear;
+
+/// What [`ForwardLinear`] needs of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForwardTable<V: Row> {
+    bias: V::Number,
+    slope: V::Number,
+    /// `1/2 tr(a_theta,theta M) = (M_kk a + M_k,K0) / (1 + k)^2`: what multiplies `a`, and the rest.
+    bend: [V::Number; 2],
+    h: [V; 2],
+}
+
+impl<V: Row, const M: usize> Effect<V, M> for ForwardLinear {
+    type Input = V::Number;
+    type Table = ForwardTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> ForwardTable<V> {
+        let bias = theta.at(BIAS);
+        let one = bias.like(1.0);
+        let slope = one / (one + theta.at(SCALE));
+        let squared = if order == Order::Second { slope * slope } else { bias.like(0.0) };
+        let row = &spread[SCALE];
+        let bend = [squared.times_plus(row.at(SCALE), one), squared * row.at(BIAS)];
+        ForwardTable { bias, slope, bend, h: [spread[BIAS].scaled(-slope), row.scaled(-slope)] }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &ForwardTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+        let slope = table.slope;
+        let a = slope * (u - table.bias);
+        let g = V::from_fn(a, |i| match i {
+            SCALE => -(a * slope),
+            BIAS => -slope,
+            _ => a.like(0.0),
+        });
+        Ok(Instant { a: a.times_plus(table.bend[0], table.bend[1]), g, h: table.h[0].plus(a, table.h[1]), slope })
+    }
+}
+
+/// The forward cubic sensor (4), `w = (1 + k) a + K2 a^2 + K3 a^3` solved for `a`; one run at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ForwardCubic;
+
+impl<V: Row<Number = f64>, const M: usize> Effect<V, M> for ForwardCubic {
+    type Input = f64;
+    type Table = (V, [V; M], Order);
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> (V, [V; M], Order) {
+        (*theta, *spread, order)
+    }
+
+    /// With `J = dw/da`, `C = d^2w/da^2` and `m = dJ/dtheta`: `1/2 tr(a_theta,theta M) = -(m'h + C g'h / 2) / J`.
+    #[inline(always)]
+    fn at(&self, (theta, spread, order): &(V, [V; M], Order), u: f64) -> Result<Instant<V>, DomainError> {
+        let at = |i: usize| theta.at(i);
+        let parameters = Parameters { k: at(SCALE), K0: at(BIAS), K2: at(SECOND), K3: at(THIRD) };
+        let (mut a, J, C) = Form::Forward.solved(u, &parameters)?;
+        let slope = 1.0 / J;
+        let along = |values: [f64; 4]| V::from_fn(slope, |i| values.get(i).copied().unwrap_or(0.0));
+        let g = along([-a * slope, -slope, -a * a * slope, -a * a * a * slope]);
+        let h = product(spread, &g);
+        if *order == Order::Second {
+            let m = along([1.0, 0.0, 2.0 * a, 3.0 * a * a]);
+            a -= slope * (m.dot(h) + 0.5 * C * g.dot(h));
+        }
+        Ok(Instant { a, g, h, slope })
+    }
+}
+
+/// A sensor with further effects: each adds `e_j c_j(t)` to the acceleration, its column `c_j` given at every instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Columns<E>(pub E);
+
+/// The output, and the columns of all parameters; zero in the places of the sensor's own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Driven<V: Row> {
+    /// `u`, m/s^2.
+    pub u: V::Number,
+    /// `c_j`, m/s^2 per unit of the parameter.
+    pub columns: V,
+}
+
+impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Effect<V, M> for Columns<E> {
+    type Input = Driven<V>;
+    type Table = (E::Table, V, [V; M]);
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> Self::Table {
+        (self.0.table(theta, spread, order), *theta, *spread)
+    }
+
+    #[inline(always)]
+    fn at(&self, (table, theta, spread): &Self::Table, input: Driven<V>) -> Result<Instant<V>, DomainError> {
+        let sensor = self.0.at(table, input.u)?;
+        Ok(Instant {
+            a: sensor.a + theta.dot(input.columns),
+            g: sensor.g + input.columns,
+            h: sensor.h + product(spread, &input.columns),
+            slope: sensor.slope,
+        })
+    }
+}
