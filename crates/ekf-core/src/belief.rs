@@ -41,8 +41,11 @@ impl<const N: usize> Belief<N> {
 }
 
 /// Whether no variance is negative and no two of the `n` states correlate by more than one; `P(i, j)` is asked for `j <= i`.
+///
+/// # Errors
+/// [`StepError::Variance`], [`StepError::Correlation`].
 #[inline(always)]
-pub(crate) fn plausible(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(), StepError> {
+pub fn plausible(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(), StepError> {
     for i in 0..n {
         let variance = P(i, i);
         if !(variance >= 0.0 && variance.is_finite()) {

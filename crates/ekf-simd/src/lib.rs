@@ -1,1 +1,21 @@
-//! x
+//! The structured kernels of `ekf-core` on the processor's vector unit: many runs side by side, over threads.
+//!
+//! What the processor can do is asked once per run. The same kernels run on plain numbers where it can do nothing, and
+//! results do not depend on how many lanes or threads there were, up to rounding.
+#![forbid(unsafe_code)]
+#![allow(non_snake_case)] // x, P, R, S as in ekf-core
+#![allow(clippy::inline_always)] // a kernel must be compiled into the run that calls it, with that run's instructions
+
+pub mod batch;
+pub mod fused;
+pub mod kernel;
+pub mod lanes;
+pub mod likelihood;
+pub mod path;
+#[cfg(target_arch = "x86_64")]
+pub mod quads;
+pub mod record;
+pub mod run;
+
+pub use batch::{Batch, Final, Prior, run_aci, run_cwpa};
+pub use path::Path;

@@ -1,0 +1,299 @@
+//! The workloads W1 to W4: 1667 Hz output, position at every second sample, three sinusoids; structured and dense.
+//!
+//! W1: ACI linear, first order, RK2. W2: ACI cubic, second order, RK4. W3: CWPA linear, first order. W4: CWPA cubic, second
+//! order. The noise stands at the acceleration, not at the output: `q` alone, whatever the slope.
+#![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
+
+use ekf_core::effect::{Effect, Instant, InverseCubic, InverseLinear};
+use ekf_core::error::{DomainError, SetupError, StepError};
+use ekf_core::number::Number;
+use ekf_core::output::{ReadCubic, ReadLinear};
+use ekf_core::row::{Plain, Row};
+use ekf_core::system::{Drive, Rates, System, Transition};
+use ekf_core::update::{Reading, correct, innovate};
+use ekf_core::wandering::Wandering;
+use ekf_core::{Aci, Belief, Cwpa, Form, Integrator, Interpolation, Order, Segment, Sensor, Wander};
+use ekf_simd::fused::Fused;
+use ekf_simd::kernel::{AciWith, CwpaWith, Kernel, runner};
+use ekf_simd::likelihood::Logarithm;
+use ekf_simd::quads::Quads;
+use ekf_simd::record::Rows;
+use ekf_simd::run::Settings;
+use nalgebra::{SMatrix, SVector};
+use pulp::NullaryFnOnce;
+use pulp::x86::V3;
+
+pub const DT: f64 = 1.0 / 1667.0;
+pub const QV: f64 = 1e-4 * DT;
+pub const JERK: f64 = 25.0;
+pub const R_POSITION: f64 = 1e-12;
+pub const R_OUTPUT: f64 = 1e-4;
+const PARAMETERS: [f64; 4] = [1e-4, 1e-2, 1e-6, 1e-8];
+
+/// A record of `steps + 1` samples; positions that are not measured are not numbers.
+pub struct Data {
+    pub u: Vec<f64>,
+    pub z: Vec<f64>,
+}
+
+pub fn data(steps: usize, seed: u64) -> Data {
+    let mut state = seed;
+    let mut noise = move || {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            sum += (state >> 11) as f64 / (1u64 << 53) as f64;
+        }
+        sum
+    };
+    let tones = [(5.0, 7.3), (3.0, 19.1), (2.0, 41.7)];
+    let (mut u, mut z) = (Vec::new(), Vec::new());
+    for j in 0..=steps {
+        let t = j as f64 * DT;
+        let a: f64 = tones.iter().map(|(a, w)| a * (w * t).sin()).sum();
+        let p: f64 = tones.iter().map(|(a, w)| -a / (w * w) * (w * t).sin()).sum();
+        u.push(0.05 + 1.01 * a + 1e-2 * noise());
+        let read = p + 1e-6 * noise();
+        z.push(if j % 2 == 0 && j > 0 { read } else { f64::NAN });
+    }
+    Data { u, z }
+}
+
+pub fn variance(motion: usize, i: usize) -> f64 {
+    match i {
+        0 => 1e-10,
+        1 => 1e-2,
+        2 if motion == 3 => 1.0,
+        i => PARAMETERS[i - motion],
+    }
+}
+
+/// The noise at the acceleration.
+#[derive(Debug, Clone, Copy)]
+pub struct AtAcceleration<E>(pub E);
+
+impl<V: Row, const M: usize, E: Effect<V, M>> Effect<V, M> for AtAcceleration<E> {
+    type Input = E::Input;
+    type Table = E::Table;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> E::Table {
+        self.0.table(theta, spread, order)
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &E::Table, input: E::Input) -> Result<Instant<V>, DomainError> {
+        let at = self.0.at(table, input)?;
+        Ok(Instant { slope: at.a.like(1.0), ..at })
+    }
+}
+
+/// One structured run, to be compiled for the instructions it is given.
+struct Run<'a, K, V, const M: usize> {
+    kernel: K,
+    integrator: Integrator,
+    order: Order,
+    data: &'a Data,
+    kind: V,
+}
+
+#[inline(always)]
+fn go<K: Kernel<V, M>, V: Row, const M: usize>(
+    kernel: K,
+    integrator: Integrator,
+    order: Order,
+    data: &Data,
+    kind: V::Number,
+    value: impl Fn(V::Number) -> f64,
+) -> Vec<f64>
+where
+    V::Number: Logarithm,
+{
+    let c = |x: f64| kind.like(x);
+    let settings = Settings::<V, M> {
+        dt: DT,
+        samples: data.u.len(),
+        interpolation: Interpolation::Linear,
+        integrator,
+        order,
+        q: c(if K::MOTION == 3 { JERK } else { QV }),
+        R_position: c(R_POSITION),
+        R_output: c(R_OUTPUT),
+        tau: 0.0,
+        wandering: Wandering::new(kind, [Wander::CONSTANT; M]),
+    };
+    let mut runner = runner::<K, V, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::MOTION, i) } else { 0.0 }));
+    let record = Rows { output: &data.u, position: &data.z, kind };
+    let went = kernel.follow(&mut runner, &settings, &record, (0, data.u.len() - 1));
+    assert!(went.is_ok());
+    (0..K::MOTION + M)
+        .map(|i| value(K::x(&runner.block, i)))
+        .chain((0..K::MOTION + M).map(|i| value(K::P(&runner.block, i, i))))
+        .chain([value(runner.likelihood.value())])
+        .collect()
+}
+
+impl<K: Kernel<Plain<Fused<V3>, M>, M>, const M: usize> NullaryFnOnce for Run<'_, K, Plain<V3, M>, M> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let kind = Fused { x: 0.0, simd: self.kind.0[0] };
+        go::<K, Plain<Fused<V3>, M>, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
+    }
+}
+
+impl<K: Kernel<Quads<Q>, M>, const M: usize, const Q: usize> NullaryFnOnce for Run<'_, K, [V3; Q], M> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let kind = Fused { x: 0.0, simd: self.kind[0] };
+        go::<K, Quads<Q>, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
+    }
+}
+
+/// `W1`..`W4` structured, with the processor's own instructions.
+pub fn structured(workload: u32, data: &Data, counted: bool) -> Vec<f64> {
+    let simd = V3::try_new().expect("AVX2 and FMA");
+    let (rk2, rk4, exact) = (Integrator::Rk2, Integrator::Rk4, Integrator::Exact);
+    let (first, second) = (Order::First, Order::Second);
+    match workload {
+        1 => {
+            let kernel = AciWith { effect: AtAcceleration(InverseLinear), counted };
+            simd.vectorize(Run::<_, _, 2> { kernel, integrator: rk2, order: first, data, kind: Plain([simd; 2]) })
+        }
+        2 => {
+            let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted };
+            simd.vectorize(Run::<_, _, 4> { kernel, integrator: rk4, order: second, data, kind: [simd; 1] })
+        }
+        3 => {
+            let kernel = CwpaWith { sensor: ReadLinear, counted };
+            simd.vectorize(Run::<_, _, 2> { kernel, integrator: exact, order: first, data, kind: Plain([simd; 2]) })
+        }
+        _ => {
+            let kernel = CwpaWith { sensor: ReadCubic, counted };
+            simd.vectorize(Run::<_, _, 4> { kernel, integrator: exact, order: second, data, kind: [simd; 1] })
+        }
+    }
+}
+
+/// The same with rows in plain arrays: what any number of parameters costs.
+pub fn arrays(workload: u32, data: &Data) -> Vec<f64> {
+    let simd = V3::try_new().expect("AVX2 and FMA");
+    let second = Order::Second;
+    if workload == 2 {
+        let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted: false };
+        let kind = Plain([simd; 4]);
+        simd.vectorize(Run::<_, _, 4> { kernel, integrator: Integrator::Rk4, order: second, data, kind })
+    } else {
+        let kernel = CwpaWith { sensor: ReadCubic, counted: false };
+        let kind = Plain([simd; 4]);
+        simd.vectorize(Run::<_, _, 4> { kernel, integrator: Integrator::Exact, order: second, data, kind })
+    }
+}
+
+/// The same on plain numbers, nothing fused.
+pub fn portable(workload: u32, data: &Data) -> Vec<f64> {
+    let (first, second) = (Order::First, Order::Second);
+    let id = |x: f64| x;
+    match workload {
+        1 => {
+            let kernel = AciWith { effect: AtAcceleration(InverseLinear), counted: false };
+            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
+        }
+        2 => {
+            let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted: false };
+            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
+        }
+        3 => {
+            let kernel = CwpaWith { sensor: ReadLinear, counted: false };
+            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
+        }
+        _ => {
+            let kernel = CwpaWith { sensor: ReadCubic, counted: false };
+            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
+        }
+    }
+}
+
+/// The dense twin with the noise at the acceleration.
+#[derive(Clone, Copy)]
+struct DenseAtAcceleration(Aci);
+
+impl<const N: usize> System<N> for DenseAtAcceleration {
+    const DRIVEN: bool = true;
+
+    fn check(&self) -> Result<(), SetupError> {
+        System::<N>::check(&self.0)
+    }
+
+    fn rates(&self, x: &SVector<f64, N>, P: &SMatrix<f64, N, N>, u: f64, order: Order) -> Result<Rates<N>, StepError> {
+        let mut rates = self.0.rates(x, P, u, order)?;
+        rates.DQDt[(1, 1)] = self.0.q;
+        Ok(rates)
+    }
+
+    fn transition(
+        &self,
+        x: &SVector<f64, N>,
+        P: &SMatrix<f64, N, N>,
+        drive: &Drive,
+        order: Order,
+    ) -> Result<Transition<N>, StepError> {
+        self.0.transition(x, P, drive, order)
+    }
+
+    fn position(&self, x: &SVector<f64, N>) -> Reading<N> {
+        self.0.position(x)
+    }
+
+    fn output(
+        &self,
+        x: &SVector<f64, N>,
+        P: &SMatrix<f64, N, N>,
+        order: Order,
+    ) -> Result<Option<Reading<N>>, StepError> {
+        self.0.output(x, P, order)
+    }
+}
+
+fn dense_run<S: System<N>, const N: usize>(system: &S, integrator: Integrator, order: Order, data: &Data) -> Vec<f64> {
+    let motion = if S::DRIVEN { 2 } else { 3 };
+    let diagonal = SVector::<f64, N>::from_fn(|i, _| variance(motion, i));
+    let mut belief = Belief { x: SVector::zeros(), P: SMatrix::from_diagonal(&diagonal) };
+    for j in 0..data.u.len() - 1 {
+        let (u0, u1) = (data.u[j], data.u[j + 1]);
+        let drive = Drive { segment: Segment { c: [u0, (u1 - u0) / DT, 0.0, 0.0] }, from: 0.0, to: DT };
+        belief = integrator.step(system, &belief, &drive, order).expect("a covariance").0;
+        if let Some(reading) = system.output(&belief.x, &belief.P, order).expect("a sensor") {
+            let (innovation, gain) = innovate(&belief, &reading, R_OUTPUT, u1).expect("S");
+            belief = correct(&belief, &reading, R_OUTPUT, &innovation, &gain);
+        }
+        if !data.z[j + 1].is_nan() {
+            let reading = system.position(&belief.x);
+            let (innovation, gain) = innovate(&belief, &reading, R_POSITION, data.z[j + 1]).expect("S");
+            belief = correct(&belief, &reading, R_POSITION, &innovation, &gain);
+        }
+    }
+    belief.x.iter().chain(belief.P.diagonal().iter()).copied().collect()
+}
+
+/// `W1`..`W4` with the dense nalgebra filters.
+pub fn dense(workload: u32, data: &Data) -> Vec<f64> {
+    let wander = [Wander::CONSTANT; 4];
+    let aci = DenseAtAcceleration(Aci { sensor: Sensor { form: Form::Inverse, wander }, q: QV, tau: 0.0 });
+    let cwpa = Cwpa { sensor: Sensor { form: Form::Forward, wander }, q: JERK, low_pass: None };
+    match workload {
+        1 => dense_run::<_, 4>(&aci, Integrator::Rk2, Order::First, data),
+        2 => dense_run::<_, 6>(&aci, Integrator::Rk4, Order::Second, data),
+        3 => dense_run::<_, 5>(&cwpa, Integrator::Exact, Order::First, data),
+        _ => dense_run::<_, 7>(&cwpa, Integrator::Exact, Order::Second, data),
+    }
+}
+
+/// Largest difference of two runs' states, in sigma of the second.
+pub fn apart(one: &[f64], other: &[f64]) -> f64 {
+    let states = other.len() / 2;
+    (0..states).map(|i| (one[i] - other[i]).abs() / other[states + i].sqrt()).fold(0.0, f64::max)
+}

@@ -1,0 +1,24 @@
+//! Runs one workload for a number of steps, for an instruction counter: `steps structured 2 40000`.
+
+#[path = "../benches/workloads.rs"]
+mod workloads;
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let [_, kernel, workload, steps] = arguments.as_slice() else {
+        eprintln!("usage: steps structured|counted|arrays|portable|dense WORKLOAD STEPS");
+        std::process::exit(2);
+    };
+    let workload: u32 = workload.parse().expect("a workload, 1 to 4");
+    let data = workloads::data(steps.parse().expect("a number of steps"), 1);
+    let ended = match kernel.as_str() {
+        "structured" => workloads::structured(workload, &data, false),
+        "counted" => workloads::structured(workload, &data, true),
+        "arrays" => workloads::arrays(workload, &data),
+        "portable" => workloads::portable(workload, &data),
+        "dense" => workloads::dense(workload, &data),
+        // What reading arguments and making the record costs, to be taken off.
+        _ => Vec::new(),
+    };
+    println!("{ended:?}");
+}

@@ -1,0 +1,176 @@
+//! ACI and CWPA under one name for whoever drives them over a record, and the sensors that fit in lanes.
+
+use ekf_core::aci_block::AciBlock;
+use ekf_core::cwpa_block::CwpaBlock;
+use ekf_core::effect::Effect;
+use ekf_core::error::DomainError;
+use ekf_core::output::Output;
+use ekf_core::row::Row;
+
+use crate::likelihood::{Likelihood, Logarithm};
+use crate::run::{Record, Runner, Settings};
+
+/// A filter with its sensor, over a uniform record.
+pub trait Kernel<V: Row, const M: usize>: Copy
+where
+    V::Number: Logarithm,
+{
+    /// Mean and covariance.
+    type Block: Copy;
+
+    /// States before the parameters.
+    const MOTION: usize;
+
+    /// Blocks of a prior.
+    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block;
+
+    /// State `i` and covariance `i, j`.
+    fn x(block: &Self::Block, i: usize) -> V::Number;
+
+    /// Covariance of states `i` and `j`.
+    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number;
+
+    /// Reads what stands at sample 0.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn begin(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError>;
+
+    /// From one sample to a later one.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn follow(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError>;
+}
+
+/// The runner of a prior.
+#[inline(always)]
+pub fn runner<K: Kernel<V, M>, V: Row, const M: usize>(
+    kind: V::Number,
+    x: impl Fn(usize) -> V::Number,
+    P: impl Fn(usize, usize) -> V::Number,
+) -> Runner<K::Block, V::Number>
+where
+    V::Number: Logarithm,
+{
+    Runner { block: K::block(x, P), likelihood: Likelihood::new(kind) }
+}
+
+/// ACI with a sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct AciWith<E> {
+    /// How acceleration follows from the output.
+    pub effect: E,
+    /// Whether the log-likelihood is wanted.
+    pub counted: bool,
+}
+
+/// CWPA with a sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct CwpaWith<O> {
+    /// What the output says of the acceleration.
+    pub sensor: O,
+    /// Whether the log-likelihood is wanted.
+    pub counted: bool,
+}
+
+impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E>
+where
+    V::Number: Logarithm,
+{
+    type Block = AciBlock<V, M>;
+
+    const MOTION: usize = 2;
+
+    #[inline(always)]
+    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
+        AciBlock::new(x, P)
+    }
+
+    #[inline(always)]
+    fn x(block: &Self::Block, i: usize) -> V::Number {
+        block.x(i)
+    }
+
+    #[inline(always)]
+    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number {
+        block.P(i, j)
+    }
+
+    #[inline(always)]
+    fn begin(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError> {
+        runner.read_position(settings, record.position(0), self.counted).map(|_| ())
+    }
+
+    #[inline(always)]
+    fn follow(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError> {
+        runner.follow(&self.effect, settings, record, range, self.counted)
+    }
+}
+
+impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O>
+where
+    V::Number: Logarithm,
+{
+    type Block = CwpaBlock<V, M>;
+
+    const MOTION: usize = 3;
+
+    #[inline(always)]
+    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
+        CwpaBlock::new(x, P)
+    }
+
+    #[inline(always)]
+    fn x(block: &Self::Block, i: usize) -> V::Number {
+        block.x(i)
+    }
+
+    #[inline(always)]
+    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number {
+        block.P(i, j)
+    }
+
+    #[inline(always)]
+    fn begin(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError> {
+        runner.read(&self.sensor, settings, record, 0, self.counted)
+    }
+
+    #[inline(always)]
+    fn follow(
+        &self,
+        runner: &mut Runner<Self::Block, V::Number>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError> {
+        runner.follow(&self.sensor, settings, record, range, self.counted)
+    }
+}

@@ -1,0 +1,46 @@
+//! Which instructions a run uses: asked of the processor once per run.
+
+/// A way through the same kernels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Path {
+    /// One run at a time on plain numbers, nothing fused: any processor, the same bits on all.
+    Portable,
+    /// One run at a time, AVX2 and FMA; four parameters share a register.
+    Fused,
+    /// Four runs side by side, AVX2 and FMA.
+    Four,
+    /// Eight runs side by side, AVX-512.
+    Eight,
+}
+
+impl Path {
+    /// Whether this processor can go this way.
+    #[must_use]
+    pub fn is_open(self) -> bool {
+        match self {
+            Self::Portable => true,
+            #[cfg(target_arch = "x86_64")]
+            Self::Fused | Self::Four => pulp::x86::V3::try_new().is_some(),
+            #[cfg(target_arch = "x86_64")]
+            Self::Eight => pulp::x86::V4::try_new().is_some(),
+            #[cfg(not(target_arch = "x86_64"))]
+            _ => false,
+        }
+    }
+
+    /// The widest way open.
+    #[must_use]
+    pub fn best() -> Self {
+        [Self::Eight, Self::Four].into_iter().find(|path| path.is_open()).unwrap_or(Self::Portable)
+    }
+
+    /// Runs side by side.
+    #[must_use]
+    pub fn lanes(self) -> usize {
+        match self {
+            Self::Portable | Self::Fused => 1,
+            Self::Four => 4,
+            Self::Eight => 8,
+        }
+    }
+}
