@@ -22,6 +22,7 @@ __all__ = [
     "innovations",
     "play",
     "run_filter",
+    "run_filter_batch",
     "swap_form",
 ]
 
@@ -48,6 +49,7 @@ class FilterSetup:
         r_position: float,
         r_output: float,
         gate: float,
+        kernel: str,
     ) -> FilterSetup: ...
 
 @final
@@ -90,6 +92,16 @@ def run_filter(
     position: tuple[_Array, _Array],
     smoothing: bool,
 ) -> FilterRows: ...
+def run_filter_batch(
+    setup: FilterSetup,
+    x0: _Array,
+    P0: _Array,
+    output: _Array,
+    position: _Array,
+    dt: float,
+    runs: int,
+    threads: int,
+) -> tuple[_Array, _Array, _Array, list[str | None]]: ...
 def play(x: _Array, width: float, start: float) -> _Array: ...
 def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[list[float]]]: ...
 def drive(

@@ -2,8 +2,8 @@
 
 use ekf_core::accelerometer::Form;
 use ekf_core::{
-    Aci, Belief, Carrier, Channel, Cwpa, Event, Filter, Integrator, Interpolation, Live, LowPass, Order, Outcome,
-    Parameters, RunError, Samples, Sensor, SetupError, Wander, smooth, system::System,
+    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, InBlocks, Integrator, Interpolation, Live, LowPass,
+    Order, Outcome, Parameters, RunError, Samples, Sensor, SetupError, Structured, Wander, smooth, system::System,
 };
 use nalgebra::{SMatrix, SVector};
 use numpy::{
@@ -44,6 +44,7 @@ enum AnySystem {
 pub struct FilterSetup {
     system: AnySystem,
     choices: Filter<()>,
+    structured: bool,
 }
 
 impl FilterSetup {
@@ -68,7 +69,7 @@ fn form_named(name: &str) -> PyResult<Form> {
 impl FilterSetup {
     /// `wander` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate.
     #[new]
-    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, q, q_output, tau, wander, r_position, r_output, gate))]
+    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, q, q_output, tau, wander, r_position, r_output, gate, kernel))]
     #[allow(clippy::too_many_arguments)] // keyword-only, called from one place
     fn new(
         system: &str,
@@ -84,6 +85,7 @@ impl FilterSetup {
         r_position: f64,
         r_output: f64,
         gate: f64,
+        kernel: &str,
     ) -> PyResult<Self> {
         let sensor = Sensor { form: form_named(form)?, wander: wander.map(|(rate, q)| Wander { rate, q }) };
         let low_pass = (tau != 0.0).then_some(LowPass { tau, q: q_output });
@@ -107,7 +109,8 @@ impl FilterSetup {
             R_output: r_output,
             gate,
         };
-        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices })
+        let structured = chosen("kernel", kernel, &[("structured", true), ("dense", false)])?;
+        Ok(Self { system: chosen("system", system, &[("aci", aci), ("cwpa", cwpa)])?, choices, structured })
     }
 }
 
@@ -124,6 +127,26 @@ macro_rules! sized {
                 $body
             })*
             (_, given) => Err(RunError::Setup(SetupError::Size { given })),
+        }
+    };
+}
+
+/// The same for filters in blocks; `None` where there is no structured kernel or the dense one was asked for.
+macro_rules! blocks {
+    ($setup:expr, $states:expr, |$filter:ident, $N:ident| $body:expr) => {
+        blocks!(@ $setup, $states, $filter, $N, $body, (Aci, 4), (Aci, 6), (Cwpa, 5), (Cwpa, 7))
+    };
+    (@ $setup:expr, $states:expr, $filter:ident, $N:ident, $body:expr, $(($system:ident, $size:literal)),*) => {
+        match (&$setup.system, $states) {
+            $((AnySystem::$system(system), $size) if $setup.structured => {
+                const $N: usize = $size;
+                let filter = $setup.with(*system);
+                Structured::<$size>::has_kernel(&filter).then(|| {
+                    let $filter = InBlocks(filter);
+                    $body
+                })
+            })*
+            _ => None,
         }
     };
 }
@@ -171,6 +194,31 @@ impl Rows {
         self.s.push(taken.map_or(f64::NAN, |c| c.innovation.s));
         self.accepted.push(taken.is_some_and(|c| c.accepted));
     }
+}
+
+fn run_blocks<S: System<N>, const N: usize>(
+    filter: &InBlocks<S>,
+    prior: &Belief<N>,
+    output: Samples<'_>,
+    position: Samples<'_>,
+) -> Result<Rows, RunError>
+where
+    Filter<S>: Structured<N>,
+{
+    let mut rows = Rows { states: N, ..Rows::default() };
+    let track = filter.over(prior, output, position, |track, (event, taken)| {
+        let Belief { x, P } = filter.0.belief(&track.block);
+        rows.t.push(event.t);
+        rows.position.push(event.channel == Channel::Position);
+        rows.x.extend_from_slice(x.as_slice());
+        rows.variance.extend_from_slice(P.diagonal().as_slice());
+        rows.e.push(taken.map_or(f64::NAN, |c| c.innovation.e));
+        rows.s.push(taken.map_or(f64::NAN, |c| c.innovation.s));
+        rows.accepted.push(taken.is_some_and(|c| c.accepted));
+    })?;
+    rows.P = filter.0.belief(&track.block).P.as_slice().to_vec();
+    rows.log_likelihood = track.log_likelihood;
+    Ok(rows)
 }
 
 fn run_sized<S: System<N>, const N: usize>(
@@ -267,12 +315,59 @@ pub fn run_filter(
     let output = Samples { t: output.0.as_slice()?, y: output.1.as_slice()? };
     let position = Samples { t: position.0.as_slice()?, y: position.1.as_slice()? };
     let rows = py.detach(|| {
+        if !smoothing {
+            let rows = blocks!(setup, states, |filter, N| run_blocks(&filter, &belief::<N>(x, P), output, position));
+            if let Some(rows) = rows {
+                return rows;
+            }
+        }
         sized!(setup, states, |filter, N| run_sized(&filter, &belief::<N>(x, P), output, position, smoothing))
     });
     FilterRows::new(py, rows.map_err(|error| raise(py, error))?)
 }
 
-/// A [`Live`] filter of any size.
+/// Final means `(runs, N)`, covariances `(runs, N N)`, log-likelihoods and faults, one per run.
+type BatchFinals = (Matrix, Matrix, Py<PyArray1<f64>>, Vec<Option<String>>);
+
+/// Runs one filter over many uniform records, in lanes and threads; rows are runs, one row serves all of them.
+///
+/// # Errors
+/// `FilterError`; `ValueError` for shapes that do not fit.
+#[pyfunction]
+#[pyo3(signature = (setup, x0, P0, output, position, dt, runs, threads))]
+#[allow(clippy::needless_pass_by_value, clippy::too_many_arguments)] // views are handed over by PyO3
+pub fn run_filter_batch(
+    py: Python<'_>,
+    setup: &FilterSetup,
+    x0: PyReadonlyArray2<'_, f64>,
+    P0: PyReadonlyArray2<'_, f64>,
+    output: PyReadonlyArray2<'_, f64>,
+    position: PyReadonlyArray2<'_, f64>,
+    dt: f64,
+    runs: usize,
+    threads: usize,
+) -> PyResult<BatchFinals> {
+    let (states, samples) = (x0.shape()[1], output.shape()[1]);
+    let prior = ekf_simd::Prior { states, x: x0.as_slice()?, P: P0.as_slice()? };
+    let (output, position) = (output.as_slice()?, position.as_slice()?);
+    let batch = ekf_simd::Batch { dt, samples, runs, output, position };
+    let path = ekf_simd::Path::best();
+    let finals = py.detach(|| match setup.system {
+        AnySystem::Aci(system) => ekf_simd::run_aci(&setup.with(system), prior, batch, true, path, threads),
+        AnySystem::Cwpa(system) => ekf_simd::run_cwpa(&setup.with(system), prior, batch, true, path, threads),
+    });
+    let finals = finals.map_err(|error| raise(py, error.into()))?;
+    let flat = |of: fn(&ekf_simd::Final) -> &[f64]| finals.iter().flat_map(of).copied().collect::<Vec<f64>>();
+    let log_likelihoods: Vec<f64> = finals.iter().map(|ended| ended.log_likelihood).collect();
+    Ok((
+        matrix(py, flat(|ended| &ended.x), states)?,
+        matrix(py, flat(|ended| &ended.P), states * states)?,
+        log_likelihoods.into_pyarray(py).unbind(),
+        finals.iter().map(|ended| ended.fault.map(|fault| fault.to_string())).collect(),
+    ))
+}
+
+/// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
     fn push(&mut self, event: Event) -> Result<Option<f64>, RunError>;
     fn finish(&mut self) -> Result<Option<f64>, RunError>;
@@ -292,30 +387,60 @@ fn innovation<const N: usize>(outcome: &Outcome<N>) -> Option<f64> {
     outcome.correction.map(|taken| taken.innovation.e)
 }
 
-impl<S: System<N> + Send + Sync, const N: usize> Stream for Live<S, N> {
+/// What a stream tells of an engine's outcomes and tracks.
+trait Told<const N: usize>: Engine<N> {
+    fn innovation(outcome: &Self::Outcome) -> Option<f64>;
+    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState;
+}
+
+fn told<const N: usize>(belief: &Belief<N>, t: Option<f64>, log_likelihood: f64, rejected: usize) -> StreamState {
+    let (x, P) = (belief.x.as_slice().to_vec(), belief.P.as_slice().to_vec());
+    StreamState { t, x, P, log_likelihood, rejected, waiting: 0 }
+}
+
+impl<S: System<N>, const N: usize> Told<N> for Filter<S> {
+    fn innovation(outcome: &Outcome<N>) -> Option<f64> {
+        innovation(outcome)
+    }
+
+    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
+        let state = told(&track.carried.belief(), track.t, track.log_likelihood, track.rejected);
+        StreamState { waiting, ..state }
+    }
+}
+
+impl<S: System<N>, const N: usize> Told<N> for InBlocks<S>
+where
+    Filter<S>: Structured<N>,
+{
+    fn innovation((_, taken): &Self::Outcome) -> Option<f64> {
+        taken.map(|taken| taken.innovation.e)
+    }
+
+    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
+        let state = told(&self.0.belief(&track.block), track.t, track.log_likelihood, track.rejected);
+        StreamState { waiting, ..state }
+    }
+}
+
+impl<E: Told<N> + Send + Sync, const N: usize> Stream for Live<E, N>
+where
+    E::Track: Send + Sync,
+{
     fn push(&mut self, event: Event) -> Result<Option<f64>, RunError> {
         let mut e = None;
-        Live::push(self, event, |outcome| e = innovation(outcome).or(e))?;
+        Live::push(self, event, |outcome| e = E::innovation(outcome).or(e))?;
         Ok(e)
     }
 
     fn finish(&mut self) -> Result<Option<f64>, RunError> {
         let mut e = None;
-        Live::finish(self, |outcome| e = innovation(outcome).or(e))?;
+        Live::finish(self, |outcome| e = E::innovation(outcome).or(e))?;
         Ok(e)
     }
 
     fn state(&self) -> StreamState {
-        let track = self.track();
-        let Belief { x, P } = track.carried.belief();
-        StreamState {
-            t: track.t,
-            x: x.as_slice().to_vec(),
-            P: P.as_slice().to_vec(),
-            log_likelihood: track.log_likelihood,
-            rejected: track.rejected,
-            waiting: self.waiting(),
-        }
+        self.filter().state(self.track(), self.waiting())
     }
 }
 
@@ -336,9 +461,17 @@ impl FilterStream {
         P0: PyReadonlyArray2<'_, f64>,
     ) -> PyResult<Self> {
         let (states, x, P) = prior(&x0, &P0)?;
-        let stream = sized!(setup, states, |filter, N| {
+        let blocks = blocks!(setup, states, |filter, N| {
             Live::new(filter, &belief::<N>(x, P)).map(|live| Box::new(live) as Box<dyn Stream>).map_err(RunError::from)
         });
+        let stream = match blocks {
+            Some(stream) => stream,
+            None => sized!(setup, states, |filter, N| {
+                Live::new(filter, &belief::<N>(x, P))
+                    .map(|live| Box::new(live) as Box<dyn Stream>)
+                    .map_err(RunError::from)
+            }),
+        };
         stream.map(|stream| Self { stream }).map_err(|error| raise(py, error))
     }
 

@@ -31,7 +31,7 @@ mod _core {
     use super::effects::play_operator;
 
     #[pymodule_export]
-    use super::filters::{FilterError, FilterRows, FilterSetup, FilterStream, run_filter, swap_form};
+    use super::filters::{FilterError, FilterRows, FilterSetup, FilterStream, run_filter, run_filter_batch, swap_form};
 
     #[pymodule_init]
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {

@@ -3,12 +3,13 @@
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use crate::belief::{Belief, Carrier};
+use crate::engine::Engine;
 use crate::error::{RunError, SetupError, StepError};
 use crate::factored::Factored;
 use crate::integrate::Integrator;
 use crate::interpolate::{Interpolation, Segment};
 use crate::system::{Drive, Order, System, at_least};
-use crate::timeline::{Channel, Event, Samples, Timeline};
+use crate::timeline::{Channel, Event, Samples};
 use crate::update::{Innovation, correct, innovate};
 
 /// A system with its sensor form, and the other four choices.
@@ -240,20 +241,7 @@ impl<S> Filter<S> {
     where
         S: System<N>,
     {
-        let mut track = self.start(prior)?;
-        output.check(Channel::Output, 2)?;
-        position.check(Channel::Position, 1)?;
-        let mut taken = 0;
-        for event in Timeline::new(output, position) {
-            let piece = output.piece(taken, self.interpolation);
-            let outcome;
-            (track, outcome) = self.follow(&track, &event, piece)?;
-            keep(&outcome);
-            if event.channel == Channel::Output {
-                taken += 1;
-            }
-        }
-        Ok(track)
+        self.over(prior, output, position, |_, outcome| keep(outcome))
     }
 }
 

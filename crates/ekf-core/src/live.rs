@@ -1,10 +1,9 @@
 //! The filter as a stream: the same steps as over a record, bit for bit, as soon as each can be made.
 
 use crate::belief::Belief;
+use crate::engine::Engine;
 use crate::error::{RunError, SetupError, StepError};
-use crate::filter::{Filter, Outcome, Track};
 use crate::interpolate::Interpolation;
-use crate::system::System;
 use crate::timeline::{Channel, Event, Samples};
 
 /// Events that may wait for the output sample after them.
@@ -18,9 +17,9 @@ const REACH: usize = 4;
 /// Held output needs no future; a line needs the next sample, a cubic the one after it (and four in all). Events wait
 /// that long, so the belief lags by as many samples. A system that reads the output never waits.
 #[derive(Debug, Clone, Copy)]
-pub struct Live<S, const N: usize> {
-    filter: Filter<S>,
-    track: Track<N>,
+pub struct Live<E: Engine<N>, const N: usize> {
+    filter: E,
+    track: E::Track,
     last: Option<Event>,
     last_output: Option<f64>,
     t: [f64; REACH],
@@ -32,14 +31,14 @@ pub struct Live<S, const N: usize> {
     waiting: usize,
 }
 
-impl<S: System<N>, const N: usize> Live<S, N> {
+impl<E: Engine<N>, const N: usize> Live<E, N> {
     /// A filter that has met no event; `prior` belongs to the first one.
     ///
     /// # Errors
     /// [`SetupError`] if a setting or the prior is unusable.
-    pub fn new(filter: Filter<S>, prior: &Belief<N>) -> Result<Self, SetupError> {
+    pub fn new(filter: E, prior: &Belief<N>) -> Result<Self, SetupError> {
         Ok(Self {
-            track: filter.start(prior)?,
+            track: filter.begin(prior)?,
             filter,
             last: None,
             last_output: None,
@@ -54,8 +53,14 @@ impl<S: System<N>, const N: usize> Live<S, N> {
 
     /// The state of the filter after the events processed so far.
     #[must_use]
-    pub fn track(&self) -> &Track<N> {
+    pub fn track(&self) -> &E::Track {
         &self.track
+    }
+
+    /// The filter itself.
+    #[must_use]
+    pub fn filter(&self) -> &E {
+        &self.filter
     }
 
     /// Events received and not yet processed.
@@ -69,9 +74,9 @@ impl<S: System<N>, const N: usize> Live<S, N> {
     /// # Errors
     /// [`RunError::Step`]: [`StepError::TimeOrder`] and [`StepError::Backlog`] leave the filter as it was; after any other
     /// the event that failed is dropped.
-    pub fn push(&mut self, event: Event, keep: impl FnMut(&Outcome<N>)) -> Result<(), RunError> {
+    pub fn push(&mut self, event: Event, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         self.admit(&event).map_err(|error| RunError::Step {
-            event: self.track.events + self.waiting,
+            event: E::events(&self.track) + self.waiting,
             t: event.t,
             error,
         })?;
@@ -89,7 +94,7 @@ impl<S: System<N>, const N: usize> Live<S, N> {
     ///
     /// # Errors
     /// [`RunError::Step`] with the event that failed.
-    pub fn finish(&mut self, keep: impl FnMut(&Outcome<N>)) -> Result<(), RunError> {
+    pub fn finish(&mut self, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         self.drain(true, keep)
     }
 
@@ -125,11 +130,11 @@ impl<S: System<N>, const N: usize> Live<S, N> {
         self.held += 1;
     }
 
-    fn drain(&mut self, ended: bool, mut keep: impl FnMut(&Outcome<N>)) -> Result<(), RunError> {
+    fn drain(&mut self, ended: bool, mut keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         while let Some(event) = self.queue[0].filter(|_| ended || self.ready()) {
             let window = Samples { t: &self.t[..self.held], y: &self.u[..self.held] };
-            let piece = window.piece(self.taken, self.filter.interpolation);
-            let step = self.filter.follow(&self.track, &event, piece);
+            let piece = window.piece(self.taken, self.filter.interpolation());
+            let step = self.filter.advance(&self.track, &event, piece);
             self.queue.copy_within(1..self.waiting, 0);
             self.waiting -= 1;
             self.queue[self.waiting] = None;
@@ -145,10 +150,10 @@ impl<S: System<N>, const N: usize> Live<S, N> {
 
     /// Whether a whole record would continue the output in the same way.
     fn ready(&self) -> bool {
-        if !S::DRIVEN {
+        if !E::DRIVEN {
             return true;
         }
-        match self.filter.interpolation {
+        match self.filter.interpolation() {
             Interpolation::Hold => self.held > 0,
             Interpolation::Linear => self.held > self.taken && self.held > 0,
             Interpolation::Cubic => {

@@ -126,7 +126,11 @@ where
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        runner.follow(&self.effect, settings, record, range, self.counted)
+        // A copy that nobody else can see stays in registers.
+        let mut here = *runner;
+        let went = here.follow(&self.effect, settings, record, range, self.counted);
+        *runner = here;
+        went
     }
 }
 
@@ -171,6 +175,10 @@ where
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        runner.follow(&self.sensor, settings, record, range, self.counted)
+        // A copy that nobody else can see stays in registers.
+        let mut here = *runner;
+        let went = here.follow(&self.sensor, settings, record, range, self.counted);
+        *runner = here;
+        went
     }
 }

@@ -31,6 +31,11 @@ impl<T: Number> Rows<'_, T> {
 
 impl<T: Number> Record<T> for Rows<'_, T> {
     #[inline(always)]
+    fn reaches(&self, j: usize) -> bool {
+        j < self.output.len() && j < self.position.len()
+    }
+
+    #[inline(always)]
     fn output(&self, j: usize) -> T {
         self.kind.like(self.output[j])
     }
@@ -49,9 +54,9 @@ impl<T: Number> Record<T> for Rows<'_, T> {
 /// A stretch of the records of several runs.
 pub struct Stretch<S: Simd> {
     first: usize,
-    output: [Lanes<S>; STRETCH + 2 * HALO],
-    reading: [Sample<Lanes<S>>; STRETCH + 2 * HALO],
-    position: [Sample<Lanes<S>>; STRETCH + 2 * HALO],
+    output: [Lanes<S>; STRETCH + 1 + 2 * HALO],
+    reading: [Sample<Lanes<S>>; STRETCH + 1 + 2 * HALO],
+    position: [Sample<Lanes<S>>; STRETCH + 1 + 2 * HALO],
 }
 
 /// The samples of one instant in all lanes.
@@ -74,9 +79,9 @@ impl<S: Simd> Stretch<S> {
         let zero = Lanes::from_fn(simd, |_| 0.0);
         Self {
             first: 0,
-            output: [zero; STRETCH + 2 * HALO],
-            reading: [Sample::None; STRETCH + 2 * HALO],
-            position: [Sample::None; STRETCH + 2 * HALO],
+            output: [zero; STRETCH + 1 + 2 * HALO],
+            reading: [Sample::None; STRETCH + 1 + 2 * HALO],
+            position: [Sample::None; STRETCH + 1 + 2 * HALO],
         }
     }
 
@@ -100,6 +105,11 @@ impl<S: Simd> Stretch<S> {
 }
 
 impl<S: Simd> Record<Lanes<S>> for Stretch<S> {
+    #[inline(always)]
+    fn reaches(&self, j: usize) -> bool {
+        self.first <= j && j - self.first < self.output.len()
+    }
+
     #[inline(always)]
     fn output(&self, j: usize) -> Lanes<S> {
         self.output[j - self.first]

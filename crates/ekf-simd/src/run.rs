@@ -29,6 +29,8 @@ pub enum Sample<T> {
 
 /// A uniform record as a run sees it.
 pub trait Record<T> {
+    /// Whether sample `j` and all before it can be asked for; asked once, so that the loops need not ask again.
+    fn reaches(&self, j: usize) -> bool;
     /// The output at sample `j`; always there.
     fn output(&self, j: usize) -> T;
     /// The output at sample `j` as a reading.
@@ -95,8 +97,9 @@ fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolatio
     }
 }
 
-/// `weight new + (1 - weight) old` for whole blocks.
-trait Blend<T> {
+/// Whole blocks mixed.
+pub trait Blend<T> {
+    /// `weight self + (1 - weight) old`.
     fn blended(&self, old: &Self, weight: T) -> Self;
 }
 
@@ -147,29 +150,80 @@ impl<V: Row, const M: usize> Blend<V::Number> for CwpaBlock<V, M> {
     }
 }
 
-impl<B: Copy, T: Logarithm> Runner<B, T> {
+/// How a block takes a number in; a type, because a closure would be compiled without the run's instructions.
+trait Reading<B, T> {
+    fn take(&self, block: &mut B, z: T) -> Result<Surprise<T>, DomainError>;
+}
+
+/// Of position, variance `R`.
+struct Position<T> {
+    R: T,
+}
+
+/// Of `p + tau v`, variance `R`.
+struct Ahead<T> {
+    tau: T,
+    R: T,
+}
+
+/// Of the output, variance `R`.
+struct OfOutput<'a, O, T> {
+    sensor: &'a O,
+    order: Order,
+    R: T,
+}
+
+impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Position<V::Number> {
+    #[inline(always)]
+    fn take(&self, block: &mut AciBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = block.innovate(z, self.R);
+        block.correct(self.R, &taken);
+        Ok(taken)
+    }
+}
+
+impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Ahead<V::Number> {
+    #[inline(always)]
+    fn take(&self, block: &mut AciBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = block.innovate_ahead(self.tau, z, self.R);
+        block.correct_ahead(self.tau, &taken);
+        Ok(taken)
+    }
+}
+
+impl<V: Row, const M: usize> Reading<CwpaBlock<V, M>, V::Number> for Position<V::Number> {
+    #[inline(always)]
+    fn take(&self, block: &mut CwpaBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = block.innovate_position(z, self.R);
+        block.correct_position(self.R, &taken);
+        Ok(taken)
+    }
+}
+
+impl<V: Row, const M: usize, O: Output<V>> Reading<CwpaBlock<V, M>, V::Number> for OfOutput<'_, O, V::Number> {
+    #[inline(always)]
+    fn take(&self, block: &mut CwpaBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = block.innovate_output(self.sensor, self.order, z, self.R)?;
+        block.correct_output(&taken);
+        Ok(taken.surprise)
+    }
+}
+
+impl<B: Copy + Blend<T>, T: Logarithm> Runner<B, T> {
     /// Takes a sample in where it is there; whether there was any.
     #[inline(always)]
-    fn take(
-        &mut self,
-        sample: Sample<T>,
-        counted: bool,
-        read: impl Fn(&mut B, T) -> Result<Surprise<T>, DomainError>,
-    ) -> Result<bool, DomainError>
-    where
-        B: Blend<T>,
-    {
+    fn take(&mut self, sample: Sample<T>, counted: bool, reading: &impl Reading<B, T>) -> Result<bool, DomainError> {
         match sample {
             Sample::None => return Ok(false),
             Sample::All(z) => {
-                let taken = read(&mut self.block, z)?;
+                let taken = reading.take(&mut self.block, z)?;
                 if counted {
                     self.likelihood.add(&taken);
                 }
             }
             Sample::Some(z, weight) => {
                 let old = self.block;
-                let taken = read(&mut self.block, z)?;
+                let taken = reading.take(&mut self.block, z)?;
                 self.block = self.block.blended(&old, weight);
                 if counted {
                     self.likelihood.add_some(&taken, weight);
@@ -199,6 +253,9 @@ where
         counted: bool,
     ) -> Result<(), DomainError> {
         let &Settings { dt, samples, interpolation, integrator, order, q, .. } = settings;
+        if !record.reaches(to) {
+            return Ok(());
+        }
         let at = |j: usize, f: f64| between(record, samples, interpolation, j, f);
         if integrator == Integrator::Exact || !settings.wandering.still() {
             for j in from..to {
@@ -253,18 +310,9 @@ where
     ) -> Result<bool, DomainError> {
         let R = settings.R_position;
         if settings.tau == 0.0 {
-            return self.take(sample, counted, |block, z| {
-                let taken = block.innovate(z, R);
-                block.correct(R, &taken);
-                Ok(taken)
-            });
+            return self.take(sample, counted, &Position { R });
         }
-        let tau = R.like(settings.tau);
-        self.take(sample, counted, |block, z| {
-            let taken = block.innovate_ahead(tau, z, R);
-            block.correct_ahead(tau, &taken);
-            Ok(taken)
-        })
+        self.take(sample, counted, &Ahead { tau: R.like(settings.tau), R })
     }
 }
 
@@ -285,6 +333,9 @@ where
         (from, to): (usize, usize),
         counted: bool,
     ) -> Result<(), DomainError> {
+        if !record.reaches(to) {
+            return Ok(());
+        }
         if settings.integrator == Integrator::Exact && settings.wandering.still() {
             for j in from..to {
                 self.block.exact(settings.dt, settings.q);
@@ -312,16 +363,9 @@ where
         j: usize,
         counted: bool,
     ) -> Result<(), DomainError> {
-        self.take(record.reading(j), counted, |block, z| {
-            let taken = block.innovate_output(sensor, settings.order, z, settings.R_output)?;
-            block.correct_output(&taken);
-            Ok(taken.surprise)
-        })?;
-        self.take(record.position(j), counted, |block, z| {
-            let taken = block.innovate_position(z, settings.R_position);
-            block.correct_position(settings.R_position, &taken);
-            Ok(taken)
-        })?;
+        let &Settings { order, R_output, R_position, .. } = settings;
+        self.take(record.reading(j), counted, &OfOutput { sensor, order, R: R_output })?;
+        self.take(record.position(j), counted, &Position { R: R_position })?;
         Ok(())
     }
 }
