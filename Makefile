@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo test test-long check bench bench-hidden stubs format clean
+.PHONY: help demo test test-long check bench bench-check bench-hidden stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -35,6 +35,9 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency
 	$(BIN)/python -m benches.power --write
+
+bench-check: $(STAMP) ## Hold the kernels' instructions per step to their budgets (valgrind).
+	tools/bench_check.sh
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write

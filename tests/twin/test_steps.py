@@ -189,7 +189,8 @@ def failing(kind: str) -> None:
             live.step(0.0, accel=float("nan"))
         case "Variance":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
-            filters.run(aci, late, position, **settings(aci) | {"P0": np.diag([1, 1e308, 1, 1])})  # overflows
+            later = Channel("position", position.t * 1e6, position.y, "m")
+            filters.run(aci, late, later, **settings(aci) | {"P0": np.diag([1, 1e308, 1, 1])})  # overflows
         case "Correlation":
             rough = dataclasses.replace(aci, integrator="rk2")
             filters.run(rough, accel, position, **settings(rough, sigma=1.0, q=0.0))
