@@ -154,10 +154,10 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
             let u = self.uv.0[j];
             self.uv.0[j] = u - lambda * gv;
             gv = u.times_plus(g, gv);
-            for i in 0..j {
-                let u = self.U[i].0[j];
-                self.U[i].0[j] = u - lambda * gains[i];
-                gains[i] = u.times_plus(g, gains[i]);
+            for (row, gain) in self.U.iter_mut().zip(&mut gains).take(j) {
+                let u = row.0[j];
+                row.0[j] = u - lambda * *gain;
+                *gain = u.times_plus(g, *gain);
             }
             gains[j] = g;
         }

@@ -13,11 +13,11 @@
 pub mod abreast;
 pub mod accelerometer;
 pub mod aci;
-pub mod bank;
 pub mod aci_block;
 pub mod aci_factored;
 pub mod aci_push;
 pub mod aci_staged;
+pub mod bank;
 pub mod belief;
 pub mod condition;
 pub mod cwpa;

@@ -77,7 +77,7 @@ impl<const Q: usize> Row for Quads<Q> {
         let V3 { avx, sse2, .. } = self.simd;
         let four = self.each[i / 4];
         let pair = if i % 4 < 2 { avx._mm256_castpd256_pd128(four) } else { avx._mm256_extractf128_pd::<1>(four) };
-        let x = sse2._mm_cvtsd_f64(if i % 2 == 0 { pair } else { sse2._mm_unpackhi_pd(pair, pair) });
+        let x = sse2._mm_cvtsd_f64(if i.is_multiple_of(2) { pair } else { sse2._mm_unpackhi_pd(pair, pair) });
         Fused { x, simd: self.simd }
     }
 

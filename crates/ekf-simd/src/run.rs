@@ -100,6 +100,7 @@ fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolatio
 /// Whole blocks mixed.
 pub trait Blend<T> {
     /// `weight self + (1 - weight) old`.
+    #[must_use]
     fn blended(&self, old: &Self, weight: T) -> Self;
 }
 
