@@ -1,6 +1,6 @@
 //! Runs one workload for a number of steps, for an instruction counter: `steps structured 2 40000`.
 
-#[path = "../benches/workloads.rs"]
+#[path = "../benches/workloads/mod.rs"]
 mod workloads;
 
 fn main() {

@@ -32,7 +32,7 @@ pub fn prior<const N: usize>(draw: &mut Draw, sigma: [f64; N], mean: [f64; N]) -
     Belief { x, P: (P + P.transpose()) * 0.5 }
 }
 
-/// Largest difference of means in sigma and of covariances in sigma_i sigma_j.
+/// Largest difference of means in sigma and of covariances in `sigma_i sigma_j`.
 pub fn distance<const N: usize>(dense: &Belief<N>, x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> f64 {
     let sigma = |i: usize| dense.P[(i, i)].sqrt();
     let mut worst = 0.0_f64;
