@@ -36,7 +36,7 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.consistency
 	$(BIN)/python -m benches.power --write
 
-bench-check: $(STAMP) ## Hold the kernels' instructions per step to their budgets (valgrind).
+bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.

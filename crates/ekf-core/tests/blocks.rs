@@ -17,7 +17,7 @@ use ekf_core::{Aci, Cwpa, Form, Integrator, Order, Segment, Sensor, SetupError, 
 use nalgebra::{RowSVector, SMatrix, SVector};
 use proptest::prelude::*;
 
-/// State in sigma, covariance in sigma_i sigma_j.
+/// State in sigma, covariance in `sigma_i sigma_j`.
 const TOLERANCE: f64 = 1e-10;
 const STEPS: usize = 60;
 const R: f64 = 1e-12;
@@ -76,7 +76,7 @@ where
     assert!(block.checked().is_ok());
 }
 
-fn cwpa_agrees<const N: usize, const M: usize, O>(form: Form, sensor: O, choice: Choice)
+fn cwpa_agrees<const N: usize, const M: usize, O>(form: Form, sensor: &O, choice: Choice)
 where
     O: Output<Plain<f64, M>>,
 {
@@ -107,7 +107,7 @@ where
             let z = reading.expected + 1e-2 * draw.next();
             let (innovation, gain) = innovate(&dense, &reading, 1e-4, z).unwrap();
             dense = correct(&dense, &reading, 1e-4, &innovation, &gain);
-            let taken = block.innovate_output(&sensor, choice.order, z, 1e-4).unwrap();
+            let taken = block.innovate_output(sensor, choice.order, z, 1e-4).unwrap();
             block.correct_output(&taken);
         }
         if draw.next() > 0.0 {
@@ -235,9 +235,9 @@ proptest! {
 
     #[test]
     fn cwpa_equals_its_dense_twin(choice in choices()) {
-        cwpa_agrees::<5, 2, _>(Form::Forward, ReadLinear, choice);
-        cwpa_agrees::<7, 4, _>(Form::Forward, ReadCubic, choice);
-        cwpa_agrees::<5, 2, _>(Form::Inverse, ReadInverse, choice);
-        cwpa_agrees::<7, 4, _>(Form::Inverse, ReadInverse, choice);
+        cwpa_agrees::<5, 2, _>(Form::Forward, &ReadLinear, choice);
+        cwpa_agrees::<7, 4, _>(Form::Forward, &ReadCubic, choice);
+        cwpa_agrees::<5, 2, _>(Form::Inverse, &ReadInverse, choice);
+        cwpa_agrees::<7, 4, _>(Form::Inverse, &ReadInverse, choice);
     }
 }
