@@ -1,8 +1,10 @@
 //! Runs one workload for a number of steps, for an instruction counter: `steps structured 2 40000`.
 
+#[cfg(target_arch = "x86_64")]
 #[path = "../benches/workloads/mod.rs"]
 mod workloads;
 
+#[cfg(target_arch = "x86_64")]
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     let [_, kernel, workload, steps] = arguments.as_slice() else {
@@ -21,4 +23,9 @@ fn main() {
         _ => Vec::new(),
     };
     println!("{ended:?}");
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn main() {
+    println!("The counts are those of x86-64.");
 }

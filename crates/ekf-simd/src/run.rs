@@ -115,6 +115,7 @@ fn mix_row<V: Row>(weight: V::Number, new: V, old: V) -> V {
 }
 
 impl<V: Row, const M: usize> Blend<V::Number> for AciBlock<V, M> {
+    #[inline(always)]
     fn blended(&self, old: &Self, w: V::Number) -> Self {
         Self {
             p: mix(w, self.p, old.p),
@@ -131,6 +132,7 @@ impl<V: Row, const M: usize> Blend<V::Number> for AciBlock<V, M> {
 }
 
 impl<V: Row, const M: usize> Blend<V::Number> for CwpaBlock<V, M> {
+    #[inline(always)]
     fn blended(&self, old: &Self, w: V::Number) -> Self {
         Self {
             p: mix(w, self.p, old.p),
@@ -257,10 +259,14 @@ where
         if !record.reaches(to) {
             return Ok(());
         }
-        let at = |j: usize, f: f64| between(record, samples, interpolation, j, f);
         if integrator == Integrator::Exact || !settings.wandering.still() {
             for j in from..to {
-                let course = Course { effect: *effect, order, input: |s: f64| at(j, s / dt), dt };
+                let course = Course {
+                    effect: *effect,
+                    order,
+                    input: |s: f64| between(record, samples, interpolation, j, s / dt),
+                    dt,
+                };
                 self.block.step(integrator, q, &settings.wandering, &course)?;
                 self.read_position(settings, record.position(j + 1), counted)?;
             }
@@ -269,8 +275,8 @@ where
         let mut table = effect.table(&self.block.theta, &self.block.spread, order);
         if integrator == Integrator::Rk2 {
             for j in from..to {
-                let start = effect.at(&table, at(j, 0.0))?;
-                let middle = effect.at(&table, at(j, 0.5))?;
+                let start = effect.at(&table, between(record, samples, interpolation, j, 0.0))?;
+                let middle = effect.at(&table, between(record, samples, interpolation, j, 0.5))?;
                 self.block.rk2(dt, q, &start, &middle);
                 if self.read_position(settings, record.position(j + 1), counted)? {
                     table = effect.table(&self.block.theta, &self.block.spread, order);
@@ -284,10 +290,10 @@ where
         for j in from..to {
             let first = match start {
                 Some(first) => first,
-                None => effect.at(&table, at(j, 0.0))?,
+                None => effect.at(&table, between(record, samples, interpolation, j, 0.0))?,
             };
-            let middle = effect.at(&table, at(j, 0.5))?;
-            let end = effect.at(&table, at(j, 1.0))?;
+            let middle = effect.at(&table, between(record, samples, interpolation, j, 0.5))?;
+            let end = effect.at(&table, between(record, samples, interpolation, j, 1.0))?;
             self.block.rk4(dt, q, &first, &middle, &end);
             start = shared.then_some(end);
             if self.read_position(settings, record.position(j + 1), counted)? {

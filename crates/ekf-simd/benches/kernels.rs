@@ -1,0 +1,159 @@
+//! The kernels' table: structured against dense in one binary, interleaved; then criterion's own figures.
+//!
+//! Time is the process's own (others on the machine are left out), but for threads, which only the clock on the wall sees.
+#![allow(missing_docs, non_snake_case)] // x and P as in the crates
+
+#[cfg(target_arch = "x86_64")]
+mod workloads;
+
+#[cfg(target_arch = "x86_64")]
+mod table {
+    use std::hint::black_box;
+    use std::time::Instant;
+
+    use cpu_time::ProcessTime;
+    use criterion::{Criterion, Throughput};
+    use ekf_core::{Aci, Carrier, Filter, Form, Integrator, Interpolation, Order, Sensor, Wander};
+    use ekf_simd::{Batch, Path, Prior, run_aci};
+
+    use crate::workloads::{DT, Data, QV, R_OUTPUT, R_POSITION, apart, data, dense, portable, structured, variance};
+
+    const STEPS: usize = 20_000;
+    const ROUNDS: usize = 11;
+    const RUNS: usize = 100;
+    /// Largest allowed part of the dense twin's time, W1 to W4.
+    const BARS: [f64; 4] = [0.20, 0.06, 0.20, 0.13];
+
+    type Work<'a> = Box<dyn Fn() + 'a>;
+
+    fn median(mut values: Vec<f64>) -> f64 {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    }
+
+    /// Process time of every work in every round, ns per step, the works taking turns.
+    fn rounds(works: &[Work<'_>], steps: usize) -> Vec<Vec<f64>> {
+        let mut times = vec![Vec::new(); works.len()];
+        for round in 0..=ROUNDS {
+            for (work, times) in works.iter().zip(&mut times) {
+                let start = ProcessTime::now();
+                work();
+                if round > 0 {
+                    times.push(start.elapsed().as_secs_f64() * 1e9 / steps as f64);
+                }
+            }
+        }
+        times
+    }
+
+    /// Median over rounds of the ratio within a round.
+    fn ratio(one: &[f64], other: &[f64]) -> f64 {
+        median(one.iter().zip(other).map(|(one, other)| one / other).collect())
+    }
+
+    fn verdict(met: bool) -> &'static str {
+        if met { "met" } else { "missed" }
+    }
+
+    fn sequential() {
+        println!("| | dense | portable | fused | with log-likelihood | fused / dense | bar | |");
+        println!("|---|---|---|---|---|---|---|---|");
+        let data = data(STEPS, 1);
+        for workload in 1..=4_u32 {
+            let off = apart(&structured(workload, &data, false), &dense(workload, &data));
+            assert!(off < 1e-9, "W{workload}: structured and dense differ by {off:e} sigma");
+            let works: [Work<'_>; 4] = [
+                Box::new(|| drop(black_box(dense(workload, &data)))),
+                Box::new(|| drop(black_box(portable(workload, &data)))),
+                Box::new(|| drop(black_box(structured(workload, &data, false)))),
+                Box::new(|| drop(black_box(structured(workload, &data, true)))),
+            ];
+            let times = rounds(&works, STEPS);
+            let [d, p, f, c] = [0, 1, 2, 3].map(|i: usize| median(times[i].clone()));
+            let (part, bar) = (ratio(&times[2], &times[0]), BARS[workload as usize - 1]);
+            let met = verdict(part <= bar);
+            println!("| W{workload} | {d:.0} | {p:.1} | {f:.1} | {c:.1} | {part:.3} | {bar:.2} | {met} |");
+        }
+    }
+
+    /// Records of several runs, row by row.
+    fn many(runs: usize, steps: usize) -> Data {
+        let (mut u, mut z) = (Vec::new(), Vec::new());
+        for run in 0..runs {
+            let one = data(steps, 1 + run as u64);
+            u.extend(one.u);
+            z.extend(one.z);
+        }
+        Data { u, z }
+    }
+
+    fn batches() {
+        let sensor = Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] };
+        let filter = Filter {
+            system: Aci { sensor, q: QV, tau: 0.0 },
+            interpolation: Interpolation::Linear,
+            integrator: Integrator::Rk4,
+            order: Order::Second,
+            carrier: Carrier::Dense,
+            R_position: R_POSITION,
+            R_output: R_OUTPUT,
+            gate: f64::INFINITY,
+        };
+        let samples = 2_001;
+        let data = many(RUNS, samples - 1);
+        let x = [0.0; 6];
+        let P: Vec<f64> = (0..36).map(|at| if at % 7 == 0 { variance(2, at / 7) } else { 0.0 }).collect();
+        let run = |path: Path, threads: usize| {
+            let batch = Batch { dt: DT, samples, runs: RUNS, output: &data.u, position: &data.z };
+            let prior = Prior { states: 6, x: &x, P: &P };
+            black_box(run_aci(&filter, prior, batch, false, path, threads)).expect("a batch")
+        };
+        let bars = [(Path::Fused, 1.0), (Path::Four, 0.50), (Path::Eight, 0.30)];
+        let open: Vec<(Path, f64)> = bars.into_iter().filter(|(path, _)| path.is_open()).collect();
+        let works: Vec<Work<'_>> =
+            open.iter().map(|&(path, _)| Box::new(move || drop(run(path, 1))) as Work<'_>).collect();
+        let steps = RUNS * (samples - 1);
+        let times = rounds(&works, steps);
+        println!("\n| W2, {RUNS} runs | ns per run-step | of one run at a time | bar | |\n|---|---|---|---|---|");
+        for (&(path, bar), each) in open.iter().zip(&times) {
+            let (ns, part) = (median(each.clone()), ratio(each, &times[0]));
+            println!("| {path:?} | {ns:.1} | {part:.2} | {bar:.2} | {} |", verdict(part <= bar));
+        }
+        let gains = (0..ROUNDS).map(|_| {
+            let [one, two] = [1, 2].map(|threads| {
+                let start = Instant::now();
+                drop(run(Path::best(), threads));
+                start.elapsed().as_secs_f64()
+            });
+            one / two
+        });
+        let gain = median(gains.collect());
+        println!("\nW5, two threads: {gain:.2} times one (bar >= 1.25, {}).\n", verdict(gain >= 1.25));
+    }
+
+    pub fn criterion() {
+        sequential();
+        batches();
+        let mut criterion = Criterion::default()
+            .warm_up_time(std::time::Duration::from_millis(300))
+            .measurement_time(std::time::Duration::from_secs(1))
+            .sample_size(10)
+            .configure_from_args();
+        let data = data(STEPS, 1);
+        for workload in 1..=4_u32 {
+            let mut group = criterion.benchmark_group(format!("W{workload}"));
+            group.throughput(Throughput::Elements(STEPS as u64));
+            group.bench_function("structured", |b| b.iter(|| structured(workload, &data, false)));
+            group.bench_function("dense", |b| b.iter(|| dense(workload, &data)));
+            group.finish();
+        }
+        criterion.final_summary();
+    }
+}
+
+fn main() {
+    #[cfg(target_arch = "x86_64")]
+    table::criterion();
+    #[cfg(not(target_arch = "x86_64"))]
+    println!("The table compares x86-64's vector units; this processor has none of them.");
+}
