@@ -31,6 +31,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	$(BIN)/python -m mypy.stubtest accelcal._core --ignore-disjoint-bases
 
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
+	cargo bench --quiet -p ekf-simd --bench kernels
 	$(BIN)/python -m benches.fit
 	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency
