@@ -5,7 +5,6 @@ One test alarms at 1e-4; eight tests look at a record, so a good record alarms w
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from functools import partial
 
@@ -201,22 +200,6 @@ def test_a_tooth_of_a_comb_is_no_line():
 def _line_chance(y):
     peaks, bins = lines_of(y, 1.0, 0.0, 0.5)
     return min(1.0, peaks[0][2] * bins)
-
-
-def test_all_tests_of_a_minute_cost_little():
-    """Side by side, the least ratio of five: a busy machine can only add."""
-    recording = world.good("interleaved", ADXL105_RIG, 7).recording
-    state = world.fitted(recording)
-
-    def seconds(work):
-        begin = time.process_time()
-        work()
-        return time.process_time() - begin
-
-    channel_findings(state)
-    ratios = [seconds(lambda: channel_findings(state)) / seconds(lambda: world.fitted(recording)) for _ in range(5)]
-    print(f"channel tests of a 60 s record over its fit: {min(ratios):.2f}")
-    assert min(ratios) < 2.0  # 1.0 on a quiet machine
 
 
 def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
