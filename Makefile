@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo test test-long check bench bench-check bench-hidden stubs format clean
+.PHONY: help demo test test-long embedded check bench bench-check bench-hidden stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -22,9 +22,16 @@ test: $(STAMP) ## Run every test: Rust, then Python.
 test-long: $(STAMP) ## Compare the filters with their NumPy twin on ten times as many records.
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
 
+embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, flash, stack. Installs Debian packages.
+	firmware/install.sh
+	$(BIN)/python -m tests.firmware.run
+	ACCELCAL_REQUIRE_EMBEDDED=1 $(BIN)/python -m pytest -q tests/firmware
+
 check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --quiet -- -D warnings
+	cargo fmt --manifest-path firmware/Cargo.toml --check
+	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings
 	$(BIN)/ruff format --check python tests benches
 	$(BIN)/ruff check python tests benches
 	$(BIN)/mypy
@@ -45,6 +52,7 @@ bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an ho
 
 format: $(STAMP) ## Rewrite sources in the house style.
 	cargo fmt --all
+	cargo fmt --manifest-path firmware/Cargo.toml
 	$(BIN)/ruff format python tests benches
 	$(BIN)/ruff check --fix python tests benches
 

@@ -44,6 +44,24 @@ impl<V: Row> Push<V> {
         Ok(Self { dp: first.dp + rest.dp, to_p: first.to_p + rest.to_p, ..first })
     }
 
+    /// The push over `dt` seconds of a drive that stands still, from its one instant: a microcontroller's step.
+    ///
+    /// Taken in the middle of a straight output it leaves out the slope's lever, `slope dt^3 / 12` of position a step.
+    #[inline(always)]
+    #[must_use]
+    pub fn held(dt: f64, q: V::Number, at: &Instant<V>) -> Self {
+        let c = |x: f64| q.like(x);
+        let (h, lever) = (c(dt), c(0.5 * dt * dt));
+        let noise = q * (at.slope * at.slope);
+        Self {
+            dp: lever * at.a,
+            dv: h * at.a,
+            to_p: at.g.scaled(lever),
+            to_v: at.g.scaled(h),
+            Q: [c(dt * dt * dt / 3.0) * noise, lever * noise, h * noise],
+        }
+    }
+
     /// One point of the quadrature, `left` seconds before the end.
     #[inline(always)]
     pub(crate) fn add(&mut self, left: f64, weight: f64, q: V::Number, at: &Instant<V>) {
