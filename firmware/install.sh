@@ -8,29 +8,36 @@ target=thumbv7em-none-eabihf
 packages="rustc-web cargo-web rust-web-src qemu-system-arm binutils-arm-none-eabi"
 root() { if [ "$(id -u)" -eq 0 ]; then "$@"; else sudo "$@"; fi; }
 
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+printf '#![no_std]\n' >"$work/seed.rs"
+has_target() { "$1" --crate-type lib --target "$target" --out-dir "$work" "$work/seed.rs" 2>/dev/null; }
+
+if command -v qemu-system-arm >/dev/null && command -v arm-none-eabi-ld >/dev/null; then
+    for rustc in rustc /usr/bin/rustc; do
+        if has_target "$rustc"; then
+            echo "all there: $target for $("$rustc" --version)"
+            exit 0
+        fi
+    done
+fi
+
 missing=""
 for package in $packages; do
     dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing="$missing $package"
 done
 if [ -n "$missing" ]; then
-    command -v apt-get >/dev/null || { echo "no apt-get here: install$missing by hand, or use rustup" >&2; exit 1; }
+    command -v apt-get >/dev/null || { echo "no apt-get here: see docs/embedded.md for rustup" >&2; exit 1; }
     echo "installing$missing"
     root apt-get update -qq
     # shellcheck disable=SC2086 # a list of words
     root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-remove --no-install-recommends $missing >/dev/null
 fi
-
-work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
-printf '#![no_std]\n' >"$work/seed.rs"
-cd "$work"
-if /usr/bin/rustc --crate-type lib --target "$target" seed.rs 2>/dev/null; then
-    echo "$target is there for $(/usr/bin/rustc --version)"
-    exit 0
-fi
+if has_target /usr/bin/rustc; then exit 0; fi
 
 # An empty crate, built with its own `core`, leaves that `core` behind. The registry is replaced by the crates that come
 # with Rust's sources for this one build: nothing is downloaded. Bitcode lets the firmware optimise across `core`.
+cd "$work"
 rust=$(/usr/bin/rustc --print sysroot)/lib/rustlib
 printf '[package]\nname = "seed"\nversion = "0.0.0"\nedition = "2024"\n[lib]\npath = "seed.rs"\n' >Cargo.toml
 RUSTC_BOOTSTRAP=1 RUSTC=/usr/bin/rustc RUSTFLAGS=-Cembed-bitcode=yes CARGO_TARGET_DIR=target \

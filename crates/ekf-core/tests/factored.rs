@@ -66,6 +66,34 @@ proptest! {
     }
 }
 
+#[test]
+fn a_held_push_is_the_exact_one_and_lacks_the_lever_of_a_slope() {
+    let theta = Plain([0.02, 0.1, 1e-3, 1e-4]);
+    let table = Effect::<_, 4>::table(&InverseCubic, &theta, &[Plain([0.0; 4]); 4], Order::First);
+    let (u, slope) = (3.0, 200.0);
+    let exact = |slope: f64| {
+        let input = |s: f64| u + slope * (s - 0.5 * DT);
+        Push::over::<_, 4>(Integrator::Exact, DT, Q, &InverseCubic, &table, input).unwrap()
+    };
+    let at = Effect::<_, 4>::at(&InverseCubic, &table, u).unwrap();
+    let held = Push::held(DT, Q, &at);
+    let same = |x: f64, y: f64| assert!((x - y).abs() <= 1e-14 * y.abs(), "{x} {y}"); // ten products and sums
+    let still = exact(0.0);
+    same(held.dp, still.dp);
+    same(held.dv, still.dv);
+    for i in 0..4 {
+        same(held.to_p.0[i], still.to_p.0[i]);
+        same(held.to_v.0[i], still.to_v.0[i]);
+    }
+    for i in 0..3 {
+        same(held.Q[i], still.Q[i]);
+    }
+
+    let lever = held.dp - exact(slope).dp;
+    let expected = at.slope * slope * DT.powi(3) / 12.0;
+    assert!((lever / expected - 1.0).abs() < 1e-3, "{lever} {expected}"); // the sensor bends by 1e-4 over the step
+}
+
 /// Runs both precisions side by side over a motion of two tones; the worst distance in sigma after the first tenth.
 #[allow(clippy::cast_possible_truncation)] // single precision is the subject
 fn worst_distance(steps: usize, variance: f64) -> f64 {
