@@ -130,6 +130,7 @@ def diagnose(
     alpha: float = ALPHA,
     start: float | None = None,
     end: float | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Say which physical effect a model lacks on a recording, if any.
 
@@ -140,6 +141,7 @@ def diagnose(
     extra : effects of the user's own, beside the catalogue.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part is used.
+    report : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -148,12 +150,21 @@ def diagnose(
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     stretch = Stretch.of(several[0], start, end)
+    report(0.1)
 
     def solve(these: Sequence[Recording]) -> Solution:
-        return solve_runs(fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins)
+        return solve_runs(
+            fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins, report=within(report, 0.1, 0.3)
+        )
 
     state = gated(several, solve)
-    return replace(judge_model(state, stretch, extra, alpha), dropped=state.dropped(several))
+    judged = judge_model(state, stretch, extra, alpha, within(report, 0.35, 1.0))
+    return replace(judged, dropped=state.dropped(several))
+
+
+def within(report: Callable[[float], None], low: float, high: float) -> Callable[[float], None]:
+    """Report the shares of one part of the work as those of the whole."""
+    return lambda share: report(low + share * (high - low))
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +196,12 @@ def judge_model(
     stretch: Stretch,
     extra: Sequence[Effect] = (),
     alpha: float = ALPHA,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Verdict on a model that has just been fitted; the solution is used up."""
     solution, tests = state.solution, state.tests
     model, profiled = solution.model, result(solution)
-    found = scan(solution.passes, model, extra=extra, alpha=alpha)
+    found = scan(solution.passes, model, extra=extra, alpha=alpha, report=within(report, 0.0, 0.8))
     level = alpha / (found.examined + len(tests))
     loud = heard([t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found)
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
@@ -351,8 +363,21 @@ def inseparable(model: Model) -> tuple[Tie, ...]:
     )
 
 
-def add(fit: Fit, recordings: Recording | Sequence[Recording], *names: str, extra: Sequence[Effect] = ()) -> Fit:
+def add(
+    fit: Fit,
+    recordings: Recording | Sequence[Recording],
+    *names: str,
+    extra: Sequence[Effect] = (),
+    report: Callable[[float], None] = lambda share: None,
+) -> Fit:
     """Return a new fit with further effects; shape parameters are found by likelihood.
+
+    Parameters
+    ----------
+    fit, recordings : the model, and what it is fitted to again.
+    names : effects to add, in this order.
+    extra : effects of the user's own.
+    report : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -365,21 +390,26 @@ def add(fit: Fit, recordings: Recording | Sequence[Recording], *names: str, extr
         if name in model.effects:
             raise ValueError(f"{name!r} is already in the model")
         effect = find(name)
-        solution = solve_runs(model, several, origins=fit.origins)
-        alone = scan(solution.passes, model, extra=extra, only=(effect,))
+        solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4))
+        alone = scan(solution.passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not alone.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
             why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
-    return result(solve_runs(model, several, origins=fit.origins))
+    return result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 1.0)))
 
 
-def drop(fit: Fit, recordings: Recording | Sequence[Recording], *names: str) -> Fit:
-    """Return a new fit without some effects."""
+def drop(
+    fit: Fit,
+    recordings: Recording | Sequence[Recording],
+    *names: str,
+    report: Callable[[float], None] = lambda share: None,
+) -> Fit:
+    """Return a new fit without some effects; `report` is called with the share of the work that is done, 0 to 1."""
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     model = fit.model.drop(*names)
-    return result(solve_runs(model, several, origins=fit.origins))
+    return result(solve_runs(model, several, origins=fit.origins, report=report))
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> list[Comparison]:

@@ -171,6 +171,19 @@ class Model:
         """Return the model with some coefficients held at given values (SI)."""
         return replace(self, fixed={**self.fixed, **values})
 
+    def release(self, *names: str) -> Model:
+        """Return the model with some held coefficients free again.
+
+        Raises
+        ------
+        ValueError
+            If one of them is not held.
+        """
+        for name in names:
+            if name not in self.fixed:
+                raise ValueError(f"{name!r} is not held; held are {', '.join(self.fixed) or 'none'}")
+        return replace(self, fixed={n: c for n, c in self.fixed.items() if n not in names})
+
     @property
     def added(self) -> tuple[str, ...]:
         """Effects beyond the base."""

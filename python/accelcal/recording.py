@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -65,3 +66,48 @@ class Recording:
     digest: str = ""
     """SHA-256 of the source file, hex."""
     findings: tuple[Finding, ...] = ()
+
+    def part(self, start: float, end: float) -> Recording:
+        """The recording from `start` to `end`, both included, s.
+
+        The digest becomes that of the old one with the stretch, for it is not the whole file any more.
+
+        Raises
+        ------
+        RecordingError
+            If the stretch is not rising, or no sample or reading lies in it.
+        """
+        return self._cut(start, end, lambda t: (t >= start) & (t <= end), "only")
+
+    def without(self, *stretches: tuple[float, float]) -> Recording:
+        """The recording without some stretches (start, end), ends included, s: what was not sampled is absent.
+
+        Raises
+        ------
+        RecordingError
+            If a stretch is not rising, or nothing is left.
+        """
+        left = self
+        for start, end in stretches:
+            left = left._cut(start, end, lambda t, a=start, b=end: (t < a) | (t > b), "without")  # type: ignore[misc]
+        return left
+
+    def _cut(self, start: float, end: float, keep: Callable[[Array], NDArray[np.bool_]], word: str) -> Recording:
+        if not start < end:
+            raise RecordingError(
+                f"{self.name}: a stretch from {start:g} s to {end:g} s is empty; give start before end"
+            )
+
+        def kept(channel: Channel) -> Channel:
+            rows = keep(channel.t)
+            return replace(channel, t=channel.t[rows], y=channel.y[rows])
+
+        accel, position = kept(self.accel), kept(self.position)
+        if (len(self.accel) and not len(accel)) or (len(self.position) and not len(position)):
+            raise RecordingError(
+                f"{self.name}: nothing is left {word} {start:g} s to {end:g} s; choose another stretch"
+            )
+        side = {name: kept(channel) for name, channel in self.side.items()}
+        digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
+        side = {name: channel for name, channel in side.items() if len(channel)}
+        return replace(self, accel=accel, position=position, side=side, digest=digest)

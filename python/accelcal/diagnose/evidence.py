@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -46,7 +46,9 @@ class Known:
         scaled = (products.T / self.size).T
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
-    def left(self, terms: Sequence[Term], *, keep: bool) -> tuple[Array, Array, Array, Array | None]:
+    def left(
+        self, terms: Sequence[Term], *, keep: bool, report: Callable[[float], None] = lambda share: None
+    ) -> tuple[Array, Array, Array, Array | None]:
         """Gram matrix (m, m) and scores (m,) of what the base leaves of columns, the power that they have with it (m,),
         and if they are kept their rows (m, rows)."""
         m = len(terms)
@@ -58,6 +60,7 @@ class Known:
             score += Z @ self.y[rows]
             if kept is not None:
                 kept[:, rows] = Z
+            report(rows.stop / self.carrier.rows)
         weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
@@ -70,7 +73,14 @@ class Known:
 class Evidence:
     """Gram matrix and scores of the candidates over all runs, and what follows from them."""
 
-    def __init__(self, runs: Sequence[Known], items: Sequence[Item], *, keep: bool = False) -> None:
+    def __init__(
+        self,
+        runs: Sequence[Known],
+        items: Sequence[Item],
+        *,
+        keep: bool = False,
+        report: Callable[[float], None] = lambda share: None,
+    ) -> None:
         self.items = items
         terms = [term for item in items for term in item.terms]
         edges = np.cumsum([0, *(item.effect.width for item in items)])
@@ -82,7 +92,7 @@ class Evidence:
         self.motion = sum(known.motion for known in runs)
         rows: list[Array] = []
         for known in runs:
-            G, c, own, left = known.left(terms, keep=keep)
+            G, c, own, left = known.left(terms, keep=keep, report=report)
             self.G += G
             self.own += own
             self.c += c

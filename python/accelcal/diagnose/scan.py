@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -82,6 +82,7 @@ def scan(
     extra: Sequence[Effect] = (),
     only: Sequence[Effect] = (),
     alpha: float = ALPHA,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Scan:
     """Rank every effect that could be missing, and find the set that explains most.
 
@@ -92,6 +93,7 @@ def scan(
     extra : effects of the user's own.
     only : look at these effects alone, significant or not.
     alpha : family-wise false-alarm rate.
+    report : called with the share of the work that is done, 0 to 1.
 
     Notes
     -----
@@ -109,12 +111,17 @@ def scan(
     blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
     search_in = Search(len(items), blocks, alpha)
     runs = [Known(one, base) for one in passes]
-    evidence = Evidence(runs, items)
+    report(0.1)
+    evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence))
+    report(0.65)
     refined = refine(runs, items, finalists)
+    report(0.8)
     final = Evidence(runs, refined, keep=True)
+    report(0.9)
     robust = Robust(final, length)
     chosen = search_in.best(final, robust)
+    report(1.0)
     return Scan(
         rank(final, robust, chosen, search_in, passes),
         tuple(describe(final, robust, chosen, position, search_in) for position in range(len(chosen))),

@@ -15,6 +15,7 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
 from accelcal.effects.cards import card, cards
 from accelcal.effects.catalogue import CATALOGUE, Effect, Shape, effect, find
 from accelcal.effects.channels import side_channel, side_channels
+from accelcal.effects.expression import ExpressionError, Own, from_expression
 from accelcal.effects.own import EffectsFileError, load_effects
 
 HOUSE = tuple(CATALOGUE.values())
@@ -32,11 +33,14 @@ __all__ = [
     "HOUSE",
     "Effect",
     "EffectsFileError",
+    "ExpressionError",
+    "Own",
     "Shape",
     "card",
     "cards",
     "effect",
     "find",
+    "from_expression",
     "is_local",
     "load_effects",
     "side_channel",

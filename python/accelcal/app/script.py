@@ -1,0 +1,96 @@
+"""The same steps as a script and on the command line: what "copy as Python" gives."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+from accelcal.app.state import State
+
+
+def python(state: State) -> str:
+    """A script that repeats the path to the model that is looked at."""
+    lines = ["import accelcal as ac", "from accelcal import loop", ""]
+    lines += [f'own = [*ac.effects.load_effects("{own.effect.name}.py")]' for own in state.own[:1]]
+    lines += [f'own += ac.effects.load_effects("{own.effect.name}.py")' for own in state.own[1:]]
+    if state.own:
+        lines.insert(1, "import accelcal.effects")
+    if state.file is None or state.recording is None:
+        return "\n".join([*lines, "# load a recording first"]) + "\n"
+    sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
+    lines += [f'data = ac.load("{_quoted(state.file)}"{sidecar})']
+    if state.breaks:
+        lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # a model cannot hold across a break")
+    if state.left_out:
+        lines.append(f"data = data.without({', '.join(f'({a!r}, {b!r})' for a, b in state.left_out)})")
+    if state.held_out is not None:
+        a, b = state.held_out
+        lines += [f"train = data.without(({a!r}, {b!r}))"]
+        against = f"ac.compare(m, data, start={a!r}, end={b!r})"
+    else:
+        other = state.other.name if state.other is not None else ""
+        lines += [f'train, other = data, ac.load("{other}")']
+        against = "ac.compare(m, other)"
+    if not state.path:
+        return (
+            "\n".join([*lines, "print(ac.overview.summarise(data))"]).replace(
+                "import accelcal as ac\n", "import accelcal as ac\nimport accelcal.overview\n"
+            )
+            + "\n"
+        )
+    names = [f"m{i}" for i in range(len(state.path))]
+    lines.append("")
+    for i, step in enumerate(state.path):
+        made = step.python.replace("PARENT", names[i - 1] if i else "")
+        lines.append(f"{names[i]} = {made}")
+    extra = ", extra=own" if state.own else ""
+    lines += [
+        "",
+        f"for m in [{', '.join(names)}]:",
+        f"    seen = {against}",
+        "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
+        f"print(loop.diagnose({names[-1]}, train{extra}).sentence)",
+        f'ac.save_model({names[-1]}, "model.json")',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def command_line(state: State) -> str:
+    """The same in a shell."""
+    if state.file is None or state.recording is None:
+        return "# load a recording first\n"
+    run = shlex.quote(state.file.name if not state.file.is_absolute() else str(_shown(state.file)))
+    rig = f" --rig {shlex.quote(state.file.stem + '.toml')}" if state.sidecar is not None else ""
+    lines = [f"accelcal check {run}{rig}"]
+    only = f" --only {state.used[0]!r}:{state.used[1]!r}" if state.breaks else ""
+    without = "".join(f" --without {a!r}:{b!r}" for a, b in state.left_out)
+    if state.held_out is not None:
+        a, b = state.held_out
+        held = f" --only {a!r}:{b!r}"
+        lines.append(f"accelcal cut {run}{rig}{only}{without} --without {a!r}:{b!r} -o train.csv")
+        lines.append(f"accelcal cut {run}{rig}{without}{held} -o unseen.csv")
+        unseen = "unseen.csv"
+    else:
+        lines.append(f"accelcal cut {run}{rig}{only}{without} -o train.csv")
+        unseen = shlex.quote(state.other.name if state.other is not None else "")
+    names = [f"m{i}.json" for i in range(len(state.path))]
+    for i, step in enumerate(state.path):
+        lines.append(step.command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
+    if names:
+        option = f" --effects-file {state.own[0].effect.name}.py" if state.own else ""
+        lines.append(f"accelcal diagnose {names[-1]} train.csv{option}")
+        lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
+        lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")
+    return "\n".join(lines) + "\n"
+
+
+def _shown(path: Path) -> str:
+    return path.name
+
+
+def _quoted(path: Path) -> str:
+    return path.name.replace("\\", "\\\\").replace('"', '\\"')
+
+
+COPIES: dict[str, Callable[[State], str]] = {"Python": python, "command line": command_line}
