@@ -498,6 +498,90 @@ def report(
         say(f"wrote {target.with_suffix('.pdf')}")
 
 
+@app.command("app")
+@reported
+def workbench(
+    run: Annotated[Path | None, typer.Argument(help="Recording to begin with.", show_default=False)] = None,
+    port: Annotated[
+        int | None, typer.Option("--port", help="Port on 127.0.0.1; the first free one by default.")
+    ] = None,
+    show: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+) -> None:
+    """Open the workbench: the same loop in a browser, on this machine only.
+
+    Example: [bold]accelcal app run12.csv[/bold]
+    """
+    from accelcal.app import serve
+
+    if run is not None and not run.is_file():
+        raise Usage(f"{run}: there is no such file; check the path")
+    serve(None if run is None else run.absolute(), port=port, show=show)
+
+
+@app.command()
+@reported
+def cut(
+    run: RunFile,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
+    only: Annotated[list[str] | None, typer.Option("--only", help="Keep FROM:TO in s.")] = None,
+    without: Annotated[list[str] | None, typer.Option("--without", help="Leave out FROM:TO in s.")] = None,
+    rig: Rig = None,
+) -> None:
+    """Write a part of a recording, or all but some stretches of it, with its sidecar.
+
+    Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
+    """
+    from accelcal import io
+
+    recording = io.load(run, rig)
+    for text in only or ():
+        recording = recording.part(*stretch(text, "--only"))
+    recording = recording.without(*(stretch(text, "--without") for text in without or ()))
+    say(f"wrote {output} and {write_recording(recording, output)}")
+
+
+def stretch(text: str, option: str) -> tuple[float, float]:
+    """Read FROM:TO."""
+    try:
+        start, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise Usage(f"{option} {text!r}: expected two times in s with a colon between, such as 42:60") from None
+    return start, end
+
+
+@app.command()
+@reported
+def freeze(
+    model: ModelFile,
+    run: RunFile,
+    at: Annotated[list[str] | None, typer.Option("--at", help="Hold NAME=VALUE (SI).")] = None,
+    release: Annotated[list[str] | None, typer.Option("--release", help="Let NAME be estimated again.")] = None,
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Hold parameters at given values, or release them, and fit the model again.
+
+    Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
+    """
+    from accelcal import store
+    from accelcal.fit import fit as fit_replay
+
+    own_effects(effects_file)
+    fitted = store.load(model)
+    recording = load_like(fitted, run, rig)
+    held: dict[str, float] = {}
+    for text in at or ():
+        name, _, value = text.partition("=")
+        try:
+            held[name] = float(value)
+        except ValueError:
+            raise Usage(f"--at {text!r}: expected NAME=VALUE in SI, such as bias=0.05") from None
+    chosen = fitted.model.release(*(release or ())).freeze(**held)
+    finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
+
+
 @app.command()
 @reported
 def effects(
@@ -984,7 +1068,7 @@ def doctor(json: Json = False) -> None:
 
     import accelcal
 
-    extras = {"plot": "matplotlib", "report": "plotly", "pdf": "typst", "hdf5": "h5py"}
+    extras = {"plot": "matplotlib", "report": "plotly", "pdf": "typst", "app": "nicegui", "hdf5": "h5py"}
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,

@@ -15,17 +15,23 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from accelcal import io
+import numpy as np
+
+from accelcal import io, store
 from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
-from accelcal.breaks import usable
 from accelcal.compare import Comparison, compare
 from accelcal.effects import Effect, from_expression
 from accelcal.fit import Fit, fit
 from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop
 from accelcal.model import Model
+from accelcal.plots.interactive import marks
 from accelcal.recording import Recording, RecordingError
+from accelcal.report import gather, html
+from accelcal.simulate import CXL02_RIG, simulate
 
+EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+"""What the simulated example is made of."""
 Report = Callable[[float], None]
 MOST_BYTES = 1_000_000_000
 """Largest file that is taken."""
@@ -58,13 +64,21 @@ class Workbench:
         """By key of the model and number of own effects that were offered."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
+        self._whole: tuple[int, Comparison] | None = None
         self._undo: list[State] = []
         self._redo: list[State] = []
 
     # Data
 
-    def accept(self, name: str) -> Path:
-        """Return where an uploaded file called `name` is to be written: inside the folder, whatever the name says.
+    def drawer(self) -> Path:
+        """Return a fresh folder for files that were dropped together, so that no older sidecar lies beside them."""
+        new = self.folder / f"drop{next(self._keys)}"
+        new.mkdir(parents=True)
+        return new
+
+    @staticmethod
+    def accept(name: str, drawer: Path) -> Path:
+        """Return where an uploaded file called `name` is to be written: in the drawer, whatever the name says.
 
         Raises
         ------
@@ -74,7 +88,7 @@ class Workbench:
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")[-120:]
         if Path(bare).suffix.lower() not in (*SUFFIXES, ".toml"):
             raise Refused(f"{bare or name!r}: drop a recording ({', '.join(SUFFIXES)}) or its sidecar (.toml)")
-        return self.folder / bare
+        return drawer / bare
 
     def load(self, path: str | Path, sidecar: str | None = None) -> None:
         """Read a recording; where its columns are not understood, the state says so and waits for a mapping.
@@ -99,16 +113,17 @@ class Workbench:
                 raise
             return State(file=path, sidecar=sidecar, columns=columns, trouble=self.plain(str(error)))
         report(0.6)
-        found = usable(recording)
-        begin, end = found.start, found.end
+        seen = marks(recording)
+        begin, end = seen.start, seen.end
         return State(
             file=path,
             sidecar=sidecar,
             columns=columns,
             recording=recording,
             used=(begin, end),
-            breaks=tuple(found.breaks),
-            held_out=(end - HELD_OUT * (end - begin), end),
+            breaks=seen.breaks,
+            marks=seen,
+            held_out=(round(end - HELD_OUT * (end - begin), 3), end),
         )
 
     def _read(self, path: Path, sidecar: str | None) -> Recording:
@@ -312,6 +327,56 @@ class Workbench:
                 self.sentence = ""
                 self.version += 1
 
+    def whole(self) -> Comparison | None:
+        """The model that is looked at against all that is used, the held-out part included; kept for one model."""
+        state = self.state
+        if state.step is None:
+            return None
+        kept = self._whole
+        if kept is None or kept[0] != state.step.key:
+            kept = self._whole = (state.step.key, compare(state.step.fit, state.data))
+        return kept[1]
+
+    def refuse(self, sentence: str) -> None:
+        """Say why something is not done."""
+        with self._lock:
+            self.sentence = self.plain(sentence)
+            self.version += 1
+
+    # To take away
+
+    def example(self) -> None:
+        """Write a simulated recording with a hidden effect, and load it."""
+        made = simulate(
+            "interleaved", seconds=60.0, rig=CXL02_RIG, parameters=EXAMPLE, rng=np.random.default_rng()
+        ).recording
+        path = self.drawer() / "example.csv"
+        io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+        self.load(path)
+
+    def model_text(self) -> str:
+        """The model that is looked at, as `accelcal fit -o` writes it."""
+        return store.dumps(store.to_dict(fitted(self.state).fit))
+
+    def report(self) -> Path | None:
+        """Write the report of the model that is looked at; None where that failed or was cancelled."""
+        with self._working("writing the report") as job:
+            state = self.state
+            content = gather(
+                fitted(state).fit,
+                state.train,
+                holdout=state.unseen,
+                extra=effects_of(state),
+                command="accelcal app",
+                report=share_of(job.report, 0.0, 0.9),
+            )
+            page = html(content)
+            job.report(1.0)
+            target = self.drawer() / "report.html"
+            io.atomic_write(target, page)
+            return target
+        return None
+
     # Work
 
     def cancel(self) -> None:
@@ -366,9 +431,7 @@ class Workbench:
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them."""
-        for folder in (self.folder / "sidecar", self.folder):
-            text = text.replace(f"{folder}/", "")
-        return text
+        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|drop\d+/)?", "", text)
 
 
 class Busy(Exception):
@@ -450,11 +513,7 @@ def own_option(state: State) -> str:
 
 def judged(found: Fit, state: State) -> Comparison:
     """The model against data that no fit has seen."""
-    if state.other is not None:
-        return compare(found, state.other)
-    assert state.held_out is not None
-    start, end = state.held_out
-    return compare(found, state.data, start=start, end=end)
+    return compare(found, state.unseen)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:

@@ -26,12 +26,10 @@ def python(state: State) -> str:
         lines.append(f"data = data.without({', '.join(f'({a!r}, {b!r})' for a, b in state.left_out)})")
     if state.held_out is not None:
         a, b = state.held_out
-        lines += [f"train = data.without(({a!r}, {b!r}))"]
-        against = f"ac.compare(m, data, start={a!r}, end={b!r})"
+        lines += [f"train, unseen = data.without(({a!r}, {b!r})), data.part({a!r}, {b!r})"]
     else:
         other = state.other.name if state.other is not None else ""
-        lines += [f'train, other = data, ac.load("{other}")']
-        against = "ac.compare(m, other)"
+        lines += [f'train, unseen = data, ac.load("{other}")']
     if not state.path:
         return (
             "\n".join([*lines, "print(ac.overview.summarise(data))"]).replace(
@@ -48,7 +46,7 @@ def python(state: State) -> str:
     lines += [
         "",
         f"for m in [{', '.join(names)}]:",
-        f"    seen = {against}",
+        "    seen = ac.compare(m, unseen)",
         "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
         f"print(loop.diagnose({names[-1]}, train{extra}).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',

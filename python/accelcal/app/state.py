@@ -8,6 +8,7 @@ from pathlib import Path
 from accelcal.compare import Comparison
 from accelcal.effects import Own
 from accelcal.fit import Fit
+from accelcal.plots.interactive.timeline import Marks
 from accelcal.recording import Recording
 
 Stretch = tuple[float, float]
@@ -44,6 +45,8 @@ class State:
     recording: Recording | None = None
     used: Stretch = (0.0, 0.0)
     """On which one model can hold."""
+    marks: Marks | None = None
+    """Breaks, faults and rest on the time line."""
     breaks: tuple[float, ...] = ()
     held_out: Stretch | None = None
     """Part of the recording that no fit sees; None when another recording is held out."""

@@ -3,6 +3,7 @@
 from accelcal.plots.interactive.distribution import quantile_plot
 from accelcal.plots.interactive.drift import coasting
 from accelcal.plots.interactive.falling import falling
+from accelcal.plots.interactive.linked import linked
 from accelcal.plots.interactive.motion import simulated
 from accelcal.plots.interactive.power import power_of
 from accelcal.plots.interactive.ranking import ranking
@@ -20,6 +21,7 @@ __all__ = [
     "accel_side",
     "coasting",
     "falling",
+    "linked",
     "marks",
     "one_step",
     "power_of",

@@ -1,0 +1,223 @@
+"""The frame of the page: header, progress, tabs; it shows a workbench and hands on what the user does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from nicegui import background_tasks, run, ui
+from starlette.responses import RedirectResponse, Response
+
+from accelcal.app import parts
+from accelcal.app.bench import Busy, Workbench
+from accelcal.app.pictures import Picture
+from accelcal.app.screens import data, improve, model, take, where
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from accelcal.app.server import Benches
+
+TICK = 0.25
+"""s between looks at the workbench."""
+SCREENS: dict[str, tuple[str, str, Callable[[Page], None]]] = {
+    "data": ("Data", "insert_chart", data.show),
+    "improve": ("Improve", "trending_down", improve.show),
+    "where": ("Where it fails", "troubleshoot", where.show),
+    "model": ("Model", "tune", model.show),
+    "take": ("Take away", "download", take.show),
+}
+"""Title, icon and builder of each screen, in the order of the work."""
+
+
+def install(benches: Benches) -> None:
+    """Enter the pages of the workbench into the server."""
+
+    @ui.page("/")
+    def start() -> Response:
+        return RedirectResponse(f"/bench/{benches.new()}")
+
+    @ui.page("/bench/{name}")
+    async def bench(name: str) -> None:
+        found = benches.find(name)
+        if found is None:
+            with ui.column().classes("gone"):
+                parts.heading("This work is gone", 1)
+                ui.label("The workbench was started again, or newer work took its place.")
+                ui.link("Start anew", "/")
+            return
+        page = Page(found)
+        await page.build()
+        if benches.recording is not None and found.state.file is None and found.job is None and not found.sentence:
+            await page.act(found.load, benches.recording)
+
+
+class Page:
+    """One browser tab on a workbench."""
+
+    def __init__(self, bench: Workbench) -> None:
+        self.bench = bench
+        self.theme: ThemeName = "light"
+        self.tab = "data" if bench.state.step is None else "improve"
+        self.window: tuple[float, float] | None = None
+        """Part of the time axis that is zoomed in, s."""
+        self.brushed: tuple[float, float] | None = None
+        self._seen = -1
+        self._turn = 0
+        self._kept: dict[tuple[Any, ...], list[Picture]] = {}
+
+    async def build(self) -> None:
+        """Lay the frame out and show the first screen."""
+        ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
+        ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
+        self.dark = ui.dark_mode()
+        with ui.header().classes("bar"):
+            ui.label("accelcal").classes("brand")
+            self.file = ui.label().classes("file")
+            ui.space()
+            self.undo = parts.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
+            self.redo = parts.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
+            self.look = parts.button("Dark page", "dark_mode", self.turn_theme, flat=True)
+        with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
+            self.doing = ui.label()
+            self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
+            parts.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
+        with ui.row().classes("sentence").props("role=alert") as self.alert:
+            ui.icon("error_outline")
+            self.said = ui.label().classes("said")
+        with (
+            ui.tabs(value=self.tab, on_change=lambda e: self.go(e.value))
+            .classes("tabs")
+            .props("align=left no-caps") as self.tabs
+        ):
+            for name, (title, icon, _) in SCREENS.items():
+                ui.tab(name, title, icon=icon)
+        self.body = ui.element("main").classes("body")
+        ui.keyboard(on_key=self._key)
+        await ui.context.client.connected()
+        dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+        self._set_theme("dark" if dark else "light")
+        self.rebuild()
+        ui.timer(TICK, self._tick)
+
+    # What the user does
+
+    async def act(self, action: Callable[..., Any], *args: Any, then: str = "") -> Any:
+        """Do something that takes time off the page's own thread; then go to another screen if it went well."""
+        try:
+            background = run.io_bound(action, *args)
+            self._tick()
+            result = await background
+        except Busy:
+            result = None
+        if then and not self.bench.sentence:
+            self.tab = then
+            self.tabs.set_value(then)
+        self._tick()
+        return result
+
+    async def improve(self, action: Callable[..., Any], *args: Any) -> None:
+        """Change the model, show it, and ask at once what the new one lacks."""
+        await self.act(action, *args, then="improve")
+        if not self.bench.sentence:
+            await self.act(self.bench.diagnose)
+
+    def change(self, action: Callable[[], None]) -> None:
+        """Do something that is done at once."""
+        action()
+        self._tick()
+
+    def go(self, tab: str) -> None:
+        """Show another screen."""
+        if tab != self.tab or self._seen < 0:
+            self.tab = tab
+            self.rebuild()
+
+    def turn_theme(self) -> None:
+        """Turn light into dark and back."""
+        self._set_theme("light" if self.theme == "dark" else "dark")
+        self.rebuild()
+
+    def _set_theme(self, theme: ThemeName) -> None:
+        self.theme = theme
+        self.dark.set_value(theme == "dark")
+        other = "Light page" if theme == "dark" else "Dark page"
+        self.look.set_text(other)
+        self.look.props(f"icon={'light_mode' if theme == 'dark' else 'dark_mode'}")
+
+    def _key(self, event: Any) -> None:
+        if event.action.keydown and not event.action.repeat and event.modifiers.ctrl and event.key.name.lower() == "z":
+            self.change(self.bench.redo if event.modifiers.shift else self.bench.undo)
+
+    # What the page shows
+
+    def _tick(self) -> None:
+        """Show progress; build the screen anew when the workbench has changed."""
+        job = self.bench.job
+        titled = job is not None and bool(job.title)
+        self.working.set_visibility(titled)
+        if job is not None and titled:
+            self.doing.set_text(f"{job.title[:1].upper()}{job.title[1:]} …")
+            self.progress.set_value(round(max(job.share, 0.02), 3))
+        if self._seen != self.bench.version:
+            self.rebuild()
+
+    def rebuild(self) -> None:
+        """Build the screen that is looked at."""
+        self._seen = self.bench.version
+        self._turn += 1
+        state = self.bench.state
+        self.file.set_text(state.file.name if state.file is not None else "")
+        self.undo.set_enabled(self.bench.can_undo)
+        self.redo.set_enabled(self.bench.can_redo)
+        self.alert.set_visibility(bool(self.bench.sentence))
+        self.said.set_text(self.bench.sentence)
+        self.body.clear()
+        with self.body:
+            SCREENS[self.tab][2](self)
+
+    def pictures(
+        self,
+        key: tuple[Any, ...],
+        make: Callable[[ThemeName], Sequence[Picture]],
+        *,
+        prepare: Callable[[ui.plotly], None] = lambda plot: None,
+        height: int = 300,
+    ) -> None:
+        """Draw figures where this is called; they are worked out beside the page and kept under `key`."""
+        key = (*key, self.theme)
+        theme, turn = self.theme, self._turn
+        box = ui.element("div").classes("pictures").style(f"min-height: {height}px")
+
+        def fill(several: Sequence[Picture]) -> None:
+            box.style("min-height: 0")
+            for one in several:
+                with ui.element("figure"):
+                    ui.label(one.headline).classes("headline")
+                    if one.note:
+                        ui.label(one.note).classes("note")
+                    plot = ui.plotly(one.figure).classes("plot")
+                    plot.props(f'role=img aria-label="{parts.attribute(one.headline)}"')
+                    prepare(plot)
+
+        if key in self._kept:
+            with box:
+                fill(self._kept[key])
+            return
+
+        async def work() -> None:
+            try:
+                several = list(await run.io_bound(lambda: make(theme)))
+            except (ValueError, ImportError) as error:
+                if turn == self._turn:
+                    with box:
+                        ui.label(self.bench.plain(str(error))).classes("note")
+                return
+            while len(self._kept) >= 12:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = several
+            if turn == self._turn and not box.is_deleted:
+                with box:
+                    fill(several)
+
+        background_tasks.create(work())

@@ -1,0 +1,84 @@
+"""Small parts that every screen is made of: headings, buttons, tables, notes."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from nicegui import ui
+
+
+def attribute(text: str) -> str:
+    """Text that may stand in an attribute of `props`."""
+    return html.escape(" ".join(text.split())).replace("\\", "/")
+
+
+def heading(text: str, level: int = 2) -> ui.label:
+    """A heading that readers of the screen find."""
+    return ui.label(text).classes(f"h{level}").props(f"role=heading aria-level={level}")
+
+
+def button(
+    text: str, icon: str, action: Callable[..., Any], *, flat: bool = False, primary: bool = False, label: str = ""
+) -> ui.button:
+    """A button with a name; only the one that is meant to be pressed next is filled."""
+    made = ui.button(text, icon=icon, on_click=action)
+    made.props("no-caps " + ("unelevated" if primary else "flat" if flat else "outline"))
+    if label:
+        made.props(f'aria-label="{attribute(label)}"')
+    return made
+
+
+@contextmanager
+def card(title: str = "", classes: str = "") -> Iterator[None]:
+    """A sheet with a heading."""
+    with ui.element("section").classes(f"sheet {classes}"):
+        if title:
+            heading(title)
+        yield
+
+
+def lines(texts: Sequence[str], kind: str = "note") -> None:
+    """Sentences under each other."""
+    for text in texts:
+        ui.label(text).classes(kind)
+
+
+def table(titles: Sequence[str], rows: Sequence[Sequence[str | Callable[[], Any]]], label: str) -> None:
+    """A table; a cell is text, or a function that builds it."""
+    with ui.element("div").classes("scroll"), ui.element("table").props(f'aria-label="{attribute(label)}"'):
+        with ui.element("thead"), ui.element("tr"):
+            for title in titles:
+                with ui.element("th").props("scope=col"):
+                    ui.label(title)
+        with ui.element("tbody"):
+            for row in rows:
+                with ui.element("tr"):
+                    for cell in row:
+                        with ui.element("td"):
+                            if callable(cell):
+                                cell()
+                            else:
+                                ui.label(cell)
+
+
+def empty(text: str) -> None:
+    """What is said where there is nothing to show yet."""
+    with ui.element("section").classes("sheet empty"):
+        ui.label(text)
+
+
+def copies(page: Any) -> None:
+    """Buttons that copy the steps so far as a script or as commands."""
+    from accelcal.app.script import COPIES
+
+    with ui.row().classes("copies"):
+        for name, make in COPIES.items():
+
+            def copy(name: str = name, make: Callable[[Any], str] = make) -> None:
+                ui.clipboard.write(make(page.bench.state))
+                ui.notify(f"Copied as {name}", position="bottom-right")
+
+            button(f"Copy as {name}", "content_copy", copy, flat=True)

@@ -1,0 +1,261 @@
+"""The data: drop a recording, map its columns, read the check, divide it, fit."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from accelcal import overview
+from accelcal.app import mapping, parts, pictures
+from accelcal.app.bench import MOST_BYTES, Refused
+from accelcal.recording import RecordingError
+from accelcal.report.view import number
+
+if TYPE_CHECKING:
+    from accelcal.app.page import Page
+
+
+def show(page: Page) -> None:
+    """Build the screen."""
+    state = page.bench.state
+    if state.file is None:
+        with parts.card("Drop a recording", "welcome"):
+            ui.label(
+                "CSV, Parquet, MAT, npz or HDF5 with the accelerometer's output and the encoder's position; drop its "
+                "sidecar (.toml) along with it if there is one. Nothing leaves this machine."
+            )
+            drop(page, "Drop a recording here, or press + to choose")
+            parts.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
+        return
+    if state.recording is None:
+        with parts.card(f"{state.file.name} is not understood yet"):
+            ui.label(state.trouble).classes("trouble").props("role=alert")
+            columns(page)
+        with parts.card("Another recording"):
+            drop(page, "Drop another recording here")
+        return
+    with ui.element("div").classes("two"):
+        with ui.element("div").classes("stack"):
+            with parts.card("Fit"):
+                fitting(page)
+            with parts.card("Held out and left out"):
+                division(page)
+            with parts.card("Recordings"):
+                drop(page, "Drop another recording here")
+                ui.label("Hold out a whole recording instead of a part of this one:").classes("note")
+                drop(page, "Drop a held-out recording here", other=True)
+        with ui.element("div").classes("stack"):
+            with parts.card("The recording"):
+                ui.label("Drag over the picture to choose a stretch; double-click to see all.").classes("note")
+                key = ("data", id(state.recording), state.held_out, state.left_out)
+                page.pictures(
+                    key,
+                    lambda theme: [pictures.data(state, theme)],
+                    prepare=lambda plot: brushing(page, plot),
+                    height=420,
+                )
+            with parts.card("Data check"):
+                check(page)
+            with ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"):
+                columns(page)
+    parts.copies(page)
+
+
+def drop(page: Page, label: str, *, other: bool = False) -> None:
+    """A place to drop files on; a recording and its sidecar may come together."""
+
+    async def take(event: Any) -> None:
+        bench = page.bench
+        drawer = bench.drawer()
+        kept = []
+        for file in event.files:
+            try:
+                if file.size() > MOST_BYTES:
+                    raise Refused(
+                        f"{file.name}: {file.size() / 1e6:.0f} MB; the workbench takes {MOST_BYTES / 1e6:.0f} MB"
+                    )
+                path = bench.accept(file.name, drawer)
+            except Refused as error:
+                bench.refuse(str(error))
+                continue
+            await file.save(path)
+            kept.append(path)
+        sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
+        recordings = [p for p in kept if p not in sidecars]
+        if recordings:
+            for path in sidecars[:1]:
+                path.rename(recordings[0].with_suffix(".toml"))
+            await page.act(bench.load_other if other else bench.load, recordings[0])
+        elif sidecars and bench.state.file is not None:
+            text = sidecars[0].read_text(encoding="utf-8", errors="replace")
+            await page.act(bench.load, bench.state.file, text)
+        elif sidecars:
+            bench.refuse(f"{sidecars[0].name}: drop the recording that it belongs to along with it")
+
+    def rejected() -> None:
+        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, which is what the workbench takes")
+
+    made = ui.upload(
+        label=label,
+        multiple=True,
+        auto_upload=True,
+        max_file_size=MOST_BYTES,
+        on_multi_upload=take,
+        on_rejected=rejected,
+    )
+    made.props("flat bordered hide-upload-btn").classes("drop")
+    made.mark("other" if other else "recording")
+
+
+def check(page: Page) -> None:
+    """What was understood, warnings first."""
+    state = page.bench.state
+    assert state.recording is not None
+    seen = overview.describe(state.recording)
+    rows = [
+        [
+            name,
+            f"{c['samples']:,}".replace(",", " "),
+            f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
+            f"{number(c['start_s'], 6)} s to {number(c['end_s'], 6)} s",
+            f"{number(c['min'])} to {number(c['max'])} {c['unit'].replace('^2', '²')}",
+        ]
+        for name, c in seen["channels"].items()
+    ]
+    parts.table(["channel", "samples", "rate", "from, to", "least, largest"], rows, "Channels")
+    if state.marks is not None:
+        parts.lines([f"Suspect data: {fault.sentence}" for fault in state.marks.faults], "warning")
+    for severity, kind in (("warning", "warning"), ("note", "note")):
+        parts.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
+    if seen["assumptions"]:
+        with ui.expansion(f"{len(seen['assumptions'])} things are assumed", icon="help_outline").classes("full"):
+            parts.lines(seen["assumptions"])
+
+
+def columns(page: Page) -> None:
+    """Which column is which channel, and everything else that the sidecar says."""
+    bench, state = page.bench, page.bench.state
+    assert state.file is not None
+    try:
+        text = mapping.text_of(state.file, state.sidecar)
+        found = mapping.choices(state.file, text)
+    except RecordingError as error:
+        ui.label(bench.plain(str(error))).classes("trouble")
+        return
+    roles, names, units = [], [], []
+    rows = []
+    for one in found:
+        known = one.channel if one.channel in (*mapping.ESSENTIAL, mapping.NOT_USED) else "other"
+
+        def role(one: mapping.Choice = one, known: str = known) -> None:
+            made = ui.select([*mapping.ESSENTIAL, "other", mapping.NOT_USED], value=known)
+            roles.append(made.props(f'dense outlined aria-label="Role of {parts.attribute(one.column)}"'))
+
+        def name(one: mapping.Choice = one, known: str = known) -> None:
+            made = ui.input(value=one.channel if known == "other" else one.column)
+            names.append(made.props(f'dense outlined aria-label="Name of {parts.attribute(one.column)}"'))
+
+        def unit(one: mapping.Choice = one) -> None:
+            made = ui.input(value=one.unit, placeholder="unit")
+            units.append(made.props(f'dense outlined aria-label="Unit of {parts.attribute(one.column)}"'))
+
+        rows.append([one.column, role, name, unit])
+    parts.table(["column", "is", "named (if other)", "unit"], rows, "Columns")
+    sheet = ui.textarea("Sidecar: sensor, rig and columns", value=text).props("outlined autogrow").classes("code full")
+
+    async def use_columns() -> None:
+        chosen = [
+            mapping.Choice(
+                one.column,
+                str(names[i].value if roles[i].value == "other" else roles[i].value),
+                str(units[i].value).strip(),
+            )
+            for i, one in enumerate(found)
+        ]
+        try:
+            made = mapping.sidecar_from(str(sheet.value), chosen)
+        except RecordingError as error:
+            bench.refuse(str(error))
+            return
+        await page.act(bench.load, state.file, made)
+
+    with ui.row():
+        parts.button("Use these columns", "check", use_columns, primary=state.recording is None)
+        parts.button(
+            "Use the sidecar as written", "description", lambda: page.act(bench.load, state.file, str(sheet.value))
+        )
+
+
+def brushing(page: Page, plot: ui.plotly) -> None:
+    """A stretch that is dragged over lands in the two fields."""
+
+    def selected(event: Any) -> None:
+        span = next((v for k, v in ((event.args or {}).get("range") or {}).items() if k.startswith("x")), None)
+        if span:
+            page.brushed = (round(min(span), 4), round(max(span), 4))
+            fields = getattr(page, "fields", None)
+            if fields is not None:
+                for field, value in zip(fields, page.brushed, strict=True):
+                    field.set_value(value)
+
+    plot.on("plotly_selected", selected, ["range"])
+
+
+def division(page: Page) -> None:
+    """Choose what no fit sees, and what is not used at all."""
+    bench, state = page.bench, page.bench.state
+    low, high = state.used
+    if state.other is not None:
+        ui.label(f"Held out: the recording {state.other.name}.")
+    elif state.held_out is not None:
+        a, b = state.held_out
+        ui.label(f"Held out: {a:.6g} s to {b:.6g} s. No fit sees it; the error is judged on it.")
+    if state.breaks:
+        ui.label(f"Used: {low:.6g} s to {high:.6g} s, up to the break.").classes("warning")
+    for i, (a, b) in enumerate(state.left_out):
+        with ui.row().classes("line"):
+            ui.label(f"Left out: {a:.6g} s to {b:.6g} s")
+            parts.button(
+                "Use again",
+                "undo",
+                lambda i=i: page.act(bench.take_back, i),
+                flat=True,
+                label=f"Use {a:.6g} s to {b:.6g} s again",
+            )
+    start, end = page.brushed or (None, None)
+    with ui.row().classes("line"):
+        first = ui.number("From, s", value=start, format="%.6g").props("dense outlined").classes("time")
+        last = ui.number("To, s", value=end, format="%.6g").props("dense outlined").classes("time")
+    page.fields = (first, last)
+
+    async def mark(action: Any) -> None:
+        if first.value is None or last.value is None:
+            bench.refuse("choose a stretch first: drag over the picture, or fill in from and to")
+            return
+        page.brushed = None
+        await page.act(action, float(first.value), float(last.value))
+
+    with ui.row().classes("line"):
+        parts.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
+        parts.button("Leave out", "content_cut", lambda: mark(bench.leave_out), label="Leave this stretch out")
+    if state.steps:
+        ui.label("Another division needs another fit: models begin anew; Undo brings them back.").classes("note")
+
+
+def fitting(page: Page) -> None:
+    """Fit the base model."""
+    bench, state = page.bench, page.bench.state
+    if state.step is None:
+        ui.label("Bias, scale factor and time offset are estimated first; then the page asks what is missing.")
+    else:
+        ui.label(f"The model that is looked at: {' '.join(s.label for s in state.path)}.")
+    with ui.row().classes("line"):
+        parts.button(
+            "Fit" if state.step is None else "Fit again",
+            "play_arrow",
+            lambda: page.improve(bench.fit, "linear"),
+            primary=state.step is None,
+            label="Fit the linear model",
+        )
+        parts.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)

@@ -1,0 +1,155 @@
+"""The loop: what is missing, Add, and the error falling on data that no fit has seen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from accelcal.app import parts, pictures, words
+from accelcal.app.state import Step
+from accelcal.plots import style
+
+if TYPE_CHECKING:
+    from accelcal.app.page import Page
+
+
+def show(page: Page) -> None:
+    """Build the screen."""
+    state = page.bench.state
+    if state.step is None:
+        parts.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
+        return
+    with ui.element("div").classes("two"):
+        with ui.element("div").classes("stack"):
+            with parts.card("What is missing", "verdict"):
+                verdict(page)
+            with parts.card("Models"):
+                tree(page)
+        with ui.element("div").classes("stack"):
+            with parts.card("The error on held-out data"):
+                error(page)
+                page.pictures(
+                    ("falling", state.current),
+                    lambda theme: [pictures.falling(state, theme)],
+                )
+            with parts.card("What is left over on held-out data"):
+                if state.previous is not None:
+                    ui.label(f"Faint: before {state.step.label}.").classes("note")
+                page.pictures(
+                    ("left", state.current),
+                    lambda theme: [pictures.residual(state, theme), pictures.one_step(state, theme)],
+                    height=620,
+                )
+            with parts.card("Unaided drift"):
+                page.pictures(("coast", state.current), lambda theme: [pictures.coasting(state, theme)])
+    parts.copies(page)
+
+
+def error(page: Page) -> None:
+    """The held-out error in numbers."""
+    state = page.bench.state
+    climbed = pictures.ladder(state)
+    now, floor = climbed.errors[-1], climbed.floor
+    with ui.row().classes("numbers"):
+        figure("error now", now, "error")
+        if len(climbed.errors) > 1:
+            figure("before", climbed.errors[-2], "before")
+        figure("noise alone", floor, "floor")
+    what = "another recording" if state.other is not None else "the held-out part of this run"
+    ui.label(f"{climbed.measure[:1].upper()}{climbed.measure[1:]}, on {what}.").classes("note")
+
+
+def figure(name: str, value: float, mark: str) -> None:
+    """A number with its name; its full digits stand in the page."""
+    with ui.element("div").classes("number"):
+        ui.label(style.length(value)).classes("large").props(f"data-number={mark} data-value={value!r}")
+        ui.label(name).classes("note")
+
+
+def verdict(page: Page) -> None:
+    """The verdict, the candidates with their cards, and Add."""
+    bench, found = page.bench, page.bench.diagnosis
+    if found is None:
+        if bench.job is None:
+            ui.label("Not asked yet.")
+            parts.button("Look for what is missing", "search", lambda: page.act(bench.diagnose), primary=True)
+        else:
+            ui.label("Every effect of the catalogue is being tried …")
+        return
+    nothing = not words.may_add(bench.state, found)
+    ui.label(words.badge(found)).classes("badge").classes("good" if found.verdict == "adequate" else "bad").props(
+        f"role=status data-verdict={found.verdict}"
+    )
+    ui.label(words.sentence(found)).classes("verdict-text")
+    parts.lines(words.asides(found), "warning")
+    if found.verdict == "adequate":
+        ui.label("Nothing missing larger than").classes("strong")
+        parts.lines(words.limits(found))
+    if nothing:
+        made = parts.button("Add", "add", lambda: None, label="Nothing to add")
+        made.set_enabled(False)
+    offered = [c for c in words.cards(found) if c.significant]
+    for one in offered:
+        candidate(page, one)
+    rest = [c for c in words.cards(found) if not c.significant]
+    if rest:
+        with ui.expansion(f"Looked at, no evidence: {len(rest)} of the best others", icon="list").classes("full"):
+            for one in rest:
+                ui.label(one.title).classes("strong")
+                ui.label("; ".join(one.facts)).classes("note")
+    several = words.ties(found)
+    if several:
+        with ui.expansion("Cannot be told apart, and the experiment that would", icon="balance").classes("full"):
+            for members, experiment in several:
+                ui.label(members).classes("strong")
+                ui.label(experiment).classes("note")
+
+
+def candidate(page: Page, one: words.Card) -> None:
+    """One candidate with its card and its button."""
+    with ui.element("article").classes("candidate").classes("first" if one.first else ""):
+        with ui.row().classes("line spread"):
+            ui.label(one.title).classes("strong large-name")
+            parts.button(
+                "Add",
+                "add",
+                lambda: page.improve(page.bench.add, one.effect),
+                primary=one.first,
+                label=f"Add {one.title}",
+            ).set_enabled(page.bench.job is None)
+        ui.label(one.about)
+        parts.lines(one.facts)
+        if one.rivals:
+            more = f" and {len(one.rivals) - 4} more" if len(one.rivals) > 4 else ""
+            ui.label(f"Cannot be told apart from: {', '.join(one.rivals[:4])}{more}.").classes("warning")
+        with ui.expansion("Its card", icon="badge").classes("full"):
+            for label, text in one.lines:
+                ui.label(label).classes("strong")
+                ui.label(text).classes("note")
+
+
+def tree(page: Page) -> None:
+    """Every model with its error; press one to go on from there."""
+    bench, state = page.bench, page.bench.state
+    depth: dict[int | None, int] = {None: -1}
+    children: dict[int | None, list[Step]] = {}
+    for step in state.steps:
+        depth[step.key] = depth[step.parent] + 1
+        children.setdefault(step.parent, []).append(step)
+    horizon = pictures.ladder(state).horizon
+
+    def line(step: Step) -> None:
+        value = step.heldout.simulated_rms if horizon is None else step.heldout.coast_rms[horizon]
+        here = step.key == state.current
+        text = f"{step.label.replace('_', ' ')} · {'too short' if value is None else style.length(value)}"
+        made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked")
+        made.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
+        made.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")
+        made.style(f"margin-left: {18 * depth[step.key]}px")
+        for child in children.get(step.key, []):
+            line(child)
+
+    for base in children.get(None, []):
+        line(base)
+    ui.label("Press a model to look at it; what is added then begins a branch.").classes("note")

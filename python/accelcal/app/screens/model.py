@@ -1,0 +1,153 @@
+"""The model: parameters that can be held, effects that can be removed, effects of one's own."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from nicegui import ui
+
+from accelcal.app import parts, words
+from accelcal.effects import HOUSE
+from accelcal.effects.expression import FUNCTIONS, MOTION
+from accelcal.fit import Estimate, tied_sum
+from accelcal.report.view import number, usual
+
+if TYPE_CHECKING:
+    from accelcal.app.page import Page
+
+
+def show(page: Page) -> None:
+    """Build the screen."""
+    step = page.bench.state.step
+    if step is None:
+        parts.empty(
+            "Fit a model first, on the screen Data." if page.bench.state.recording else "Load a recording first."
+        )
+        return
+    with parts.card("Parameters"):
+        parameters(page)
+        parts.lines(step.fit.remarks)
+    with ui.element("div").classes("halves"):
+        with parts.card("Effects of this model"):
+            added(page)
+        with parts.card("An effect of your own"):
+            own(page)
+    parts.copies(page)
+
+
+def parameters(page: Page) -> None:
+    """Every parameter with its uncertainty, and a button that holds or releases it."""
+    step = page.bench.state.step
+    assert step is not None
+    rows = []
+    for e in step.fit.estimates:
+        held = e.name in step.fit.model.fixed
+
+        def act(e: Estimate = e, held: bool = held) -> None:
+            bench = page.bench
+            if held:
+                parts.button(
+                    "Release",
+                    "lock_open",
+                    lambda: page.improve(bench.release, e.name),
+                    flat=True,
+                    label=f"Release {e.name}",
+                )
+                return
+            with ui.row().classes("line tight"):
+                value = ui.input(value=f"{e.value:.6g}").props(
+                    f'dense outlined aria-label="Value at which {parts.attribute(words.title(e.name))} is held"'
+                )
+
+                async def hold() -> None:
+                    try:
+                        number_ = float(str(value.value).replace("−", "-"))
+                    except ValueError:
+                        bench.refuse(f"{e.name}: {value.value!r} is not a number; give a value in {e.unit}")
+                        return
+                    await page.improve(bench.freeze, e.name, number_)
+
+                parts.button("Hold", "lock", hold, flat=True, label=f"Hold {e.name}")
+
+        rows.append(
+            [
+                words.title(e.name),
+                e.symbol,
+                words.value(e),
+                usual(e.unit, e.value, e.std),
+                "held" if held else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
+                tied_sum(step.fit, e.name),
+                e.owner,
+                act,
+            ]
+        )
+    titles = [
+        "parameter",
+        "symbol",
+        "value",
+        "usual unit",
+        "standard uncertainty",
+        "what it really is here",
+        "owner",
+        "hold at (SI)",
+    ]
+    parts.table(titles, rows, "Parameters")
+
+
+def added(page: Page) -> None:
+    """Effects beyond the base, each with a button that removes it; any other can be put in by hand."""
+    bench, step = page.bench, page.bench.state.step
+    assert step is not None
+    if not step.fit.model.added:
+        ui.label("None yet: this is the base model.")
+    for name in step.fit.model.added:
+        with ui.row().classes("line spread"):
+            ui.label(words.title(name)).classes("strong")
+            parts.button(
+                "Remove",
+                "remove",
+                lambda name=name: page.improve(bench.drop, name),
+                label=f"Remove {words.title(name)}",
+            )
+    known = [e.name for e in HOUSE if e.visible and e.port != "noise" and e.name not in step.fit.model.effects]
+    known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
+    with ui.row().classes("line"):
+        chosen = ui.select(
+            {name: words.title(name) for name in known},
+            label="Put in by hand, with or without evidence",
+            with_input=True,
+        )
+        chosen.props("dense outlined").classes("grow")
+
+        async def put() -> None:
+            if chosen.value:
+                await page.improve(bench.add, str(chosen.value))
+
+        parts.button("Put in", "playlist_add", put)
+
+
+def own(page: Page) -> None:
+    """A formula of the user's own becomes a candidate."""
+    bench, state = page.bench, page.bench.state
+    side = ", ".join(state.data.side)
+    ui.label(
+        f"A formula of {', '.join(MOTION)}{', ' + side if side else ''} in SI units, with + - * / ** and "
+        f"{', '.join(FUNCTIONS)}; its coefficient is estimated."
+    ).classes("note")
+    with ui.row().classes("line"):
+        name = ui.input("Name", placeholder="air_drag").props("dense outlined").classes("short")
+        unit = ui.input("Unit of the coefficient", placeholder="1/m").props("dense outlined").classes("short")
+        port = ui.select({"output": "adds to the output", "position": "adds to the position"}, value="output")
+        port.props('dense outlined aria-label="Where it adds"')
+    text = ui.input("Formula", placeholder="v * abs(v)").props("dense outlined").classes("full code")
+
+    async def enter() -> None:
+        await page.act(
+            bench.own_effect, str(name.value or ""), str(text.value or ""), str(unit.value or "1"), port.value
+        )
+        if not bench.sentence:
+            await page.act(bench.diagnose, then="improve")
+
+    parts.button("Try it as a candidate", "functions", enter)
+    for one in state.own:
+        ui.label(f"{one.effect.name}: {one.expression}").classes("note")

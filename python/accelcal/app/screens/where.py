@@ -1,0 +1,72 @@
+"""Where it fails: everything over one time axis, and the residual against every variable."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from nicegui import run, ui
+
+from accelcal.app import parts, pictures
+from accelcal.app.pictures import Picture
+from accelcal.plots.style import ThemeName
+
+if TYPE_CHECKING:
+    from accelcal.app.page import Page
+
+
+def show(page: Page) -> None:
+    """Build the screen."""
+    bench, state = page.bench, page.bench.state
+    if state.step is None:
+        parts.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
+        return
+
+    def make(theme: ThemeName) -> Sequence[Picture]:
+        return [pictures.linked(state, bench.whole(), theme, page.window)]
+
+    with parts.card("Position, acceleration, residual, temperature"):
+        ui.label(
+            "Drag to zoom: every panel follows, and the traces are thinned anew. Double-click to see all."
+        ).classes("note")
+        page.pictures(("linked", state.current), make, prepare=lambda plot: zooming(page, plot), height=600)
+    found = bench.diagnosis
+    with parts.card("Against every variable"):
+        if found is None:
+            ui.label("Not asked yet." if bench.job is None else "Being worked out …")
+            if bench.job is None:
+                parts.button("Look for what is missing", "search", lambda: page.act(bench.diagnose), primary=True)
+        else:
+            worst = found.where.worst
+            ui.label(f"{worst[:1].upper()}{worst[1:]}.").classes("verdict-text")
+            page.pictures(("where", id(found)), lambda theme: pictures.where(found, theme), height=1500)
+    parts.copies(page)
+
+
+def zooming(page: Page, plot: ui.plotly) -> None:
+    """When the time axis changes, the traces are thinned anew for what is seen."""
+    bench = page.bench
+
+    async def moved(event: Any) -> None:
+        window = window_of(event.args or {})
+        if window is False or window == page.window:
+            return
+        page.window = window
+        state, theme = bench.state, page.theme
+        fresh = await run.io_bound(lambda: pictures.linked(state, bench.whole(), theme, window))
+        if state is bench.state and not plot.is_deleted:
+            plot.update_figure(fresh.figure)
+
+    keys = ["xaxis.autorange"] + [f"xaxis{i or ''}.range[{j}]" for i in ("", *range(2, 8)) for j in (0, 1)]
+    plot.on("plotly_relayout", moved, [keys])
+
+
+def window_of(args: dict[str, Any]) -> tuple[float, float] | bool | None:
+    """The part of the time axis that an event speaks of; None for all of it, False where it speaks of something else."""
+    for i in ("", *range(2, 8)):
+        low, high = args.get(f"xaxis{i}.range[0]"), args.get(f"xaxis{i}.range[1]")
+        if isinstance(low, int | float) and isinstance(high, int | float):
+            return float(low), float(high)
+        if args.get(f"xaxis{i}.autorange"):
+            return None
+    return False

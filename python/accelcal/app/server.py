@@ -1,0 +1,111 @@
+"""The workbench as a local web server: loopback only, one folder and one workbench for every tab."""
+
+from __future__ import annotations
+
+import secrets
+import shutil
+import socket
+import tempfile
+from collections import OrderedDict
+from pathlib import Path
+
+from accelcal.app.bench import Workbench
+
+HOST = "127.0.0.1"
+NAMES = ("127.0.0.1", "localhost")
+"""Names under which the page may be asked for; others are refused, so that no foreign page can pose as this one."""
+PORT = 8765
+TRIED = 20
+"""Ports that are tried from the first on."""
+MOST = 12
+"""Workbenches that are kept; the one that was not used for longest goes first."""
+
+
+class Benches:
+    """The workbenches of this server by their secret names."""
+
+    def __init__(self, folder: Path, recording: Path | None = None) -> None:
+        self.folder = folder
+        self.recording = recording
+        """Loaded into every new workbench."""
+        self._kept: OrderedDict[str, Workbench] = OrderedDict()
+
+    def new(self) -> str:
+        """Make a workbench and return its name."""
+        name = secrets.token_urlsafe(12)
+        home = self.folder / name
+        home.mkdir(mode=0o700)
+        self._kept[name] = Workbench(home)
+        while len(self._kept) > MOST:
+            gone, bench = self._kept.popitem(last=False)
+            bench.cancel()
+            shutil.rmtree(self.folder / gone, ignore_errors=True)
+        return name
+
+    def find(self, name: str) -> Workbench | None:
+        """Return the workbench called `name`, if it is still there."""
+        if name in self._kept:
+            self._kept.move_to_end(name)
+        return self._kept.get(name)
+
+
+def free_port(first: int) -> int:
+    """Return the first port from `first` on that nobody listens on.
+
+    Raises
+    ------
+    OSError
+        If all that are tried are taken.
+    """
+    for port in range(first, first + TRIED):
+        with socket.socket() as probe:
+            try:
+                probe.bind((HOST, port))
+            except OSError:
+                continue
+            return port
+    raise OSError(f"ports {first} to {first + TRIED - 1} are all taken; choose another with --port")
+
+
+def serve(recording: Path | None = None, *, port: int | None = None, show: bool = True) -> None:
+    """Serve the workbench until it is interrupted.
+
+    Parameters
+    ----------
+    recording : loaded into every new workbench.
+    port : on 127.0.0.1; by default the first free one from 8765 on.
+    show : open a browser.
+
+    Raises
+    ------
+    MissingExtra
+        If NiceGUI or plotly is not installed.
+    """
+    from accelcal.plots.style import MissingExtra
+
+    try:
+        from nicegui import app, ui
+        from starlette.middleware.trustedhost import TrustedHostMiddleware
+
+        from accelcal.app.page import install
+    except ImportError as error:
+        raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
+    chosen = free_port(PORT) if port is None else port
+    folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
+    try:
+        install(Benches(folder, recording))
+        app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
+        print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C ends it)", flush=True)
+        ui.run(
+            host=HOST,
+            port=chosen,
+            title="accelcal",
+            dark=None,
+            language="en-US",
+            show=show,
+            reload=False,
+            show_welcome_message=False,
+            reconnect_timeout=30.0,
+        )
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,114 @@
+"""One time axis for everything: position, output, what the model leaves over, side channels; zoomed together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal.compare import Comparison
+from accelcal.plots import style
+from accelcal.plots.interactive import sheet
+from accelcal.plots.style import ThemeName
+from accelcal.recording import Array, Channel, Recording
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+SIDE = 3
+"""Side channels that are drawn, temperature first."""
+PANEL = 150
+"""Height of a panel, pixels."""
+
+
+def linked(
+    recording: Recording,
+    comparison: Comparison | None = None,
+    *,
+    previous: Comparison | None = None,
+    window: tuple[float, float] | None = None,
+    marked: Sequence[tuple[float, float, str]] = (),
+    theme: ThemeName = "light",
+) -> Figure:
+    """Draw position, output, accelerometer residual and side channels over one time axis.
+
+    Parameters
+    ----------
+    recording : what was measured.
+    comparison : of a model with it, for the residual; previous : of the model before, faintly behind.
+    window : s, optional; only this part is drawn, thinned anew.
+    marked : stretches (from, to, label), s.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If plotly or tsdownsample is not installed.
+    """
+    look = style.theme_of(theme)
+    first = sorted(recording.side.values(), key=lambda one: (one.name != "temperature", one.name))[:SIDE]
+    residual = comparison is not None and len(comparison.accel_residual[0]) > 0
+    rows = 2 + int(residual) + len(first)
+    figure = sheet.canvas(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
+
+    def inside(t: Array, y: Array) -> tuple[Array, Array]:
+        if window is None:
+            return t, y
+        a, b = np.searchsorted(t, window)
+        return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
+
+    def draw(row: int, channel: Channel, name: str, chosen: style.Look) -> style.Thinned:
+        t, y = inside(channel.t, channel.y)
+        factor, unit = style.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
+        figure.update_yaxes(title_text=sheet.axis_title(name, unit), row=row, col=1)
+        return sheet.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
+
+    drawn = [
+        draw(1, recording.position, "position", look.measured),
+        draw(2, Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", look.measured),
+    ]
+    if comparison is not None and residual:
+        t, y = inside(*comparison.accel_residual)
+        factor, unit = style.prefixed("m/s²", y)
+        if previous is not None and len(previous.accel_residual[0]):
+            old = inside(*previous.accel_residual)
+            sheet.trace(figure, *old, look.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
+        drawn.append(sheet.trace(figure, t, y, look.residual, "residual", factor=factor, unit=unit, row=3))
+        figure.update_yaxes(title_text=sheet.axis_title("residual", unit), row=3, col=1)
+    drawn += [draw(rows - len(first) + 1 + i, channel, channel.name, look.other) for i, channel in enumerate(first)]
+    low, high = (recording.position.t[0], recording.position.t[-1]) if window is None else window
+    sheet.dress(
+        figure,
+        look,
+        "Zoom in one panel and all follow",
+        note=sheet.note_of(*drawn),
+        height=sheet.BOTTOM + PANEL * rows,
+        legend=previous is not None and residual,
+        left=92,
+    )
+    for begin, end, label in marked:
+        mark(figure, begin, end, label, look)
+    figure.update_xaxes(range=[float(low), float(high)])
+    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=rows, col=1)
+    return figure
+
+
+def mark(figure: Figure, begin: float, end: float, label: str, look: style.Theme) -> None:
+    """Shade a stretch of time over all panels and name it."""
+    box: dict[str, Any] = {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0.0, "y1": 1.0}
+    colour = look.band if label == "held out" else look.other.colour
+    figure.add_shape(
+        **box, fillcolor=colour, opacity=0.16, layer="below", line={"width": 1, "color": colour, "dash": "dash"}
+    )
+    figure.add_annotation(
+        x=0.5 * (begin + end),
+        y=1.0,
+        xref="x",
+        yref="paper",
+        yanchor="top",
+        text=sheet.plain(label),
+        showarrow=False,
+        bgcolor=look.page,
+        font={"size": sheet.SMALL, "color": look.ink},
+    )
