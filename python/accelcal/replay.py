@@ -265,13 +265,27 @@ class Run:
         jerk = grid.thin(derivative(a, self.accel_step))
         v = integral(a, self.accel_step)
         a = grid.thin(a)
+        unread = self.unread(drive, t)
         v += np.interp(t, self.t, v_smooth - np.interp(self.t, t, v))
+        for hole in unread:
+            v[hole] = np.interp(t[hole], self.t, v_smooth)
         p = integral(v, self.accel_step)
         v = grid.thin(v)
         p += np.interp(t, self.t, p_smooth - np.interp(self.t, t, p))
+        for hole in unread:
+            p[hole] = np.interp(t[hole], self.t, p_smooth)
         p_std, v_std, a_std = self.left_noise(noise, cutoff)
         smooth = self.on_grid(grid.t, Motion(grid.thin(p), v, a, jerk), values, cutoff)
         return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
+
+    def unread(self, drive: Drive, t: Array) -> list[slice]:
+        """Stretches of times `t` in which neither channel was read; a straight line bridges them.
+
+        An integral over what nobody measured would carry the motion far outside its range.
+        """
+        long = np.diff(self.t, prepend=self.t[0]) > HOLE * self.reading_step
+        rows = np.flatnonzero(drive.restart & long)
+        return [slice(*np.searchsorted(t, self.t[[k - 1, k]])) for k in rows if k > 0]
 
     def left_noise(self, noise: Noise, cutoff: float) -> tuple[float, float, float]:
         """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth (channels in parallel)."""

@@ -123,7 +123,7 @@ class Workbench:
             used=(begin, end),
             breaks=seen.breaks,
             marks=seen,
-            held_out=(round(end - HELD_OUT * (end - begin), 3), end),
+            held_out=(round(end - HELD_OUT * (end - begin), 3), end if seen.breaks else stamps(recording)[1]),
         )
 
     def _read(self, path: Path, sidecar: str | None) -> Recording:
@@ -337,6 +337,13 @@ class Workbench:
             kept = self._whole = (state.step.key, compare(state.step.fit, state.data))
         return kept[1]
 
+    def before(self) -> Comparison | None:
+        """The previous model against held-out data, in the band in which the present one is judged."""
+        state = self.state
+        if state.step is None or state.previous is None:
+            return None
+        return judged(state.previous.fit, state, band=state.step.heldout.band)
+
     def refuse(self, sentence: str) -> None:
         """Say why something is not done."""
         with self._lock:
@@ -473,12 +480,22 @@ def again(state: State) -> State:
     return replace(state, steps=(), current=None)
 
 
+def stamps(recording: Recording) -> Stretch:
+    """First and last instant of any channel, s."""
+    channels = [c for c in (recording.accel, recording.position, *recording.side.values()) if len(c)]
+    return min(float(c.t[0]) for c in channels), max(float(c.t[-1]) for c in channels)
+
+
 def clipped(state: State, start: float, end: float) -> Stretch:
-    """A stretch inside what is used."""
+    """A stretch inside what is used; one that reaches an end takes everything there, also a last stray sample."""
     low, high = loaded(state).used
     begin, finish = max(low, min(start, end)), min(high, max(start, end))
     if not begin < finish:
         raise Refused(f"{start:g} s to {end:g} s is outside the recording, which is used from {low:g} s to {high:g} s")
+    assert state.recording is not None
+    if not state.breaks:
+        first, last = stamps(state.recording)
+        begin, finish = (first if begin == low else begin), (last if finish == high else finish)
     return begin, finish
 
 
@@ -511,9 +528,9 @@ def own_option(state: State) -> str:
     return "".join(f" --effects-file {own.effect.name}.py" for own in state.own[:1])
 
 
-def judged(found: Fit, state: State) -> Comparison:
+def judged(found: Fit, state: State, band: float | None = None) -> Comparison:
     """The model against data that no fit has seen."""
-    return compare(found, state.unseen)
+    return compare(found, state.unseen, band=band)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:

@@ -62,6 +62,8 @@ class Page:
         self.window: tuple[float, float] | None = None
         """Part of the time axis that is zoomed in, s."""
         self.brushed: tuple[float, float] | None = None
+        self.fields: tuple[ui.number, ...] = ()
+        """From and to of a stretch, on the screen that has them."""
         self._seen = -1
         self._turn = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
@@ -181,10 +183,13 @@ class Page:
         key: tuple[Any, ...],
         make: Callable[[ThemeName], Sequence[Picture]],
         *,
-        prepare: Callable[[ui.plotly], None] = lambda plot: None,
+        prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
-        """Draw figures where this is called; they are worked out beside the page and kept under `key`."""
+        """Draw figures where this is called; they are worked out beside the page and kept under `key`.
+
+        `prepare` is given each plot with a function that shows another picture in its place.
+        """
         key = (*key, self.theme)
         theme, turn = self.theme, self._turn
         box = ui.element("div").classes("pictures").style(f"min-height: {height}px")
@@ -193,12 +198,19 @@ class Page:
             box.style("min-height: 0")
             for one in several:
                 with ui.element("figure"):
-                    ui.label(one.headline).classes("headline")
-                    if one.note:
-                        ui.label(one.note).classes("note")
+                    headline, note = ui.label(one.headline).classes("headline"), ui.label(one.note).classes("note")
+                    note.set_visibility(bool(one.note))
                     plot = ui.plotly(one.figure).classes("plot")
                     plot.props(f'role=img aria-label="{parts.attribute(one.headline)}"')
-                    prepare(plot)
+
+                    def redraw(
+                        new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
+                    ) -> None:
+                        headline.set_text(new.headline)
+                        note.set_text(new.note)
+                        plot.update_figure(new.figure)
+
+                    prepare(plot, redraw)
 
         if key in self._kept:
             with box:

@@ -24,8 +24,10 @@ def button(
     text: str, icon: str, action: Callable[..., Any], *, flat: bool = False, primary: bool = False, label: str = ""
 ) -> ui.button:
     """A button with a name; only the one that is meant to be pressed next is filled."""
-    made = ui.button(text, icon=icon, on_click=action)
-    made.props("no-caps " + ("unelevated" if primary else "flat" if flat else "outline"))
+    made = ui.button(text, icon=icon, on_click=action, color="primary" if primary else None)
+    made.classes("" if primary else "quiet").props(
+        "no-caps " + ("unelevated" if primary else "flat" if flat else "outline")
+    )
     if label:
         made.props(f'aria-label="{attribute(label)}"')
     return made
@@ -46,7 +48,11 @@ def lines(texts: Sequence[str], kind: str = "note") -> None:
         ui.label(text).classes(kind)
 
 
-def table(titles: Sequence[str], rows: Sequence[Sequence[str | Callable[[], Any]]], label: str) -> None:
+Cell = str | Callable[[], Any]
+"""Text, or a function that builds what stands in a cell."""
+
+
+def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> None:
     """A table; a cell is text, or a function that builds it."""
     with ui.element("div").classes("scroll"), ui.element("table").props(f'aria-label="{attribute(label)}"'):
         with ui.element("thead"), ui.element("tr"):

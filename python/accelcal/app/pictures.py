@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import json
-import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from accelcal.app.state import State
 from accelcal.compare import Comparison
 from accelcal.ladder import Ladder, Rung
 from accelcal.loop import Diagnosis
-from accelcal.plots import interactive
+from accelcal.plots import interactive, style
 from accelcal.plots.style import ThemeName
 
 if TYPE_CHECKING:
@@ -93,25 +92,39 @@ def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path."""
     climbed = ladder(state)
     figure = interactive.falling(climbed, theme=theme)
-    figure.update_xaxes(ticktext=[html.escape(s.label.replace("_", " ")) for s in state.path])
+    names = [html.escape(s.label.replace("_", " ")) for s in state.path]
+    sizes = [style.length(error) for error in climbed.errors]
+    shares = [f"<br>{told(share)}" if share is not None else "" for share in climbed.shares]
+    ticks = [f"{name}: {size}{share}" for name, size, share in zip(names, sizes, shares, strict=True)]
+    figure.update_xaxes(ticktext=ticks, title_text=None)
+    figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
     figure.update_layout(height=figure.layout.height - 60)
-    if not math.isfinite(climbed.floor):
-        figure.update_yaxes(rangemode="tozero")
     return picture(figure, displayModeBar=False)
 
 
-def residual(state: State, theme: ThemeName) -> Picture:
-    """What is left over on held-out data, what was left over before faintly behind."""
+def told(share: float) -> str:
+    """The part of the excess over noise that an effect takes away."""
+    if share >= 0.995:
+        return "all of the excess explained"
+    return f"{100.0 * share:.0f} % of the excess explained".replace("-", "−")
+
+
+def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:
+    """What is left over on held-out data, what was left over before, in the same band, faintly behind."""
     assert state.step is not None
-    before = state.previous.heldout if state.previous is not None else None
-    return picture(interactive.accel_side(state.step.heldout, previous=before, theme=theme))
+    return picture(faint(interactive.accel_side(state.step.heldout, previous=before, theme=theme)))
+
+
+def faint(figure: Figure) -> Figure:
+    """What was before, behind what is now: grey, so that it is seen on either page and takes no attention."""
+    return figure.update_traces(line={"color": "#8A9099", "dash": "solid"}, opacity=0.5, selector={"name": "before"})
 
 
 def one_step(state: State, theme: ThemeName) -> Picture:
     """One-step residuals on held-out data, those of the model before faintly behind."""
     assert state.step is not None
     before = state.previous.heldout if state.previous is not None else None
-    return picture(interactive.one_step(state.step.heldout, previous=before, theme=theme))
+    return picture(faint(interactive.one_step(state.step.heldout, previous=before, theme=theme)))
 
 
 def coasting(state: State, theme: ThemeName) -> Picture:

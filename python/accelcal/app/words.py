@@ -15,8 +15,8 @@ from accelcal.loop import Diagnosis
 from accelcal.plots.interactive.ranking import classes
 from accelcal.report.view import VERDICTS, amount, number, probability, with_unit
 
-LIMITS = 8
-"""Detection limits that are spelled out when nothing is missing."""
+USUAL = ("quadratic", "cubic", "odd_quadratic", "temperature_bias", "temperature_scale", "bias_drift")
+"""Effects that people ask about first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,23 +102,39 @@ def reach(found: Diagnosis, size: Size) -> str:
     return f"{number(told['m_per_s2'], 3)} m/s², {number(told['mg'] or 0.0, 3)} mg{full}"
 
 
-def limits(found: Diagnosis) -> list[str]:
-    """Nothing missing larger than: smallest coefficients of the sensor that would have been seen."""
+def limits(found: Diagnosis) -> list[list[str]]:
+    """Nothing missing larger than: effect and the smallest coefficient of it that would have been seen."""
     told = []
-    for name, size in found.scan.detection_limits.items():
-        effect = CATALOGUE.get(name)
-        if effect is None or effect.owner != "sensor" or effect.port != "output" or effect.width != 1:
-            continue
-        if math.isfinite(size):
-            told.append(f"{title(name)} {with_unit(number(size, 3), effect.unit)}")
-    return told[:LIMITS]
+    usual = sorted(CATALOGUE.items(), key=lambda one: USUAL.index(one[0]) if one[0] in USUAL else len(USUAL))
+    for name, effect in usual:
+        size = found.scan.detection_limits.get(name, math.inf)
+        if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
+            told.append([title(name), with_unit(number(size, 3), effect.unit)])
+    return told
 
 
-def asides(found: Diagnosis) -> list[str]:
-    """What must be read beside the verdict."""
-    lines = [f"Suspect data: {text}" for text in found.suspect]
+def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
+    """Candidates in three heaps: what explains most and its rivals; what else stands out until that is added; the rest.
+
+    Where nothing is missing everything is in the last.
+    """
+    every = cards(found)
+    first = next((c for c in every if c.first), None)
+    if first is None:
+        return [], [c for c in every if c.significant], [c for c in every if not c.significant]
+    near = [first, *(c for c in every if c.title in first.rivals and c.significant)]
+    return near, [c for c in every if c.significant and c not in near], [c for c in every if not c.significant]
+
+
+def asides(state: State, found: Diagnosis) -> list[str]:
+    """What must be read beside the verdict; holes that the user made are no news."""
+    cut = bool(state.left_out) or state.held_out is not None
+    lines = [f"Suspect data: {text}" for text in found.suspect if not (cut and ": nothing was read for" in text)]
     lines += [f"{d.sentence}." for d in found.dropped]
-    lines += [f"{test.sentence} It acts on noise, so it is not added to the model." for test in found.channels]
+    for test in found.channels:
+        told = test.sentence.rstrip(".")
+        noise = "" if test.effect == "whiteness" else " It acts on noise, so it is not added to the model."
+        lines.append(f"{told[:1].upper()}{told[1:]}.{noise}")
     if "time_offset" in found.effects:
         lines.append("The output is late by more than was declared; the model estimates that already (time offset).")
     return lines

@@ -47,12 +47,12 @@ def show(page: Page) -> None:
                 drop(page, "Drop a held-out recording here", other=True)
         with ui.element("div").classes("stack"):
             with parts.card("The recording"):
-                ui.label("Drag over the picture to choose a stretch; double-click to see all.").classes("note")
+                ui.label("Drag over the picture to choose a stretch to hold out or to leave out.").classes("note")
                 key = ("data", id(state.recording), state.held_out, state.left_out)
                 page.pictures(
                     key,
                     lambda theme: [pictures.data(state, theme)],
-                    prepare=lambda plot: brushing(page, plot),
+                    prepare=lambda plot, redraw: brushing(page, plot),
                     height=420,
                 )
             with parts.card("Data check"):
@@ -129,7 +129,10 @@ def check(page: Page) -> None:
     for severity, kind in (("warning", "warning"), ("note", "note")):
         parts.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
     if seen["assumptions"]:
-        with ui.expansion(f"{len(seen['assumptions'])} things are assumed", icon="help_outline").classes("full"):
+        count = len(seen["assumptions"])
+        with ui.expansion(f"{count} thing{'s are' if count > 1 else ' is'} assumed", icon="help_outline").classes(
+            "full"
+        ):
             parts.lines(seen["assumptions"])
 
 
@@ -144,7 +147,7 @@ def columns(page: Page) -> None:
         ui.label(bench.plain(str(error))).classes("trouble")
         return
     roles, names, units = [], [], []
-    rows = []
+    rows: list[list[parts.Cell]] = []
     for one in found:
         known = one.channel if one.channel in (*mapping.ESSENTIAL, mapping.NOT_USED) else "other"
 
@@ -194,10 +197,8 @@ def brushing(page: Page, plot: ui.plotly) -> None:
         span = next((v for k, v in ((event.args or {}).get("range") or {}).items() if k.startswith("x")), None)
         if span:
             page.brushed = (round(min(span), 4), round(max(span), 4))
-            fields = getattr(page, "fields", None)
-            if fields is not None:
-                for field, value in zip(fields, page.brushed, strict=True):
-                    field.set_value(value)
+            for field, value in zip(page.fields, page.brushed, strict=False):
+                field.set_value(value)
 
     plot.on("plotly_selected", selected, ["range"])
 

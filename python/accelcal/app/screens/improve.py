@@ -13,6 +13,9 @@ from accelcal.plots import style
 if TYPE_CHECKING:
     from accelcal.app.page import Page
 
+LIMITS = 6
+"""Detection limits that are spelled out at once."""
+
 
 def show(page: Page) -> None:
     """Build the screen."""
@@ -38,7 +41,10 @@ def show(page: Page) -> None:
                     ui.label(f"Faint: before {state.step.label}.").classes("note")
                 page.pictures(
                     ("left", state.current),
-                    lambda theme: [pictures.residual(state, theme), pictures.one_step(state, theme)],
+                    lambda theme: [
+                        pictures.residual(state, page.bench.before(), theme),
+                        pictures.one_step(state, theme),
+                    ],
                     height=620,
                 )
             with parts.card("Unaided drift"):
@@ -49,15 +55,20 @@ def show(page: Page) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    climbed = pictures.ladder(state)
+    climbed, found = pictures.ladder(state), page.bench.diagnosis
     now, floor = climbed.errors[-1], climbed.floor
     with ui.row().classes("numbers"):
         figure("error now", now, "error")
         if len(climbed.errors) > 1:
             figure("before", climbed.errors[-2], "before")
-        figure("noise alone", floor, "floor")
+        unsure = found is None or found.verdict != "adequate"
+        figure("noise, as this model sees it" if unsure else "noise alone", floor, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{climbed.measure[:1].upper()}{climbed.measure[1:]}, on {what}.").classes("note")
+    if found is not None and found.verdict not in ("adequate", "too_short"):
+        ui.label("What a model lacks passes for noise, so its noise line is too high until that is added.").classes(
+            "note"
+        )
 
 
 def figure(name: str, value: float, mark: str) -> None:
@@ -82,17 +93,24 @@ def verdict(page: Page) -> None:
         f"role=status data-verdict={found.verdict}"
     )
     ui.label(words.sentence(found)).classes("verdict-text")
-    parts.lines(words.asides(found), "warning")
+    parts.lines(words.asides(bench.state, found), "warning")
     if found.verdict == "adequate":
         ui.label("Nothing missing larger than").classes("strong")
-        parts.lines(words.limits(found))
+        parts.table(["effect", "would have been seen from"], words.limits(found)[:LIMITS], "Detection limits")
+        if words.limits(found)[LIMITS:]:
+            with ui.expansion("More limits", icon="list").classes("full"):
+                parts.table(["effect", "from"], words.limits(found)[LIMITS:], "More detection limits")
     if nothing:
         made = parts.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
-    offered = [c for c in words.cards(found) if c.significant]
-    for one in offered:
+    near, further, rest = words.offered(found)
+    for one in near:
         candidate(page, one)
-    rest = [c for c in words.cards(found) if not c.significant]
+    if further:
+        text = f"{len(further)} more stand out, most of them only until the right one is added"
+        with ui.expansion(text, icon="playlist_add").classes("full"):
+            for one in further:
+                candidate(page, one)
     if rest:
         with ui.expansion(f"Looked at, no evidence: {len(rest)} of the best others", icon="list").classes("full"):
             for one in rest:
@@ -143,7 +161,7 @@ def tree(page: Page) -> None:
         value = step.heldout.simulated_rms if horizon is None else step.heldout.coast_rms[horizon]
         here = step.key == state.current
         text = f"{step.label.replace('_', ' ')} · {'too short' if value is None else style.length(value)}"
-        made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked")
+        made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
         made.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
         made.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")
         made.style(f"margin-left: {18 * depth[step.key]}px")

@@ -39,7 +39,7 @@ def parameters(page: Page) -> None:
     """Every parameter with its uncertainty, and a button that holds or releases it."""
     step = page.bench.state.step
     assert step is not None
-    rows = []
+    rows: list[list[parts.Cell]] = []
     for e in step.fit.estimates:
         held = e.name in step.fit.model.fixed
 
@@ -55,7 +55,7 @@ def parameters(page: Page) -> None:
                 )
                 return
             with ui.row().classes("line tight"):
-                value = ui.input(value=f"{e.value:.6g}").props(
+                value = ui.input(value=f"{e.value:.4g}").props(
                     f'dense outlined aria-label="Value at which {parts.attribute(words.title(e.name))} is held"'
                 )
 

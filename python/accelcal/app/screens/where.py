@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nicegui import run, ui
@@ -29,7 +29,9 @@ def show(page: Page) -> None:
         ui.label(
             "Drag to zoom: every panel follows, and the traces are thinned anew. Double-click to see all."
         ).classes("note")
-        page.pictures(("linked", state.current), make, prepare=lambda plot: zooming(page, plot), height=600)
+        page.pictures(
+            ("linked", state.current), make, prepare=lambda plot, redraw: zooming(page, plot, redraw), height=600
+        )
     found = bench.diagnosis
     with parts.card("Against every variable"):
         if found is None:
@@ -38,35 +40,35 @@ def show(page: Page) -> None:
                 parts.button("Look for what is missing", "search", lambda: page.act(bench.diagnose), primary=True)
         else:
             worst = found.where.worst
-            ui.label(f"{worst[:1].upper()}{worst[1:]}.").classes("verdict-text")
+            ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
             page.pictures(("where", id(found)), lambda theme: pictures.where(found, theme), height=1500)
     parts.copies(page)
 
 
-def zooming(page: Page, plot: ui.plotly) -> None:
+def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> None:
     """When the time axis changes, the traces are thinned anew for what is seen."""
     bench = page.bench
 
     async def moved(event: Any) -> None:
-        window = window_of(event.args or {})
-        if window is False or window == page.window:
+        heard, window = window_of(event.args or {})
+        if not heard or window == page.window:
             return
         page.window = window
         state, theme = bench.state, page.theme
         fresh = await run.io_bound(lambda: pictures.linked(state, bench.whole(), theme, window))
-        if state is bench.state and not plot.is_deleted:
-            plot.update_figure(fresh.figure)
+        if fresh is not None and state is bench.state and not plot.is_deleted:
+            redraw(fresh)
 
     keys = ["xaxis.autorange"] + [f"xaxis{i or ''}.range[{j}]" for i in ("", *range(2, 8)) for j in (0, 1)]
     plot.on("plotly_relayout", moved, [keys])
 
 
-def window_of(args: dict[str, Any]) -> tuple[float, float] | bool | None:
-    """The part of the time axis that an event speaks of; None for all of it, False where it speaks of something else."""
+def window_of(args: dict[str, Any]) -> tuple[bool, tuple[float, float] | None]:
+    """Whether an event speaks of the time axis, and of which part of it; None for all of it."""
     for i in ("", *range(2, 8)):
         low, high = args.get(f"xaxis{i}.range[0]"), args.get(f"xaxis{i}.range[1]")
         if isinstance(low, int | float) and isinstance(high, int | float):
-            return float(low), float(high)
+            return True, (float(low), float(high))
         if args.get(f"xaxis{i}.autorange"):
-            return None
-    return False
+            return True, None
+    return False, None

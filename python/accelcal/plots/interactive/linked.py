@@ -81,7 +81,7 @@ def linked(
     sheet.dress(
         figure,
         look,
-        "Zoom in one panel and all follow",
+        f"From {low:.5g} s to {high:.5g} s",
         note=sheet.note_of(*drawn),
         height=sheet.BOTTOM + PANEL * rows,
         legend=previous is not None and residual,
