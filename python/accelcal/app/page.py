@@ -20,6 +20,10 @@ if TYPE_CHECKING:
 
 TICK = 0.25
 """s between looks at the workbench."""
+QUIET = """<script>addEventListener("unhandledrejection", event => {
+  if (String(event.reason).includes("Resize must be passed a displayed plot")) event.preventDefault();
+});</script>"""
+"""A plot that is taken off the page while it is being resized has nothing to complain of."""
 SCREENS: dict[str, tuple[str, str, Callable[[Page], None]]] = {
     "data": ("Data", "insert_chart", data.show),
     "improve": ("Improve", "trending_down", improve.show),
@@ -72,6 +76,7 @@ class Page:
         """Lay the frame out and show the first screen."""
         ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
         ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
+        ui.add_head_html(QUIET)
         self.dark = ui.dark_mode()
         with ui.header().classes("bar"):
             ui.label("accelcal").classes("brand")
@@ -87,13 +92,11 @@ class Page:
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline")
             self.said = ui.label().classes("said")
-        with (
-            ui.tabs(value=self.tab, on_change=lambda e: self.go(e.value))
-            .classes("tabs")
-            .props("align=left no-caps") as self.tabs
-        ):
+        self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
+        with self.tabs:
             for name, (title, icon, _) in SCREENS.items():
                 ui.tab(name, title, icon=icon)
+        self.tabs.set_value(self.tab)
         self.body = ui.element("main").classes("body")
         ui.keyboard(on_key=self._key)
         await ui.context.client.connected()
@@ -219,7 +222,7 @@ class Page:
 
         async def work() -> None:
             try:
-                several = list(await run.io_bound(lambda: make(theme)))
+                several = list(await run.io_bound(lambda: make(theme)) or ())
             except (ValueError, ImportError) as error:
                 if turn == self._turn:
                     with box:

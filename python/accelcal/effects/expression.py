@@ -241,7 +241,8 @@ def _try(made: Effect, understood: str) -> None:
     if not np.all(np.isfinite(y)):
         raise ExpressionError(
             f"{understood}: not finite at {2 * PROBE - int(np.isfinite(y).sum())} of {2 * PROBE} instants of an "
-            "ordinary motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs and a constant"
+            "ordinary motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs "
+            "and a constant"
         )
     if math.isclose(float(np.ptp(y)), 0.0) and "t" not in understood:
         raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")

@@ -1,0 +1,339 @@
+"""The workbench without a browser: its numbers are the library's, and no action leaves a half-done state."""
+
+import shlex
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal import io, loop, store
+from accelcal.app import bench as bench_module
+from accelcal.app import mapping, script, words
+from accelcal.app.bench import Busy, Refused, Workbench
+from accelcal.app.state import State
+from accelcal.cli import app as command_line
+
+
+@pytest.fixture
+def bench(tmp_path):
+    (tmp_path / "home").mkdir()
+    return Workbench(tmp_path / "home")
+
+
+@pytest.fixture(scope="module")
+def grown(files, tmp_path_factory):
+    """Return a workbench on the hidden cubic, with base and + cubic; tests must leave it as it is."""
+    made = Workbench(tmp_path_factory.mktemp("grown"))
+    made.load(files / "cubic.csv")
+    made.fit()
+    made.diagnose()
+    made.add("cubic")
+    made.diagnose()
+    assert made.sentence == ""
+    return made
+
+
+def test_numbers_are_those_of_the_library(grown, files):
+    data = ac.load(files / "cubic.csv")
+    a, b = grown.state.held_out
+    train, unseen = data.without((a, b)), data.part(a, b)
+    base = ac.fit(ac.Model.linear(), train)
+    cubic = loop.add(base, train, "cubic")
+    for step, fit in zip(grown.state.path, (base, cubic), strict=True):
+        assert store.to_dict(step.fit) == store.to_dict(fit)
+        assert store.comparison_to_dict(step.heldout) == store.comparison_to_dict(ac.compare(fit, unseen))
+    assert b - a == pytest.approx(loop.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
+
+
+def test_the_held_out_error_falls_to_the_noise(grown):
+    before, after = (s.heldout for s in grown.state.path)
+    # Windows of 1 s: the held-out 12 s hold a dozen that do not overlap, so their rms is known to a fifth.
+    assert after.coast_rms[1.0] < 0.3 * before.coast_rms[1.0]
+    assert after.coast_rms[1.0] < 1.6 * after.coast_floor[1.0]
+
+
+def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
+    first, last = (grown.diagnoses[(s.key, 0)] for s in grown.state.path)
+    near, _, _ = words.offered(first)
+    assert near[0].effect == "cubic"
+    assert near[0].significant
+    assert last.verdict == "adequate"
+    assert words.offered(last)[:2] == ([], [])
+    assert not words.may_add(grown.state, last)
+    assert words.limits(last)[0][0] == "quadratic"
+
+
+def test_nothing_is_offered_where_nothing_is_missing(bench, files):
+    # False-alarm rate of a record: alpha = 0.005; its sister is the test above.
+    bench.load(files / "null.csv")
+    bench.fit()
+    bench.diagnose()
+    assert bench.diagnosis.verdict == "adequate"
+    assert not words.may_add(bench.state, bench.diagnosis)
+
+
+def test_undo_redo_remove_and_branch(bench, files):
+    bench.load(files / "cubic.csv")
+    bench.fit("cubic")
+    both = bench.state
+    bench.drop("quadratic")
+    assert bench.state.step.fit.model.added == ("cubic",)
+    assert bench.state.step.label == "− quadratic"
+    bench.undo()
+    assert bench.state is both
+    bench.redo()
+    assert bench.state.step.fit.model.added == ("cubic",)
+    bench.look_at(both.current)
+    bench.drop("cubic")
+    base, *branches = bench.state.steps
+    assert {s.parent for s in branches} == {base.key}
+    assert [s.label for s in bench.state.path] == ["base", "− cubic"]
+    before = bench.state
+    bench.drop("nothing")
+    assert "not an added effect" in bench.sentence
+    assert bench.state is before
+
+
+def test_a_parameter_is_held_and_released(grown, files, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    bench._keys = iter(range(100, 200))
+    bench.freeze("bias", 0.04)
+    held = bench.state.step.fit
+    assert (held["bias"].value, held["bias"].std) == (0.04, 0.0)
+    bench.release("bias")
+    assert bench.state.step.fit["bias"].value == pytest.approx(grown.state.step.fit["bias"].value, abs=1e-7)
+    bench.freeze("nonsense", 1.0)
+    assert bench.sentence == "'nonsense' is not a parameter of this model"
+
+
+def test_another_division_begins_models_anew_and_undo_brings_them_back(grown, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    bench.leave_out(10.0, 5.0)
+    assert bench.state.left_out == ((5.0, 10.0),)
+    assert bench.state.steps == ()
+    t = bench.state.train.position.t
+    assert not np.any((t >= 5.0) & (t <= 10.0))
+    bench.hold_out(0.0, 12.0)
+    assert bench.state.train.position.t[0] > 12.0
+    t = bench.state.unseen.position.t
+    assert not np.any((t >= 5.0) & (t <= 10.0))  # the stretch left out is not judged either
+    bench.take_back(0)
+    t = bench.state.unseen.position.t
+    assert np.any((t >= 5.0) & (t <= 10.0))
+    assert t[-1] == pytest.approx(12.0, abs=0.01)
+    for _ in range(3):
+        bench.undo()
+    assert bench.state is grown.state
+    bench.hold_out(-5.0, 100.0)
+    assert bench.state is grown.state
+    assert "nothing is left" in bench.sentence
+    bench.hold_out(50.0, 60.0)
+    assert "outside the recording" in bench.sentence
+
+
+def test_a_hole_in_the_middle_makes_no_effect(grown, tmp_path):
+    # False-alarm rate of a record: alpha = 0.005; the sister is the cubic, which is seen around the hole.
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    bench.leave_out(8.4, 18.5)
+    bench.fit()
+    bench.diagnose()
+    assert bench.diagnosis.effects[0] == "cubic"
+    bench.add("cubic")
+    bench.diagnose()
+    assert bench.diagnosis.verdict == "adequate"
+
+
+def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    bench.load_other(files / "other.csv")
+    bench.fit()
+    assert bench.state.step.heldout.recording == "other.csv"
+    expected = ac.compare(ac.fit(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))
+    assert bench.state.step.heldout.coast_rms == expected.coast_rms
+
+
+def test_an_own_formula_becomes_a_candidate(bench, files):
+    bench.load(files / "cubic.csv")
+    bench.fit()
+    bench.own_effect("my_cubic_law", "a**3", "(m/s²)⁻²", "output")
+    bench.diagnose()
+    assert "my_cubic_law" in {c.effect for c in bench.diagnosis.scan.candidates}
+    bench.add("my_cubic_law")
+    assert bench.state.step.fit["my_cubic_law"].value == pytest.approx(4e-3, rel=0.01)  # truth; 1 sigma is 0.1 %
+    before = bench.state
+    bench.own_effect("evil", "__import__('os').system('true')", "1", "output")
+    assert "allowed are numbers" in bench.sentence
+    assert bench.state is before
+
+
+@pytest.mark.parametrize("name", ["bad.csv", "binary.csv"])
+def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
+    drawer = bench.drawer()
+    path = bench.accept(name, drawer)
+    path.write_bytes((files / name).read_bytes())
+    done = subprocess.run(
+        [sys.executable, "-m", "accelcal", "check", name], cwd=drawer, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 3
+    bench.load(path)
+    assert (bench.state.trouble or bench.sentence) == done.stderr.strip().removeprefix("accelcal: ")
+    assert bench.state.recording is None
+
+
+def test_columns_are_mapped_by_hand(bench, files):
+    bench.load(files / "odd.csv")
+    assert "no column for accel" in bench.state.trouble
+    text = mapping.text_of(bench.state.file, bench.state.sidecar)
+    chosen = [
+        mapping.Choice("stamp", "time", "s"),
+        mapping.Choice("sensor", "accel", "m/s^2"),
+        mapping.Choice("scale", "position", "mm"),
+    ]
+    bench.load(bench.state.file, mapping.sidecar_from(text, chosen))
+    assert bench.sentence == bench.state.trouble == ""
+    original = io.load(files / "other.csv")
+    np.testing.assert_allclose(bench.state.recording.position.y, original.position.y, atol=1e-11)  # nine digits of mm
+    assert not io.sidecar_of(files / "odd.csv").exists()  # what the user chose stays in the folder of the workbench
+    twice = [mapping.Choice("stamp", "time", "s"), mapping.Choice("sensor", "time", "s")]
+    with pytest.raises(ac.RecordingError, match=r'"stamp" and "sensor" are both time'):
+        mapping.sidecar_from(text, twice)
+
+
+def test_an_uploaded_name_cannot_leave_its_drawer(bench):
+    drawer = bench.drawer()
+    for name in (
+        "../../etc/cron.csv",
+        "..\\..\\x.csv",
+        "/abs/y.csv",
+        "....//z.csv",
+        ".hidden.csv",
+        "a\0b.csv",
+        "~/q.csv",
+    ):
+        path = bench.accept(name, drawer)
+        assert path.parent == drawer
+        assert path.resolve().parent == drawer.resolve()
+    for name in ("x.py", "x.pkl", "x", "../..", ""):
+        with pytest.raises(Refused, match="drop a recording"):
+            bench.accept(name, drawer)
+    assert bench.drawer() != drawer  # an older sidecar never lies beside a newer recording
+
+
+def test_sizes_are_limited_with_a_sentence(bench, files, monkeypatch):
+    monkeypatch.setattr(bench_module, "MOST_BYTES", 1000)
+    bench.load(files / "cubic.csv")
+    assert "the workbench takes 0 MB" in bench.sentence
+    monkeypatch.setattr(bench_module, "MOST_BYTES", 10**9)
+    monkeypatch.setattr(bench_module, "MOST_SAMPLES", 100)
+    bench.load(files / "cubic.csv")
+    assert "samples; the workbench takes 100" in (bench.sentence or bench.state.trouble)
+
+
+def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
+    bench.load(files / "cubic.csv")
+    before = bench.state
+    begun, go_on = threading.Event(), threading.Event()
+
+    def work(state, report):
+        report(0.5)
+        begun.set()
+        go_on.wait(10.0)
+        return State()
+
+    thread = threading.Thread(target=bench._do, args=("long work", work))
+    thread.start()
+    begun.wait(10.0)
+    assert bench.job.title == "long work"
+    assert bench.job.share == 0.5
+    with pytest.raises(Busy, match="Please wait: long work"):
+        bench.fit()
+    bench.undo()
+    assert bench.state is before  # not while something is under way
+    bench.cancel()
+    assert bench.job is None
+    go_on.set()
+    thread.join(10.0)
+    assert bench.state is before
+    assert bench.sentence == "Cancelled; nothing was changed."
+
+
+def test_work_hears_of_a_cancellation_while_it_runs(bench, files):
+    bench.load(files / "cubic.csv")
+    seen = []
+
+    def work(state, report):
+        fit = ac.fit(ac.Model.linear(), state.train)
+
+        def heard(share):
+            seen.append(share)
+            if share > 0.3:
+                bench.cancel()
+            report(share)
+
+        return loop.diagnose(fit, state.train, report=heard)
+
+    bench._do("diagnosing", work)
+    assert max(seen) < 0.6  # it ended at the next report, long before the end
+
+
+def test_workbenches_do_not_touch_each_other(files, tmp_path):
+    (tmp_path / "one").mkdir()
+    (tmp_path / "two").mkdir()
+    one, two = Workbench(tmp_path / "one"), Workbench(tmp_path / "two")
+    one.load(files / "cubic.csv")
+    two.load(files / "null.csv")
+    one.fit()
+    assert two.state.steps == ()
+    two.fit()
+    two.undo()
+    assert one.state.step is not None
+    assert one.state.recording.name == "cubic.csv"
+
+
+def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_path):
+    for name in ("cubic.csv", "cubic.toml"):
+        (tmp_path / name).write_bytes((files / name).read_bytes())
+    text = script.python(grown.state)
+    done = subprocess.run(
+        [sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert str(grown.state.step.heldout.coast_rms) in done.stdout
+    assert "Nothing is missing" in done.stdout
+    assert store.to_dict(store.load(tmp_path / "model.json")) == store.to_dict(grown.state.step.fit)
+
+    runner = CliRunner()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        for line in script.command_line(grown.state).splitlines():
+            words_ = shlex.split(line)
+            if words_[1] == "report":
+                continue
+            ran = runner.invoke(command_line, words_[1:])
+            assert ran.exit_code == 0, (line, ran.output)
+    # Written and read again as text: a CSV keeps all digits, so only the digests differ.
+    again = store.load(tmp_path / "m1.json")
+    assert again["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
+
+
+def test_model_and_report_are_taken_away(grown, tmp_path):
+    path = tmp_path / "m.json"
+    path.write_text(grown.model_text())
+    assert store.load(path)["cubic"].value == grown.state.step.fit["cubic"].value
+    page = grown.report()
+    text = page.read_text()
+    assert "cubic" in text
+    assert "src=http" not in text.replace('"', "")
+
+
+def test_the_example_has_something_to_find(bench):
+    bench.example()
+    assert bench.state.recording.name == "example.csv"
+    assert bench.sentence == ""

@@ -1,0 +1,89 @@
+"""The server listens on this machine alone, answers to its own name alone, and keeps work apart."""
+
+import http.client
+import os
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from accelcal.app.server import HOST, MOST, Benches, free_port
+
+pytest.importorskip("nicegui")
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory):
+    """Run the workbench as a user would; return its port and process."""
+    port = free_port(18765)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(port)],
+        cwd=tmp_path_factory.mktemp("server"),
+        env={name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    for _ in range(240):
+        with socket.socket() as probe:
+            if probe.connect_ex((HOST, port)) == 0:
+                break
+        time.sleep(0.25)
+    yield port, process
+    process.terminate()
+    process.wait(20)
+
+
+def asked(port, path="/", host=None):
+    """Answer to one request: status, headers, text."""
+    connection = http.client.HTTPConnection(HOST, port, timeout=20)
+    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    answer = connection.getresponse()
+    return answer.status, dict(answer.getheaders()), answer.read().decode(errors="replace")
+
+
+def test_only_loopback_listens(server):
+    port, _ = server
+    found = []
+    for table in ("/proc/net/tcp", "/proc/net/tcp6"):
+        rows = [line.split() for line in Path(table).read_text().splitlines()[1:]]
+        found += [row[1] for row in rows if row[3] == "0A" and int(row[1].rpartition(":")[2], 16) == port]
+    assert found == [f"0100007F:{port:04X}"]  # 127.0.0.1, as the kernel writes it; 0.0.0.0 would be 00000000
+
+
+def test_each_visit_begins_its_own_work(server):
+    places = [asked(server[0])[1]["location"] for _ in range(2)]
+    assert places[0] != places[1]
+    assert all(place.startswith("/bench/") and len(place) > 20 for place in places)
+    status, _, text = asked(server[0], "/bench/nobody")
+    assert status == 200
+    assert "This work is gone" in text
+
+
+def test_a_foreign_name_is_refused(server):
+    assert asked(server[0], host="evil.example")[0] == 400
+    assert asked(server[0], host=f"127.0.0.1:{server[0]}")[0] in (302, 307)
+
+
+@pytest.mark.parametrize("path", ["/../../etc/passwd", "/bench/../../../etc/passwd", "/_nicegui/../../../etc/passwd"])
+def test_no_path_leads_out(server, path):
+    assert "root:" not in asked(server[0], path)[2]
+
+
+def test_old_work_makes_room(tmp_path):
+    benches = Benches(tmp_path)
+    names = [benches.new() for _ in range(MOST)]
+    benches.find(names[0])
+    benches.new()
+    assert benches.find(names[0]) is not None
+    assert benches.find(names[1]) is None
+    assert not (tmp_path / names[1]).exists()
+
+
+def test_a_taken_port_is_passed_over():
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        port = taken.getsockname()[1]
+        assert free_port(port) != port
