@@ -1,10 +1,11 @@
-"""The whole loop in Chromium: drop, fit, Add, the error falls, undo, reload, a second tab; nothing leaves the machine."""
+"""The whole loop in Chromium: drop, fit, Add, the error falls, undo, reload, a second tab; no request goes out."""
 
 import json
 import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -16,7 +17,7 @@ from .test_server import HOST, server  # noqa: F401  (the fixture that runs the 
 CHROMIUM = shutil.which("chromium")
 REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
-LONG = 90_000
+LONG = 60_000
 """ms; a loaded machine takes its time."""
 
 
@@ -85,7 +86,9 @@ def expected(files, name="cubic"):
     train, unseen = data.without((split, end)), data.part(split, end)
     base = ac.fit(ac.Model.linear(), train)
     fits = [base, loop.add(base, train, "cubic")]
-    return [ac.compare(one, unseen).coast_rms[10.0] for one in fits]
+    drifts = [ac.compare(one, unseen).coast_rms for one in fits]
+    horizon = max(h for h, value in drifts[0].items() if value is not None)
+    return [drift[horizon] for drift in drifts]
 
 
 def test_the_loop_from_drop_to_report(tab, files):
@@ -118,12 +121,12 @@ def test_the_loop_from_drop_to_report(tab, files):
     tab.get_by_role("tab", name="Take away").click()
     with tab.expect_download(timeout=LONG) as model:
         tab.get_by_role("button", name="Model (.json)").click()
-    content = json.loads(open(model.value.path()).read())
+    content = json.loads(Path(model.value.path()).read_text(encoding="utf-8"))
     assert content["model"]["effects"][-1] == "cubic"
     with tab.expect_download(timeout=LONG) as report:
         tab.get_by_role("button", name="Report (.html)").click()
     assert report.value.suggested_filename == "cubic.html"
-    assert "cubic" in open(report.value.path(), encoding="utf-8").read()
+    assert "cubic" in Path(report.value.path()).read_text(encoding="utf-8")
 
 
 def test_nothing_missing_offers_nothing(tab, files):
@@ -176,10 +179,11 @@ def test_a_stretch_is_chosen_by_brushing(tab, files):
 
 
 def test_long_work_is_cancelled(tab, files):
-    load(tab, files, "cubic")
+    load(tab, files, "long")
     tab.get_by_role("button", name="Fit the linear model").click()
     tab.get_by_role("button", name="Cancel").click(timeout=LONG)
     tab.get_by_text("Cancelled; nothing was changed.").wait_for(timeout=LONG)
+    tab.get_by_role("tab", name="Data").click()
     fit(tab)
     assert number(tab, "error") > 0.0
 

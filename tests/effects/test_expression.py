@@ -81,10 +81,8 @@ def test_anything_but_arithmetic_is_refused(text):
         ("-2.5*p**2 + (a - v)/4", lambda s: -2.5 * s.p**2 + (s.a - s.v) / 4.0),
         ("tanh(v/0.01)*exp(-abs(p))", lambda s: np.tanh(s.v / 0.01) * np.exp(-np.abs(s.p))),
         ("sqrt(abs(a)) - log(1 + v**2) + +jerk", lambda s: np.sqrt(np.abs(s.a)) - np.log(1 + s.v**2) + s.jerk),
-        (
-            "sin(3*t)*arctan(a)*cos(p)*sign(v) + t",
-            lambda s: np.sin(3 * s.t) * np.arctan(s.a) * np.cos(s.p) * np.sign(s.v) + s.t,
-        ),
+        ("sin(3*t)*arctan(a)*cos(p) + t", lambda s: np.sin(3 * s.t) * np.arctan(s.a) * np.cos(s.p) + s.t),
+        ("sign(v)*tan(p)", lambda s: np.sign(s.v) * np.tan(s.p)),
         ("humidity*a", lambda s: s.side["humidity"] * s.a),
     ],
 )
@@ -105,7 +103,7 @@ def test_a_formula_means_what_it_says_here_and_in_its_file(tmp_path, text, law):
 
 @pytest.mark.parametrize("text", ["1/v", "log(a)", "sqrt(a)", "1/(a - a)", "2", "v - v + 1"])
 def test_what_is_not_finite_or_never_changes_is_refused(text):
-    with pytest.raises(ExpressionError, match="not finite|constant"):
+    with pytest.raises(ExpressionError, match=r"not finite|constant"):
         from_expression("probe_of_mine", text)
 
 

@@ -29,7 +29,8 @@ def show(page: Page) -> None:
             async def report() -> None:
                 path = await page.act(bench.report)
                 if path is not None:
-                    ui.download.file(path, f"{stem}.html")
+                    with page.body:  # the button that was pressed has been built anew meanwhile
+                        ui.download.file(path, f"{stem}.html")
 
             parts.button("Report (.html)", "article", report)
         text = mapping.text_of(state.file, state.sidecar)
