@@ -134,7 +134,7 @@ class Page:
 
     def go(self, tab: str) -> None:
         """Show another screen."""
-        if tab != self.tab or self._seen < 0:
+        if tab != self.tab:
             self.tab = tab
             self.rebuild()
 
