@@ -133,11 +133,6 @@ def coasting(state: State, theme: ThemeName) -> Picture:
     return picture(interactive.coasting(state.step.heldout, theme=theme))
 
 
-def ranking(found: Diagnosis, theme: ThemeName) -> Picture:
-    """Candidates with brackets."""
-    return picture(interactive.ranking(found, theme=theme), displayModeBar=False)
-
-
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:
     """Where the model fails on what it was fitted to."""
     seen = found.where

@@ -58,7 +58,7 @@ def command_line(state: State) -> str:
     """The same in a shell."""
     if state.file is None or state.recording is None:
         return "# load a recording first\n"
-    run = shlex.quote(state.file.name if not state.file.is_absolute() else str(_shown(state.file)))
+    run = shlex.quote(state.file.name)
     rig = f" --rig {shlex.quote(state.file.stem + '.toml')}" if state.sidecar is not None else ""
     lines = [f"accelcal check {run}{rig}"]
     only = f" --only {state.used[0]!r}:{state.used[1]!r}" if state.breaks else ""
@@ -81,10 +81,6 @@ def command_line(state: State) -> str:
         lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
         lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")
     return "\n".join(lines) + "\n"
-
-
-def _shown(path: Path) -> str:
-    return path.name
 
 
 def _quoted(path: Path) -> str:
