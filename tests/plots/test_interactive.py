@@ -77,6 +77,7 @@ class Story:
             "shape": interactive.shape(shapes(self.shaped), theme=theme),
             "power_of": interactive.power_of(self.power, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
+            "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }
 
 
