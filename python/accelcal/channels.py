@@ -800,12 +800,13 @@ def line(
     if coarse(seen) and amplitude * seen.rc_gain(frequency) < STEP_LINE * seen.lsb:
         p_value = 1.0  # steps crossed by a periodic motion make lines of their own
     span = float(t[-1] - t[0])
+    within = frequency < seen.signals.cutoff
     parts = {
         "frequency": frequency,
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
         "follows_motion": float(follows),
-        "within_motion": float(frequency < seen.signals.cutoff),
-        "made_by_motion": float(p_value < ALARM and driven(seen.signals, frequency)),
+        "within_motion": float(within),
+        "made_by_motion": float(within and p_value < ALARM and driven(seen.signals, frequency)),
     }
     text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < ALARM else "no line stands out"
     return ChannelFinding("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)

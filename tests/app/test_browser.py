@@ -1,8 +1,6 @@
 """The whole loop in Chromium: drop, fit, Add, the error falls, undo, reload, a second tab; no request goes out."""
 
 import json
-import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,27 +12,8 @@ from accelcal import loop
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 
-CHROMIUM = shutil.which("chromium")
-REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 LONG = 60_000
 """ms; a loaded machine takes its time."""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        if REQUIRED:
-            pytest.fail("chromium is required here (ACCELCAL_REQUIRE_BROWSER=1) and is not installed")
-        reason = "chromium is not installed; apt-get install chromium to run the browser tests"
-        print(reason)
-        pytest.skip(reason)
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        opened = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield opened
-        opened.close()
 
 
 @pytest.fixture

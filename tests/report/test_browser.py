@@ -1,15 +1,8 @@
 """The page in Chromium, with no network: it draws everything, complains of nothing, and no text runs into another."""
 
-import os
-import shutil
-
 import pytest
 
 from accelcal import report
-
-CHROMIUM = shutil.which("chromium")
-REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
-FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 
 BOXES = """() => [...document.querySelectorAll('.plot')].map(plot => {
   const frame = plot.getBoundingClientRect();
@@ -21,22 +14,6 @@ BOXES = """() => [...document.querySelectorAll('.plot')].map(plot => {
               top: r.top - frame.top, bottom: r.bottom - frame.top}; });
   return {name: plot.id, width: frame.width, height: frame.height, texts: seen};
 })"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        if REQUIRED:
-            pytest.fail("chromium is required here (ACCELCAL_REQUIRE_BROWSER=1) and is not installed")
-        reason = "chromium is not installed; apt-get install chromium to run the browser tests"
-        print(reason)
-        pytest.skip(reason)
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as play:
-        opened = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")

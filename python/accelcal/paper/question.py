@@ -124,7 +124,8 @@ def windage(plan: Plan, runs: int) -> Drifts:
             simulate(motion, seconds=SECONDS, rig=rig, parameters=BASE, rng=rng)
             for motion, rig in (("moves", CXL02_RIG), ("interleaved", quiet(CXL02_RIG)))
         ]
-        train, test = (with_effect(one, effect, WINDAGE, {}, Run(made[0].recording).origins) for one in made)
+        origins = Run(made[0].recording).origins
+        train, test = (with_effect(one, effect, WINDAGE, {}, origins) for one in made)
         linear, cubic = fit(Model.linear(), train), fit(Model.cubic(), train)
         loop = improve(train, holdout=test)
         last = loop.steps[-1].fit

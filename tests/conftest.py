@@ -1,0 +1,27 @@
+"""Debian's Chromium, driven by Playwright: one fixture for every test that opens a page."""
+
+import os
+import shutil
+
+import pytest
+
+CHROMIUM = shutil.which("chromium")
+REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Return a browser; where none is installed the test is skipped with the cure, or fails if one is required."""
+    if CHROMIUM is None:
+        if REQUIRED:
+            pytest.fail("chromium is required here (ACCELCAL_REQUIRE_BROWSER=1) and is not installed")
+        reason = "chromium is not installed; apt-get install chromium to run the browser tests"
+        print(reason)
+        pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        yield opened
+        opened.close()
