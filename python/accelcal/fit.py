@@ -10,11 +10,13 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal.effects import find
 from accelcal.model import Model, Prior, Term
 from accelcal.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
 from accelcal.recording import Array, Recording, RecordingError
 from accelcal.replay import Drive, Flags, Noise, Run, Values
 from accelcal.rig import STANDARD_GRAVITY, Rig
+from accelcal.shaping import Bend, linearised
 from accelcal.signals import Origins, Signals
 
 MAX_ROUNDS = 12
@@ -25,6 +27,10 @@ NOISE_ROUNDS = 5
 """Rounds in which the noise is estimated anew."""
 CONVERGED = 0.01
 """A round that moves every parameter by less than this share of its standard deviation is the last."""
+SHAPE_ROUNDS = 4
+"""Rounds in which shape parameters move."""
+SHAPE_CONVERGED = 0.1
+"""The same for shape parameters, each round of which is a whole fit."""
 COLOURED = 0.15
 """Autocorrelation of innovations beyond which the noise is not the white noise of the model."""
 TRIAL_BANDS = 9
@@ -93,10 +99,12 @@ class Fit:
     """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) that the fit has seen."""
     remarks: tuple[str, ...] = ()
     """Sentences a user must read beside the numbers."""
+    shapes: tuple[Estimate, ...] = ()
+    """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the (first) estimate called `name`."""
-        for estimate in self.estimates:
+        for estimate in (*self.estimates, *self.shapes):
             if estimate.name == name:
                 return estimate
         raise KeyError(f"{name!r} is not a parameter of this fit; it has {', '.join(e.name for e in self.estimates)}")
@@ -192,7 +200,84 @@ def solve_runs(
         bands = [choose_band(model, one) if one.coloured else None for one in solution.passes]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
+    return shaped(solution)
+
+
+def shaped(solution: Solution) -> Solution:
+    """The solution at the shape parameters that the record is most likely at, with their doubt in the covariance."""
+    for _ in range(SHAPE_ROUNDS):
+        bent = Bent.of(solution)
+        if bent is None:
+            return solution
+        solution = replace(solution, covariance=bent.covariance, shapes=bent.estimates)
+        if bent.settled:
+            break
+        moved = bent.moved(solution.model)
+        try:
+            trial = iterate(moved, [p.run for p in solution.passes], [p.band for p in solution.passes])
+        except NotIdentifiable:
+            break
+        if trial.log_likelihood <= solution.log_likelihood:
+            break
+        solution = replace(trial, chosen=solution.chosen)
     return solution
+
+
+@dataclass(frozen=True, slots=True)
+class Bent:
+    """Shape parameters beside the coefficients at a solution, linearised."""
+
+    bends: Sequence[Bend]
+    step: Array
+    """Towards the most likely values, (b,)."""
+    std: Array
+    """(b,)"""
+    covariance: Array
+    """Of the coefficients, the doubt of the shapes included, (m, m)."""
+
+    @classmethod
+    def of(cls, solution: Solution) -> Bent | None:
+        """Normal equations of coefficients and shapes together; None where no shape parameter is free."""
+        layout, passes = solution.layout, solution.passes
+        first = passes[0]
+        assert first.signals is not None
+        bends = linearised(solution.model, first.values, first.signals, first.information)
+        if not bends:
+            return None
+        m, b = len(layout.slots), len(bends)
+        belief = np.array([*layout.prior_information(solution.model), *(one.belief**-2.0 for one in bends)])
+        information, score = np.diag(belief), np.zeros(m + b)
+        score[:m] = belief[:m] * (layout.prior_mean(solution.model) - solution.x)
+        for index, one in enumerate(passes):
+            assert one.signals is not None
+            own = bends if index == 0 else linearised(solution.model, one.values, one.signals, one.information)
+            rows = [*layout.rows(index), *range(m, m + b)]
+            normal = one.normal_equations([*one.terms, *(bend.term for bend in own)])
+            information[np.ix_(rows, rows)] += normal.gram
+            score[rows] += normal.score
+        size = np.sqrt(np.diag(information))
+        inverse = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+        plain = np.linalg.inv(information[:m, :m] / np.outer(size[:m], size[:m])) / np.outer(size[:m], size[:m])
+        # What was added to the covariance for noise that is not white stays.
+        covariance = solution.covariance + inverse[:m, :m] - plain
+        return cls(bends, (inverse @ score)[m:], np.sqrt(np.diag(inverse)[m:]), covariance)
+
+    @property
+    def settled(self) -> bool:
+        """Whether no shape parameter would move by a noticeable share of its standard deviation."""
+        return bool(np.all(np.abs(self.step) < SHAPE_CONVERGED * self.std))
+
+    def moved(self, model: Model) -> Model:
+        """The model one step on."""
+        return model.reshaped(**{b.name: b.moved(float(d)) for b, d in zip(self.bends, self.step, strict=True)})
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Values and standard deviations."""
+        return tuple(
+            Estimate(b.name, b.shape, b.unit, b.value, float(std), find(b.effect).owner)
+            for b, std in zip(self.bends, self.std, strict=True)
+        )
 
 
 def result(solution: Solution) -> Fit:
@@ -230,6 +315,7 @@ def result(solution: Solution) -> Fit:
         rig=runs[0].rig,
         validity=validity(passes),
         remarks=tuple(remarks),
+        shapes=solution.shapes,
     )
 
 
@@ -246,6 +332,13 @@ class Solution:
     converged: bool
     chosen: tuple[float | None, ...] = ()
     """Band of each run that was chosen because its noise is not white, Hz."""
+    shapes: tuple[Estimate, ...] = ()
+    """Shape parameters that were estimated."""
+
+    @property
+    def log_likelihood(self) -> float:
+        """Innovation log-likelihood of all runs."""
+        return sum(one.log_likelihood for one in self.passes)
 
 
 def iterate(
@@ -407,7 +500,7 @@ class Pass:
         self.signals = self.run.signals(self.drive, self.track, self.noise, self.values, self.signals, self.band)
         self.counts: Flags = self.drive.settled(self.run.wait(self.noise))
         self.whitened: Array = self.track.series("e") / np.sqrt(self.track.series("S"))
-        self.normal = self.normal_equations()
+        self.normal = self.normal_equations(self.terms)
 
     def release(self) -> None:
         """Give up filter and signals, which hold most of the memory of a long run; run, noise and values stay."""
@@ -415,14 +508,24 @@ class Pass:
             vars(self).pop(name, None)
         self.signals = None
 
-    def normal_equations(self) -> Normal:
+    def information(self, term: Term) -> float:
+        """What this run tells of the coefficient of one more term, all others known."""
+        return float(self.normal_equations([term]).gram[0, 0])
+
+    @property
+    def log_likelihood(self) -> float:
+        """Of the innovations that count."""
+        y, S = self.whitened[self.counts], self.track.series("S")[self.counts]
+        return float(-0.5 * np.sum(y**2 + np.log(2.0 * np.pi * S)))
+
+    def normal_equations(self, terms: Sequence[Term]) -> Normal:
         """X'X and X'y of this run, stretch by stretch; X itself is never held whole."""
         assert self.signals is not None
-        m = len(self.terms)
+        m = len(terms)
         gram, score = np.zeros((m, m)), np.zeros(m)
         block = self.blocks if self.band is not None else None
         sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
-        for rows, columns in self.run.columns(self.track, self.drive, self.terms, self.signals):
+        for rows, columns in self.run.columns(self.track, self.drive, terms, self.signals):
             kept = self.counts[rows]
             columns = columns[kept]
             gram += columns.T @ columns
@@ -464,7 +567,7 @@ class Pass:
             density, reading = abs(scale) * math.sqrt(2.0 * noise.q), math.sqrt(self.loud.r)
             share = 1.0 / math.sqrt(2.0 * max(1, int(self.blocks[-1])))
             whole = Level(density, share * density, reading, math.nan, int(self.counts.sum()))
-        y, S = self.whitened[self.counts], self.track.series("S")[self.counts]
+        y = self.whitened[self.counts]
         report = NoiseReport(
             noise=noise,
             all=whole,
@@ -482,7 +585,7 @@ class Pass:
             readings=len(run.t),
             samples=len(run.accel.t),
             noise=report,
-            log_likelihood=float(-0.5 * np.sum(y**2 + np.log(2.0 * np.pi * S))),
+            log_likelihood=self.log_likelihood,
             nis=float(np.mean(y**2)) if self.band is None else None,
         )
 

@@ -468,6 +468,7 @@ def improve(
         try:
             model = entering.enter(model)
             grown = advance(model, state)
+            model = grown.solution.model
             verdict, state = judge_model(grown, stretch, extra, alpha), grown
         except (NotIdentifiable, ValueError):
             break

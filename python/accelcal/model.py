@@ -90,7 +90,8 @@ class Model:
     """Base and effects in forward sense: output(t + t0) = (1 + k) a + K0 + sum c_j e_j.
 
     Every coefficient is free unless `fixed` gives its value; `priors` adds belief to free ones. Both go by the name of
-    the coefficient, which is the effect's where it has one column.
+    the coefficient, which is the effect's where it has one column. Shape parameters are estimated from the values in
+    `shapes`, unless `fixed` holds them under the name of effect and parameter (creep.tau).
     """
 
     effects: tuple[str, ...] = BASE
@@ -110,8 +111,9 @@ class Model:
             if missing:
                 raise ValueError(f"{name} needs a value of {', '.join(sorted(missing))}")
         known = {term.name for term in self.terms}
+        curved = {f"{name}.{shape}" for name in self.effects for shape in find(name).shapes}
         for name in (*self.fixed, *self.priors):
-            if name not in known:
+            if name not in known and not (name in curved and name in self.fixed):
                 raise ValueError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
 
     @classmethod
@@ -159,6 +161,7 @@ class Model:
                     f"{name!r} is not an added effect of this model; it has {', '.join(self.added) or 'none'}"
                 )
         gone = {term.name for term in self.terms if term.effect.name in names}
+        gone |= {f"{name}.{shape}" for name in names for shape in find(name).shapes}
         return replace(
             self,
             effects=tuple(n for n in self.effects if n not in names),
@@ -168,8 +171,18 @@ class Model:
         )
 
     def freeze(self, **values: float) -> Model:
-        """Return the model with some coefficients held at given values (SI)."""
-        return replace(self, fixed={**self.fixed, **values})
+        """Return the model with some coefficients or shape parameters (creep.tau) held at given values (SI)."""
+        shapes = {name: dict(shape) for name, shape in self.shapes.items()}
+        for name, value in values.items():
+            effect, _, shape = name.partition(".")
+            if shape in shapes.get(effect, {}):
+                shapes[effect][shape] = value
+        return replace(self, fixed={**self.fixed, **values}, shapes=shapes)
+
+    def reshaped(self, **values: float) -> Model:
+        """Return the model with other values of some shape parameters, by names such as creep.tau."""
+        held = self.freeze(**values)
+        return replace(held, fixed=self.fixed)
 
     def release(self, *names: str) -> Model:
         """Return the model with some held coefficients free again.

@@ -131,7 +131,7 @@ def test_a_play_keeps_its_memory_through_rests():
 
 def test_backlash_knows_the_last_direction_in_rests():
     s = moves()
-    y = find("encoder_backlash").column(s)
+    y = find("encoder_backlash").column(s, width=4e-6)
     phase = np.mod(s.t, 6.0)
     assert np.all(y[s.t < 1.0] == 0.0)
     np.testing.assert_allclose(y[(phase > 2.0) & (phase < 4.0)], 0.5)
@@ -143,8 +143,8 @@ def test_backlash_is_not_written_by_noise_at_rest():
     noise = 1e-7 * np.random.default_rng(3).standard_normal(len(s.t))
     noisy = dataclasses.replace(s, p=s.p + noise, p_std=1e-6)
     phase = np.mod(s.t, 6.0)
-    y = find("encoder_backlash").column(noisy)
-    assert np.all(y[(phase > 2.0) & (phase < 4.0)] > 0.45)
+    y = find("encoder_backlash").column(noisy, width=find("encoder_backlash").shapes["width"].span(noisy)[0])
+    assert np.all(y[(phase > 2.0) & (phase < 4.0)] > 0.4)
 
 
 def test_time_since_reversal_starts_anew_at_each_turn():

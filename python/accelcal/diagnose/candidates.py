@@ -11,6 +11,7 @@ from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.fit import Pass
 from accelcal.model import Model, Term, terms_of
 from accelcal.recording import Array
+from accelcal.shaping import linearised
 
 JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
@@ -76,11 +77,17 @@ def _product(grids: Mapping[str, Array]) -> list[dict[str, float]]:
     return combined
 
 
-def nuisances(one: Pass) -> list[tuple[Term, float]]:
+def nuisances(one: Pass, model: Model) -> list[tuple[Term, float]]:
     """What is known not to be known, with its standard deviation.
+
+    The shape parameters of the effects that are in the model: an effect that mends the shape of one that is there
+    must not be paid for it.
 
     The time constant of the low-pass is carried in every judgement, with the five percent of the delay rule where no
     tolerance is declared: five percent of a millisecond is more than a delay when the motion is fast.
     """
     tolerance = one.run.rig.lowpass_tolerance
-    return [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
+    assert one.signals is not None
+    known = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
+    bends = linearised(model, one.values, one.signals, one.information)
+    return known + [(bend.term, bend.belief) for bend in bends]

@@ -13,7 +13,7 @@ from accelcal.diagnose.candidates import Item, nuisances
 from accelcal.diagnose.carry import Carrier
 from accelcal.diagnose.gains import DEGENERATE, score_gain, variance_gain, without
 from accelcal.fit import Pass
-from accelcal.model import Term
+from accelcal.model import Model, Term
 from accelcal.recording import Array
 
 
@@ -23,9 +23,10 @@ class Known:
     The base is projected out of each run on its own, so no run's offset can pose as an effect in another.
     """
 
-    def __init__(self, one: Pass, base: Sequence[Term]) -> None:
+    def __init__(self, one: Pass, model: Model) -> None:
         self.carrier = Carrier(one)
-        unsure = nuisances(one)
+        unsure = nuisances(one, model)
+        base = [term for term in model.terms if term.name not in model.fixed]
         plain = [term for term in base if term.name not in {other.name for other, _ in unsure}]
         terms = [*plain, *(term for term, _ in unsure)]
         self.belief: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in unsure)])

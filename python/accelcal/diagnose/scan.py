@@ -106,11 +106,10 @@ def scan(
         items = [item for item in items if item.effect.name in names]
         if not items:
             return Scan((), (), 0, 0)
-    base = [t for t in model.terms if t.name not in model.fixed]
     length = max(block_length(one) for one in passes)
     blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
     search_in = Search(len(items), blocks, alpha)
-    runs = [Known(one, base) for one in passes]
+    runs = [Known(one, model) for one in passes]
     report(0.1)
     evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence))

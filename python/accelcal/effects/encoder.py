@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import direction, instants, periods, since
+from accelcal.effects.memory import direction, instants, periods, since, slacks
 from accelcal.recording import Array
 from accelcal.signals import Signals
 
@@ -62,17 +62,19 @@ def encoder_cyclic(s: Signals, period: float) -> Array:
     symbol="d",
     scale=1e-6,
     source="µm, no published figure",
+    shapes={"width": Shape("m", slacks, trials=4, spacing="log")},
     memory=True,
 )
-def encoder_backlash(s: Signals) -> Array:
+def encoder_backlash(s: Signals, width: float) -> Array:
     """Slack between carriage and reading head: the reading depends on the direction of the last move.
 
-    Equation: b = (d/2) sgn v, kept through rests and smooth across a reversal: (p - play(p))/w.
+    Equation: b = (d/2) sgn v, kept through rests and straight across a reversal: d (p - play(p, w))/w; a head that
+    hangs in a plain gap has w = |d|.
     Looks like: two levels of the reading, one for either direction; impulses at reversals.
     Easily confused with: coulomb, hysteresis, velocity.
     Separate by: approaching the same place from both sides, then resting.
     """
-    return 0.5 * direction(s)
+    return 0.5 * direction(s, width)
 
 
 @effect(

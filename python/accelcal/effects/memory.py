@@ -38,11 +38,19 @@ def play(x: Array, width: float, start: float) -> Array:
     return _core.play(np.ascontiguousarray(x), width, start)
 
 
-def direction(s: Signals) -> Array:
-    """+1 while the stage travels forwards, -1 backwards, kept through rests, smooth across a reversal; 0 before the
-    first move."""
-    width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
+def direction(s: Signals, width: float | None = None) -> Array:
+    """+1 while the stage travels forwards, -1 backwards, kept through rests, straight across a reversal over a travel
+    of `width` (by default as little as noise at rest allows), m; 0 before the first move."""
+    if width is None:
+        width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
     return (s.p - play(s.p, width, float(s.p[0]))) / (0.5 * width)
+
+
+def slacks(s: Signals) -> tuple[float, float]:
+    """Travel within which a slack may close, from what the noise of the position allows to 1 % of the stroke, m."""
+    stroke = float(np.ptp(s.p))
+    least = max(2.0 * CORNER_NOISE * s.p_std, 2e-6 * stroke, TINY)
+    return least, max(2.0 * least, 0.01 * stroke)
 
 
 def held_sign(heading: Array) -> Array:

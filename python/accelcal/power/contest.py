@@ -160,7 +160,7 @@ class Contest:
 
 def evidence_of(one: Pass, model: Model, items: Sequence[Item], *, keep: bool = False) -> Evidence:
     """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return Evidence([Known(one, [t for t in model.terms if t.name not in model.fixed])], items, keep=keep)
+    return Evidence([Known(one, model)], items, keep=keep)
 
 
 def anywhere(items: Sequence[Item], one: Pass) -> list[Item]:
