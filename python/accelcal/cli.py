@@ -1107,7 +1107,7 @@ def show_fit(found: Fit, recording: Recording) -> None:
 
     console = Console()
     table = Table("parameter", "value (std)", "unit", "95 % interval", "usual unit", "what it really is here", box=None)
-    for e in found.estimates:
+    for e in (*found.estimates, *found.shapes):
         name = e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]"
         value = f"{ufloat(e.value, e.std):.2uS}" if e.std > 0.0 else f"{e.value:.6g} (held)"
         interval = f"{e.value - 1.96 * e.std:.6g} .. {e.value + 1.96 * e.std:.6g}" if e.std > 0.0 else ""

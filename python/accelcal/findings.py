@@ -14,7 +14,7 @@ from accelcal.gating import Dropped
 from accelcal.importance import Importance, Size
 from accelcal.loop import Diagnosis, Improvement, Tie
 from accelcal.rig import STANDARD_GRAVITY
-from accelcal.store import comparison_to_dict, to_dict
+from accelcal.store import comparison_to_dict, estimate_to_dict, to_dict
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
 IMPROVE_SCHEMA = "accelcal/improve/1"
@@ -143,13 +143,7 @@ def parameters(found: Diagnosis) -> list[dict[str, Any]]:
     at_encoder = {term.name for term in found.fit.model.terms if term.port == "position"}
     return [
         {
-            "name": e.name,
-            "symbol": e.symbol,
-            "unit": e.unit,
-            "value": e.value,
-            "std": e.std,
-            "owner": e.owner,
-            "run": e.run,
+            **estimate_to_dict(e),
             "largest_contribution": sizes(Size(found.largest[e.name], e.name in at_encoder), range_),
         }
         for e in found.fit.estimates
@@ -182,6 +176,7 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
             for step in found.steps
         ],
         "parameters": parameters(last),
+        "shapes": [estimate_to_dict(e) for e in last.fit.shapes],
         "channels": [channel(test) for test in last.channels],
         "detection_limits": detection_limits(last),
         "candidates_examined": found.examined,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -27,7 +27,7 @@ NOISE_ROUNDS = 5
 """Rounds in which the noise is estimated anew."""
 CONVERGED = 0.01
 """A round that moves every parameter by less than this share of its standard deviation is the last."""
-SHAPE_ROUNDS = 4
+SHAPE_ROUNDS = 6
 """Rounds in which shape parameters move."""
 SHAPE_CONVERGED = 0.1
 """The same for shape parameters, each round of which is a whole fit."""
@@ -205,11 +205,10 @@ def solve_runs(
 
 def shaped(solution: Solution) -> Solution:
     """The solution at the shape parameters that the record is most likely at, with their doubt in the covariance."""
+    bent = Bent.of(solution)
     for _ in range(SHAPE_ROUNDS):
-        bent = Bent.of(solution)
         if bent is None:
             return solution
-        solution = replace(solution, covariance=bent.covariance, shapes=bent.estimates)
         if bent.settled:
             break
         moved = bent.moved(solution.model)
@@ -220,7 +219,8 @@ def shaped(solution: Solution) -> Solution:
         if trial.log_likelihood <= solution.log_likelihood:
             break
         solution = replace(trial, chosen=solution.chosen)
-    return solution
+        bent = Bent.of(solution)
+    return solution if bent is None else replace(solution, covariance=bent.covariance, shapes=bent.estimates)
 
 
 @dataclass(frozen=True, slots=True)
@@ -315,8 +315,16 @@ def result(solution: Solution) -> Fit:
         rig=runs[0].rig,
         validity=validity(passes),
         remarks=tuple(remarks),
-        shapes=solution.shapes,
+        shapes=(*solution.shapes, *held_shapes(model)),
     )
+
+
+def held_shapes(model: Model) -> Iterator[Estimate]:
+    """Shape parameters that the model holds."""
+    for name, value in model.fixed.items():
+        effect, _, shape = name.partition(".")
+        if effect in model.effects and shape in find(effect).shapes:
+            yield Estimate(name, shape, find(effect).shapes[shape].unit, value, 0.0, find(effect).owner)
 
 
 @dataclass(frozen=True, slots=True)

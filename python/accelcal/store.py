@@ -60,19 +60,8 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
                 if e not in HOUSE and not e.text
             },
         },
-        "parameters": [
-            {
-                "name": e.name,
-                "symbol": e.symbol,
-                "unit": e.unit,
-                "value": e.value,
-                "std": e.std,
-                "owner": e.owner,
-                "run": e.run,
-                "stands_for": tied_sum(fit, e.name),
-            }
-            for e in fit.estimates
-        ],
+        "parameters": [{**estimate_to_dict(e), "stands_for": tied_sum(fit, e.name)} for e in fit.estimates],
+        "shapes": [estimate_to_dict(e) for e in fit.shapes],
         "covariance": {
             "names": [e.name if e.run is None else f"{e.name}[{e.run}]" for e in fit.free],
             "matrix": fit.covariance.tolist(),
@@ -97,6 +86,24 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         "remarks": list(fit.remarks),
         "seed": seed,
     }
+
+
+def estimate_to_dict(e: Estimate) -> dict[str, Any]:
+    """One parameter with its standard uncertainty."""
+    return {
+        "name": e.name,
+        "symbol": e.symbol,
+        "unit": e.unit,
+        "value": e.value,
+        "std": e.std,
+        "owner": e.owner,
+        "run": e.run,
+    }
+
+
+def estimate_from_dict(p: Mapping[str, Any]) -> Estimate:
+    """What :func:`estimate_to_dict` wrote."""
+    return Estimate(p["name"], p["symbol"], p["unit"], float(p["value"]), float(p["std"]), p["owner"], p["run"])
 
 
 def electrical(fit: Fit, rig: Rig) -> dict[str, Any] | None:
@@ -183,10 +190,8 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
             {name: Prior(**prior) for name, prior in model["priors"].items()},
             model["shapes"],
         ),
-        estimates=tuple(
-            Estimate(p["name"], p["symbol"], p["unit"], float(p["value"]), float(p["std"]), p["owner"], p["run"])
-            for p in content["parameters"]
-        ),
+        estimates=tuple(estimate_from_dict(p) for p in content["parameters"]),
+        shapes=tuple(estimate_from_dict(p) for p in content.get("shapes", ())),
         covariance=np.array(content["covariance"]["matrix"], dtype=np.float64),
         runs=tuple(
             RunFit(

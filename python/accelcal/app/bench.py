@@ -509,7 +509,7 @@ def require_parts(state: State) -> None:
 
 def require_parameter(found: Fit, name: str) -> None:
     """Refuse a name that the fit does not have."""
-    if name not in {e.name for e in found.estimates}:
+    if name not in {e.name for e in (*found.estimates, *found.shapes)}:
         raise Refused(f"{name!r} is not a parameter of this model")
 
 

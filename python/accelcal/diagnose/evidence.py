@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +16,13 @@ from accelcal.fit import Pass
 from accelcal.model import Model, Term
 from accelcal.recording import Array
 
+MOST_KEPT = 1 << 23
+"""Sums of a run, all columns together, that are kept for a second look: 67 MB."""
+
+
+APART = 1e6
+"""Time between the starts of two runs as blocks are counted, s."""
+
 
 class Known:
     """What one run says of its base: rows of the base and of the innovations, and how to take the base off.
@@ -25,6 +32,7 @@ class Known:
 
     def __init__(self, one: Pass, model: Model) -> None:
         self.carrier = Carrier(one)
+        self._kept: tuple[Sequence[Term], slice, Array] | None = None
         unsure = nuisances(one, model)
         base = [term for term in model.terms if term.name not in model.fixed]
         plain = [term for term in base if term.name not in {other.name for other, _ in unsure}]
@@ -47,28 +55,33 @@ class Known:
         scaled = (products.T / self.size).T
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
+    def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
+        """Columns stretch by stretch; those of a short run are kept for a second look."""
+        if self._kept is not None and self._kept[0] is terms:
+            yield self._kept[1:]
+            return
+        self._kept = None
+        for rows, Z in self.carrier.stretches(terms):
+            if rows == slice(0, self.carrier.rows) and Z.size <= MOST_KEPT:
+                self._kept = (terms, rows, Z)
+            yield rows, Z
+
     def left(
-        self, terms: Sequence[Term], *, keep: bool, report: Callable[[float], None] = lambda share: None
-    ) -> tuple[Array, Array, Array, Array | None]:
-        """Gram matrix (m, m) and scores (m,) of what the base leaves of columns, the power that they have with it (m,),
-        and if they are kept their rows (m, rows)."""
+        self, terms: Sequence[Term], report: Callable[[float], None] = lambda share: None
+    ) -> tuple[Array, Array, Array, Array]:
+        """What the base leaves of columns: Gram matrix (m, m) and scores (m,), the power that they have with it (m,),
+        and the weights with which it predicts them (base, m)."""
         m = len(terms)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
-        kept = np.empty((m, self.carrier.rows)) if keep else None
-        for rows, Z in self.carrier.stretches(terms):
+        for rows, Z in self.stretches(terms):
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
-            if kept is not None:
-                kept[:, rows] = Z
             report(rows.stop / self.carrier.rows)
         weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
-        if kept is not None:
-            for row, weight in zip(kept, weights.T, strict=True):  # one by one: all at once would take as much again
-                row -= weight @ self.B
-        return G, score, own, kept
+        return G, score, own, weights
 
 
 class Evidence:
@@ -79,38 +92,43 @@ class Evidence:
         runs: Sequence[Known],
         items: Sequence[Item],
         *,
-        keep: bool = False,
         report: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.items = items
-        terms = [term for item in items for term in item.terms]
+        self.runs = runs
+        self.terms = [term for item in items for term in item.terms]
         edges = np.cumsum([0, *(item.effect.width for item in items)])
         self.columns = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        m = len(terms)
+        m = len(self.terms)
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
         self.own: Array = np.zeros(m)
         """Power of each column before the base is taken out."""
         self.motion = sum(known.motion for known in runs)
-        rows: list[Array] = []
+        self._weights: list[Array] = []
         for known in runs:
-            G, c, own, left = known.left(terms, keep=keep, report=report)
+            G, c, own, weights = known.left(self.terms, report)
             self.G += G
             self.own += own
             self.c += c
-            if left is not None:
-                rows.append(left)
-        self.X: Array = (rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)).T if rows else np.empty((0, m))
-        """Rows of the columns with the base taken out, if they are kept, (rows, m)."""
-        self.y: Array = np.concatenate([known.y - known.wy @ known.B for known in runs]) if keep else np.empty(0)
-        """Innovations with the base taken out, if they are kept, (rows,)."""
-        clocks = [known.carrier.times for known in runs] if keep else []
-        self.t: Array = np.concatenate([t - t[0] + 1e6 * number for number, t in enumerate(clocks)] or [np.empty(0)])
-        """Time of each row within its run, runs far apart, s."""
+            self._weights.append(weights)
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
         self._positive: NDArray[np.bool_] = np.array([item.effect.positive for item in items], dtype=np.bool_)
         self._after: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
+
+    def rows(self) -> Iterator[tuple[Array, Array, Array]]:
+        """A second look at the rows that the Gram matrix was summed from, the base taken out, stretch by stretch.
+
+        Yields
+        ------
+        Time of each row, runs far apart, s; the innovations, (rows,); the columns, (m, rows).
+        """
+        for number, (known, weights) in enumerate(zip(self.runs, self._weights, strict=True)):
+            t = known.carrier.times - known.carrier.times[0] + number * APART
+            for rows, Z in known.stretches(self.terms):
+                B = known.B[:, rows]
+                yield t[rows], known.y[rows] - known.wy @ B, Z - weights.T @ B
 
     def after(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Gram matrix and scores once some items have entered: constant coefficients first, then wandering states.

@@ -116,7 +116,7 @@ def scan(
     report(0.65)
     refined = refine(runs, items, finalists)
     report(0.8)
-    final = Evidence(runs, refined, keep=True)
+    final = Evidence(runs, refined)
     report(0.9)
     robust = Robust(final, length)
     chosen = search_in.best(final, robust)

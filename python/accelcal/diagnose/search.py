@@ -22,6 +22,8 @@ NAMELESS = 0.95
 """Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
 SHADOW = 0.1
 """An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
+NOTHING_LEFT = 1e-9
+"""Share of an item's power below which those before it contain it."""
 SECONDS_PER_BLOCK = 0.25
 """Length of a block, at least two periods of the crossover."""
 
@@ -139,10 +141,14 @@ class Robust:
 
     def __init__(self, evidence: Evidence, length: float) -> None:
         self.evidence = evidence
-        self.block = np.unique(np.floor(evidence.t / length), return_inverse=True)[1]
         size = np.sqrt(np.maximum(np.diag(evidence.G), 1e-300))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        self.left: Array = evidence.y - evidence.X @ (np.linalg.solve(scaled, evidence.c / size) / size)
+        every = np.linalg.solve(scaled, evidence.c / size) / size
+        parts = [block_sums(X * (y - every @ X), t, length) for t, y, X in evidence.rows()]
+        _, block = np.unique(np.concatenate([blocks for blocks, _ in parts]), return_inverse=True)
+        self.scores: Array = np.zeros((len(evidence.G), int(block[-1]) + 1))
+        """Score of each column in each block, (m, blocks)."""
+        np.add.at(self.scores.T, block, np.concatenate([sums for _, sums in parts], axis=1).T)
         self.known: dict[tuple[int, tuple[int, ...]], float] = {}
 
     def inflation(self, i: int, given: Sequence[int]) -> float:
@@ -158,13 +164,21 @@ class Robust:
         if e.items[i].effect.port == "process" or dof == 0:
             return 1.0
         own = e.columns[i]
-        direction = e.X[:, own] @ estimate
+        direction = np.zeros(len(e.G))
+        direction[own] = estimate
         if given:
             rows = np.concatenate([np.arange(e.columns[j].start, e.columns[j].stop) for j in given])
             weights, *_ = np.linalg.lstsq(e.G[np.ix_(rows, rows)], e.G[rows, own] @ estimate, rcond=1e-9)
-            direction = direction - e.X[:, rows] @ weights
-        power = float(direction @ direction)
-        if power <= 0.0:
+            direction[rows] = -weights
+        power = float(direction @ e.G @ direction)
+        if power <= NOTHING_LEFT * float(estimate @ e.G[own, own] @ estimate):
             return 1.0
-        scores = np.bincount(self.block, weights=direction * self.left)
+        scores = direction @ self.scores
         return max(1.0, float(scores @ scores) / power)
+
+
+def block_sums(rows: Array, t: Array, length: float) -> tuple[Array, Array]:
+    """Numbers of the blocks of time that a stretch meets, and the sums of each row of (m, n) over them, (m, blocks)."""
+    block = np.floor(t / length)
+    begins = np.flatnonzero(np.diff(block, prepend=-1.0))
+    return block[begins], np.add.reduceat(rows, begins, axis=1)

@@ -103,9 +103,9 @@ class Contest:
         rules = self.rules
         return entry_gains(rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share)
 
-    def evidence_of(self, items: Sequence[Item], *, keep: bool = False) -> Evidence:
+    def evidence_of(self, items: Sequence[Item]) -> Evidence:
         """Gram matrix of items beside what the model leaves free."""
-        return evidence_of(self.one, self.model, items, keep=keep)
+        return evidence_of(self.one, self.model, items)
 
     def finalists(self, truth: Item, sizes: Array) -> list[Item]:
         """The effects that the truth lets gain most, each at the trial shape where it does."""
@@ -132,20 +132,22 @@ class Contest:
         one, drawn with the cube-root law (Wilson, Hilferty 1931). Rivals see the same noise, hence one `luck`.
         """
         named = [truth if item.effect.name == truth.effect.name else item for item in finalists]
-        kept = self.evidence_of([*named, truth], keep=True)
+        kept = self.evidence_of([*named, truth])
+        t, _, columns_of = (np.concatenate(each, axis=-1) for each in zip(*kept.rows(), strict=True))
+        X = columns_of.T
         expected = coefficients(truth, sizes) @ kept.G[kept.columns[-1]]
         length = block_length(self.one)
-        edges = np.flatnonzero(np.diff(np.floor(kept.t / length), prepend=-1.0))
+        edges = np.flatnonzero(np.diff(np.floor(t / length), prepend=-1.0))
         values, vectors = np.linalg.eigh(unit(kept.G))
         good = values > 1e-9
         size = np.sqrt(np.maximum(np.diag(kept.G), 1e-300))
-        Q = (kept.X / size) @ (vectors[:, good] / np.sqrt(values[good]))
+        Q = (X / size) @ (vectors[:, good] / np.sqrt(values[good]))
         found = {}
         for item, columns in zip(named, kept.columns, strict=False):
             if item.effect.port == "process":
                 continue
             weights = np.linalg.pinv(kept.G[columns, columns], rcond=DEGENERATE_MIX) @ expected[0, columns]
-            x = kept.X[:, columns] @ weights
+            x = X[:, columns] @ weights
             power = float(x @ x)
             if power <= 0.0:
                 continue
@@ -158,9 +160,9 @@ class Contest:
         return found
 
 
-def evidence_of(one: Pass, model: Model, items: Sequence[Item], *, keep: bool = False) -> Evidence:
+def evidence_of(one: Pass, model: Model, items: Sequence[Item]) -> Evidence:
     """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return Evidence([Known(one, model)], items, keep=keep)
+    return Evidence([Known(one, model)], items)
 
 
 def anywhere(items: Sequence[Item], one: Pass) -> list[Item]:

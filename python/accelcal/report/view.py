@@ -60,7 +60,7 @@ def view(content: Content) -> dict[str, Any]:
         "apart": apart(content),
         "falling": falling(content),
         "where": [f"{s[:1].upper()}{s[1:]}." for s in (content.diagnosis.where.worst, *content.judged.remarks)],
-        "parameters": [parameter(content, e) for e in content.fit.estimates],
+        "parameters": [parameter(content, e) for e in (*content.fit.estimates, *content.fit.shapes)],
         "electrical": volts(content),
         "budget": budget(content),
         "data": data(content),
@@ -248,9 +248,9 @@ def falling(content: Content) -> dict[str, Any] | None:
 def parameter(content: Content, e: Estimate) -> dict[str, Any]:
     """One row of the table of parameters; uncertainties are those of the fit."""
     run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
-    term = next(term for term in content.fit.model.terms if term.name == e.name)
+    at_encoder = any(term.name == e.name and term.port == "position" for term in content.fit.model.terms)
     largest = content.diagnosis.largest.get(e.name)
-    size = None if largest is None else Size(largest, term.port == "position")
+    size = None if largest is None else Size(largest, at_encoder)
     return {
         "name": f"{e.name}{run}",
         "symbol": e.symbol,

@@ -40,7 +40,7 @@ def parameters(page: Page) -> None:
     step = page.bench.state.step
     assert step is not None
     rows: list[list[parts.Cell]] = []
-    for e in step.fit.estimates:
+    for e in (*step.fit.estimates, *step.fit.shapes):
         held = e.name in step.fit.model.fixed
 
         def act(e: Estimate = e, held: bool = held) -> None:

@@ -1,0 +1,69 @@
+"""Shape parameters are estimated with the coefficients: errors are as large as the standard deviations say.
+
+Over both effects 80 normalised errors are squared and summed: outside 0.1 % to 99.9 % of chi-square 80 with
+probability 0.2 % for an honest fit. Errors of one fit depend on each other, so the bounds are those of half as many.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from accelcal.demo import TRUTH, with_effect
+from accelcal.effects import find
+from accelcal.fit import Fit, fit
+from accelcal.model import Model
+from accelcal.replay import Run
+from accelcal.simulate import CXL02_RIG, simulate
+
+HIDDEN = {"creep": (0.02, {"tau": 2.0}), "bias_step": (3e-3, {"instant": 3.1})}
+STARTS = {"creep": {"tau": 1.2}, "bias_step": {"instant": 2.9}}
+"""Where the fit begins, some standard deviations from the truth."""
+RECORDS = 10
+
+
+@pytest.fixture(scope="module")
+def errors() -> tuple[np.ndarray, np.ndarray]:
+    """Normalised errors of the fits, and of fits that take the shape they end at for exact."""
+    honest, sure = [], []
+    for name, (size, shape) in HIDDEN.items():
+        for seed in range(RECORDS):
+            rng = np.random.default_rng([17, seed])
+            made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+            recording = with_effect(made, find(name), size, shape, Run(made.recording).origins)
+            found = fit(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
+            ended = {f"{name}.{key}": found[f"{name}.{key}"].value for key in shape}
+            held = fit(found.model.freeze(**ended), recording)
+            truth = {"scale_factor": TRUTH["scale_factor"], name: size}
+            honest.append([*normalised(found, truth), *normalised(found, {f"{name}.{k}": v for k, v in shape.items()})])
+            sure.append(normalised(held, truth))
+    return np.array(honest), np.array(sure)
+
+
+def normalised(found: Fit, truth: dict[str, float]) -> list[float]:
+    return [(found[key].value - value) / found[key].std for key, value in truth.items()]
+
+
+def test_errors_are_as_large_as_they_say(errors):
+    honest, sure = errors
+    low, high = stats.chi2.ppf([1e-3, 1.0 - 1e-3], honest.size // 2) / (honest.size // 2)
+    rms = float(np.mean(honest**2))
+    print(f"mean square of {honest.size} normalised errors: {rms:.2f} (allowed {low:.2f} to {high:.2f})")
+    print(f"with the shape taken for exact: {float(np.mean(sure**2)):.2f} of {sure.size}")
+    assert low < rms < high
+    assert np.mean(sure[:RECORDS] ** 2) > 2.0 * np.mean(honest[:RECORDS, :2] ** 2)  # creep: the twin that must fail
+
+
+def test_a_held_shape_stays_and_says_so():
+    rng = np.random.default_rng(5)
+    made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
+    recording = with_effect(made, find("creep"), 0.02, {"tau": 2.0}, Run(made.recording).origins)
+    model = Model.linear().add("creep", shapes={"creep": {"tau": 1.0}}).freeze(**{"creep.tau": 1.5})
+    held = fit(model, recording)
+    assert held["creep.tau"].value == 1.5
+    assert held["creep.tau"].std == 0.0
+    free = fit(model.release("creep.tau"), recording)
+    assert free["creep.tau"].std > 0.0
+    assert free.log_likelihood > held.log_likelihood
+    assert free["creep"].std > held["creep"].std
