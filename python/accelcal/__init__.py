@@ -15,7 +15,8 @@ True
 from accelcal._core import __version__
 from accelcal.compare import Coast, Comparison, coast, compare
 from accelcal.filters import FilterChoice, FilterRun, LiveFilter
-from accelcal.fit import Estimate, Fit, NotIdentifiable, fit
+from accelcal.fit import Fit, fit
+from accelcal.gauss_newton import Estimate, NotIdentifiable
 from accelcal.io import load
 from accelcal.model import Model, Prior
 from accelcal.recording import Channel, Recording, RecordingError

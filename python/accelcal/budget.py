@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from accelcal.fit import Estimate, Fit
+from accelcal.fit import Fit
+from accelcal.gauss_newton import Estimate
 from accelcal.rig import STANDARD_GRAVITY
 
 COVERAGE_FACTOR = 2.0

@@ -18,8 +18,8 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.breaks import LOCAL, local_spread
-from accelcal.fit import Pass
 from accelcal.loudness import WINDOW, Spectra, block_means, contamination, follows, power_fit, steady_spread
+from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.signals import Signals
 
@@ -56,7 +56,7 @@ def channel_findings(state: Pass) -> tuple[ChannelFinding, ...]:
 
     Parameters
     ----------
-    state : after `accelcal.fit.iterate`; it is not changed.
+    state : after `accelcal.gauss_newton.iterate`; it is not changed.
 
     Returns
     -------

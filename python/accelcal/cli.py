@@ -75,7 +75,7 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
 
 def code_of(error: Exception) -> int:
     """Exit code that suits an error."""
-    from accelcal.fit import NotIdentifiable
+    from accelcal.gauss_newton import NotIdentifiable
 
     if isinstance(error, NotIdentifiable):
         return NOT_IDENTIFIABLE

@@ -14,7 +14,7 @@ import numpy as np
 from accelcal.diagnose import scan
 from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.effects.memory import lagged
-from accelcal.fit import iterate
+from accelcal.gauss_newton import iterate
 from accelcal.model import Model
 from accelcal.motion import Motion
 from accelcal.recording import Array, Channel, Recording

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.channels import ALARM, ChannelFinding, channel_findings
-from accelcal.fit import Solution
+from accelcal.gauss_newton import Solution
 from accelcal.recording import Array, Channel, Recording
 
 ROUNDS = 3

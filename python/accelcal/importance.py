@@ -10,8 +10,9 @@ import numpy as np
 from accelcal.channels import ChannelFinding
 from accelcal.diagnose import Candidate
 from accelcal.effects import find
-from accelcal.fit import Fit, Pass
+from accelcal.fit import Fit
 from accelcal.model import evaluate
+from accelcal.passes import Pass
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,8 +14,9 @@ from accelcal.channels import ChannelFinding
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
 from accelcal.effects import Effect, find
-from accelcal.fit import Fit, NotIdentifiable, Solution, iterate, judge, result, solve_runs
+from accelcal.fit import Fit, judge, result, solve_runs
 from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
+from accelcal.gauss_newton import NotIdentifiable, Solution, iterate
 from accelcal.importance import Importance, Size, sizes_of, split
 from accelcal.model import Model, evaluate
 from accelcal.recording import Recording

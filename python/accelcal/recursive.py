@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.filters import FilterChoice, FilterRun, forward_parameters, run
-from accelcal.fit import Estimate, Fit, fit
+from accelcal.fit import Fit, fit
+from accelcal.gauss_newton import Estimate
 from accelcal.model import NOMINAL, Model
 from accelcal.recording import Array, Channel, Recording
 from accelcal.replay import Run

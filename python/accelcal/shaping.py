@@ -8,13 +8,15 @@ its doubt reaches the coefficients, and no other effect is paid for mending a sh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from accelcal.effects import Effect, find
+from accelcal.gauss_newton import Estimate, Solution, iterate
 from accelcal.model import Model, Term, terms_of
+from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.replay import Values
 from accelcal.signals import Signals
@@ -23,6 +25,14 @@ STEPS = 4
 """Trials of the width of a difference."""
 FIRST, NARROWEST, WIDEST = 1e-3, 1e-7, 0.25
 """Half widths of a difference as shares of the span: the first tried, and the limits."""
+ROUNDS = 3
+"""Times that shape parameters move and the coefficients follow."""
+CONVERGED = 0.2
+"""Shape parameters that would move by less than this share of their standard deviation stay."""
+REACH = 9
+"""Values are tried out to two to the power of this, less one, standard deviations."""
+REFINEMENTS, FINER = 3, 7
+"""Times that the bracket of the best value is divided, and into how many."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,3 +114,121 @@ def bend(model: Model, values: Values, signals: Signals, effect: Effect, shape: 
         memory=True,
     )
     return Bend(effect.name, shape, declared.unit, given[shape], span, Term(tangent))
+
+
+def shaped(solution: Solution) -> Solution:
+    """The solution at the shape parameters that the record is most likely at, with their doubt in the covariance."""
+    for _ in range(ROUNDS):
+        bent = Bent.of(solution)
+        if bent is None:
+            return solution
+        values = {b.name: likeliest(solution, b, float(std)) for b, std in zip(bent.bends, bent.std, strict=True)}
+        if all(abs(values[b.name] - b.value) < CONVERGED * s for b, s in zip(bent.bends, bent.std, strict=True)):
+            break
+        runs, bands = [one.run for one in solution.passes], [one.band for one in solution.passes]
+        solution = replace(iterate(solution.model.reshaped(**values), runs, bands), chosen=solution.chosen)
+    bent = Bent.of(solution)
+    return solution if bent is None else replace(solution, covariance=bent.covariance, shapes=bent.estimates)
+
+
+@dataclass(frozen=True, slots=True)
+class Bent:
+    """Shape parameters beside the coefficients at a solution, linearised."""
+
+    bends: Sequence[Bend]
+    std: Array
+    """(b,)"""
+    covariance: Array
+    """Of the coefficients, the doubt of the shapes included, (m, m)."""
+
+    @classmethod
+    def of(cls, solution: Solution) -> Bent | None:
+        """Normal equations of coefficients and shapes together; None where no shape parameter is free."""
+        layout, model = solution.layout, solution.model
+        linear = [linearised(model, one.values, signals_of(one), one.information) for one in solution.passes]
+        if not linear[0]:
+            return None
+        m, b = len(layout.slots), len(linear[0])
+        information = np.diag([*layout.prior_information(model), *(one.belief**-2.0 for one in linear[0])])
+        for index, (one, bends) in enumerate(zip(solution.passes, linear, strict=True)):
+            rows = [*layout.rows(index), *range(m, m + b)]
+            normal = one.normal_equations([*one.terms, *(bend.term for bend in bends)])
+            information[np.ix_(rows, rows)] += normal.gram
+        whole, plain = inverse(information), inverse(information[:m, :m])
+        # What was added to the covariance for noise that is not white stays.
+        covariance = solution.covariance + whole[:m, :m] - plain
+        return cls(linear[0], np.sqrt(np.diag(whole)[m:]), covariance)
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Values and standard deviations."""
+        return tuple(
+            Estimate(b.name, b.shape, b.unit, b.value, float(std), find(b.effect).owner)
+            for b, std in zip(self.bends, self.std, strict=True)
+        )
+
+
+def likeliest(solution: Solution, bend: Bend, std: float) -> float:
+    """Where a shape parameter is most likely, all coefficients profiled: far out, then ever finer."""
+    away = std * 2.0 ** np.arange(-1, REACH)
+    tried = np.unique(np.clip([*(bend.value - away), bend.value, *(bend.value + away)], *bend.span))
+    for _ in range(REFINEMENTS):
+        gains = profile(solution, bend, tried)
+        k = int(np.argmax(gains))
+        low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
+        best = float(tried[k])
+        tried = np.unique([best, *np.linspace(low, high, FINER)])
+    return best
+
+
+def profile(solution: Solution, bend: Bend, values: Array) -> Array:
+    """Twice the log-likelihood gained with an effect at trial values of a shape parameter, up to a constant, (n,)."""
+    layout, model = solution.layout, solution.model
+    effect, given = find(bend.effect), model.shapes[bend.effect]
+    m = len(layout.slots)
+    own = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == bend.effect]
+    rest = [i for i in range(m) if i not in own]
+    size = m + len(own) * len(values)
+    belief = layout.prior_information(model)
+    information, score = np.zeros((size, size)), np.zeros(size)
+    information[:m, :m] = np.diag(belief)
+    score[:m] = belief * (layout.prior_mean(model) - solution.x)
+    shapes = [{**given, bend.shape: float(value)} for value in values]
+    for index, one in enumerate(solution.passes):
+        trials = [
+            (m + number * len(own) + k, Term(effect, layout.slots[i][0].part, shape))
+            for number, shape in enumerate(shapes)
+            for k, i in enumerate(own)
+            if layout.slots[i][1] in (None, index)
+        ]
+        rows = [*layout.rows(index), *(row for row, _ in trials)]
+        normal = one.normal_equations([*one.terms, *(term for _, term in trials)])
+        information[np.ix_(rows, rows)] += normal.gram
+        score[rows] += normal.score
+    score += information[:, own] @ solution.x[own]  # the effect is taken out before it is tried anew
+    gains = np.empty(len(values))
+    for number in range(len(values)):
+        chosen = [*rest, *range(m + number * len(own), m + (number + 1) * len(own))]
+        gains[number] = score[chosen] @ inverse(information[np.ix_(chosen, chosen)]) @ score[chosen]
+    return gains
+
+
+def inverse(information: Array) -> Array:
+    """Inverse of a symmetric matrix whose rows have units of their own; what is empty or double adds nothing."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    scale = np.outer(size, size)
+    return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)
+
+
+def signals_of(one: Pass) -> Signals:
+    """The smoothed motion of a run that has been iterated."""
+    assert one.signals is not None
+    return one.signals
+
+
+def held_shapes(model: Model) -> Iterator[Estimate]:
+    """Shape parameters that the model holds."""
+    for name, value in model.fixed.items():
+        effect, _, shape = name.partition(".")
+        if effect in model.effects and shape in find(effect).shapes:
+            yield Estimate(name, shape, find(effect).shapes[shape].unit, value, 0.0, find(effect).owner)

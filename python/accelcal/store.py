@@ -14,10 +14,12 @@ import numpy as np
 from accelcal import _core
 from accelcal.compare import Comparison
 from accelcal.effects import CATALOGUE, HOUSE, find, side_channel
-from accelcal.fit import Estimate, Fit, RunFit, tied_sum
+from accelcal.fit import Fit, tied_sum
+from accelcal.gauss_newton import Estimate
 from accelcal.io import atomic_write
 from accelcal.model import Model, Prior
 from accelcal.noise import Level, NoiseReport
+from accelcal.passes import RunFit
 from accelcal.replay import Noise
 from accelcal.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor, Uncertainty
 from accelcal.signals import Origins

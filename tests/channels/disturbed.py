@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.channels import ChannelFinding, channel_findings
-from accelcal.fit import Pass, iterate
+from accelcal.gauss_newton import iterate
 from accelcal.model import Model
+from accelcal.passes import Pass
 from accelcal.recording import Channel, Recording
 from accelcal.replay import Run
 from accelcal.rig import Rig

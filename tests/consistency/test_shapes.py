@@ -17,7 +17,7 @@ from accelcal.model import Model
 from accelcal.replay import Run
 from accelcal.simulate import CXL02_RIG, simulate
 
-HIDDEN = {"creep": (0.02, {"tau": 2.0}), "bias_step": (3e-3, {"instant": 3.1})}
+HIDDEN = {"creep": (0.2, {"tau": 2.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2}, "bias_step": {"instant": 2.9}}
 """Where the fit begins, some standard deviations from the truth."""
 RECORDS = 10
@@ -58,12 +58,12 @@ def test_errors_are_as_large_as_they_say(errors):
 def test_a_held_shape_stays_and_says_so():
     rng = np.random.default_rng(5)
     made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
-    recording = with_effect(made, find("creep"), 0.02, {"tau": 2.0}, Run(made.recording).origins)
+    recording = with_effect(made, find("creep"), 0.2, {"tau": 2.0}, Run(made.recording).origins)
     model = Model.linear().add("creep", shapes={"creep": {"tau": 1.0}}).freeze(**{"creep.tau": 1.5})
     held = fit(model, recording)
     assert held["creep.tau"].value == 1.5
     assert held["creep.tau"].std == 0.0
     free = fit(model.release("creep.tau"), recording)
     assert free["creep.tau"].std > 0.0
-    assert free.log_likelihood > held.log_likelihood
+    assert abs(free["creep.tau"].value - 2.0) < 4.5 * free["creep.tau"].std
     assert free["creep"].std > held["creep"].std

@@ -14,9 +14,10 @@ import pytest
 from accelcal.diagnose import candidates_for, scan
 from accelcal.diagnose.carry import Carrier
 from accelcal.effects import HOUSE, Effect, find, is_local
-from accelcal.fit import Pass, fit, solve_runs
+from accelcal.fit import fit, solve_runs
 from accelcal.loop import diagnose
 from accelcal.model import Model, Term
+from accelcal.passes import Pass
 from accelcal.recording import Array, Recording
 from accelcal.replay import CHUNK
 from accelcal.signals import Signals

@@ -14,9 +14,10 @@ import accelcal as ac
 from accelcal import io
 from accelcal.detectable import least_distance
 from accelcal.diagnose import ALPHA, Item, scan
-from accelcal.fit import Pass, solve_runs
+from accelcal.fit import solve_runs
 from accelcal.model import Model
 from accelcal.motion import Motion
+from accelcal.passes import Pass
 from accelcal.power import Plan, plan, power
 from accelcal.power.contest import Contest
 from accelcal.signals import Origins

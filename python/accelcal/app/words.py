@@ -9,7 +9,7 @@ from accelcal.app.state import State
 from accelcal.diagnose import Candidate
 from accelcal.effects import CATALOGUE, find
 from accelcal.findings import sizes
-from accelcal.fit import Estimate
+from accelcal.gauss_newton import Estimate
 from accelcal.importance import Size
 from accelcal.loop import Diagnosis
 from accelcal.plots.interactive.ranking import classes

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.effects import HOUSE, Effect, find, side_channels
-from accelcal.fit import Pass
 from accelcal.model import Model, Term, terms_of
+from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.shaping import linearised
 

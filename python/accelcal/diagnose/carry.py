@@ -11,8 +11,8 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.effects import is_local
-from accelcal.fit import Pass
 from accelcal.model import Term, evaluate
+from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.signals import Signals
 

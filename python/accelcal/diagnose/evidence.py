@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from accelcal.diagnose.candidates import Item, nuisances
 from accelcal.diagnose.carry import Carrier
 from accelcal.diagnose.gains import DEGENERATE, score_gain, variance_gain, without
-from accelcal.fit import Pass
 from accelcal.model import Model, Term
+from accelcal.passes import Pass
 from accelcal.recording import Array
 
 MOST_KEPT = 1 << 23

@@ -17,8 +17,8 @@ from accelcal.diagnose.refine import refine, shortlist
 from accelcal.diagnose.search import Robust, Search, block_length
 from accelcal.diagnose.ties import Finding, describe, members
 from accelcal.effects import Effect
-from accelcal.fit import Pass
 from accelcal.model import Model
+from accelcal.passes import Pass
 from accelcal.recording import Array
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]

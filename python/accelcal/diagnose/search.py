@@ -11,7 +11,7 @@ import numpy as np
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence
 from accelcal.diagnose.gains import log_survival
-from accelcal.fit import Pass
+from accelcal.passes import Pass
 from accelcal.recording import Array
 
 DEPTH = 3

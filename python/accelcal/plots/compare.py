@@ -17,7 +17,8 @@ from scipy import special
 from accelcal.compare import Bins, Comparison
 from accelcal.consistency import whiteness
 from accelcal.effects import find
-from accelcal.fit import Estimate, Fit
+from accelcal.fit import Fit
+from accelcal.gauss_newton import Estimate
 from accelcal.plots import style
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.recording import Array

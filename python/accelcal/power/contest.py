@@ -29,8 +29,8 @@ from accelcal.diagnose import (
 from accelcal.diagnose.gains import DEGENERATE_MIX
 from accelcal.diagnose.refine import FINALISTS
 from accelcal.effects import Effect
-from accelcal.fit import Pass
 from accelcal.model import Model
+from accelcal.passes import Pass
 from accelcal.recording import Array
 
 DRAWS = 4000

@@ -16,9 +16,9 @@ import numpy as np
 
 from accelcal.diagnose import ALPHA, RIVAL_CORRELATION, Evidence, Item, candidates_for, sizes
 from accelcal.effects import find
-from accelcal.fit import Pass
 from accelcal.model import Model
 from accelcal.motion import Motion, Move, Part, Tones, Windowed
+from accelcal.passes import Pass
 from accelcal.power.contest import evidence_of, rules_for
 from accelcal.power.planned import ACCEL_RATE, POSITION_RATE, planned_noise, planned_pass
 from accelcal.power.sight import Power, Sight, sight_of, sight_to_dict, strongest

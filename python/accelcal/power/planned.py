@@ -11,9 +11,10 @@ import numpy as np
 
 from accelcal.diagnose import ALPHA
 from accelcal.effects import Effect
-from accelcal.fit import Pass, require_motion
+from accelcal.fit import require_motion
 from accelcal.model import Model
 from accelcal.motion import Motion
+from accelcal.passes import Pass
 from accelcal.power.sight import Power, sight_of
 from accelcal.recording import Array, Channel, Recording
 from accelcal.replay import Drive, Noise, Run, Thinning, Values

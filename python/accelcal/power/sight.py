@@ -27,8 +27,9 @@ from accelcal.diagnose import (
     variance_gain,
 )
 from accelcal.effects import Effect
-from accelcal.fit import Pass, solve_runs
+from accelcal.fit import solve_runs
 from accelcal.model import Model
+from accelcal.passes import Pass
 from accelcal.power.contest import Contest
 from accelcal.recording import Array, Recording
 

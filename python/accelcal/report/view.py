@@ -10,7 +10,8 @@ from accelcal._core import __version__
 from accelcal.budget import COVERAGE_FACTOR, Component
 from accelcal.effects import find
 from accelcal.findings import sizes
-from accelcal.fit import Estimate, tied_sum
+from accelcal.fit import tied_sum
+from accelcal.gauss_newton import Estimate
 from accelcal.importance import Size
 from accelcal.plots import style
 from accelcal.plots.compare import concise

@@ -9,7 +9,8 @@ from nicegui import ui
 from accelcal.app import parts, words
 from accelcal.effects import HOUSE
 from accelcal.effects.expression import FUNCTIONS, MOTION
-from accelcal.fit import Estimate, tied_sum
+from accelcal.fit import tied_sum
+from accelcal.gauss_newton import Estimate
 from accelcal.report.view import number, usual
 
 if TYPE_CHECKING:
