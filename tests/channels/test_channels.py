@@ -12,18 +12,13 @@ import numpy as np
 import pytest
 
 from accelcal.breaks import local_spread
-from accelcal.channels import (
-    ALARM,
-    Residuals,
-    channel_findings,
-    driven,
-    lines_of,
-    outliers,
-    portmanteau,
-    rank_correlation,
-    spread_of,
-    stands_alone,
-)
+from accelcal.channels import channel_findings
+from accelcal.channels.finding import ALARM
+from accelcal.channels.lines import driven, lines_of, stands_alone
+from accelcal.channels.motion_noise import rank_correlation
+from accelcal.channels.residuals import Residuals
+from accelcal.channels.whiteness import portmanteau
+from accelcal.channels.wild import outliers, spread_of
 from accelcal.loudness import Spectra, block_means, contamination, follows
 from accelcal.recording import Channel
 from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Vibration, simulate

@@ -1,0 +1,256 @@
+"""What the model leaves of a run, as the tests see it: the output above the motion, whitened innovations, speeds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.breaks import local_spread
+from accelcal.channels.finding import ALARM
+from accelcal.channels.wild import OUTLIER, Outliers, isolated, outliers, spread_of
+from accelcal.loudness import Spectra
+from accelcal.passes import Pass
+from accelcal.recording import Array
+from accelcal.signals import Signals
+
+HIGH = 0.09
+"""Share of the sampling rate above which no motion leaks: a stage that starts with a jump in snap leaves f^-3."""
+MEMORY = 4.0
+"""Time constants after which the filter has forgotten an outlier."""
+REPAIRS = 2
+"""Rounds of filling in loud samples; the noise that tells how to is known better without them."""
+REACH = 16
+"""Samples on either side that matter for what one should be."""
+KNOWN = 0.5
+"""Share of what is known of a sample that neighbours which are lost may take away."""
+FILLINGS = 12
+"""Steps of conjugate gradients for lost samples; most of them stand alone, and few steps fill those."""
+
+
+class Residuals:
+    """What both channels say beyond the fitted model, on uniform times."""
+
+    def __init__(self, state: Pass) -> None:
+        assert state.signals is not None, "the fit has not been iterated"
+        self.state, self.run = state, state.run
+        self.signals: Signals = state.signals
+        run, s = self.run, self.signals
+        self.step = run.accel_step
+        self.tau = run.tau(state.values)
+        self.rate = 1.0 / self.step
+        spoiled = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
+        spoiled = min(spoiled, 0.05 * float(run.t[-1] - run.t[0]))
+        t = run.accel.t
+        inside = (t >= run.t[0] + spoiled) & (t <= run.t[-1] - spoiled)
+        self.t_u, self.u = t[inside], run.accel.y[inside]
+        self.place: NDArray[np.intp] = np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp)
+        self.n = int(self.place[-1]) + 1
+        self.taken = np.zeros(self.n, dtype=np.bool_)
+        self.taken[self.place] = True
+        self.t = self.t_u[0] + self.step * np.arange(self.n)
+        self.edge = min(max(HIGH * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
+        ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
+        self.taken[:ends] = self.taken[self.n - ends :] = False
+
+    @property
+    def model(self) -> Array:
+        """Output that the model expects at uniform times: smoothed motion through scale, effects, delay and RC."""
+        s, values, run = self.signals, self.state.values, self.run
+        grid = values.scale * s.a + values.bias
+        for term, coefficient in values.additive("output"):
+            grid = grid + coefficient * term.column(s)
+        at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(self.t - values.time_offset)
+        if self.tau > 0.0:  # exact for straight lines between samples
+            x = self.step / self.tau
+            d = math.exp(-x)
+            b = [1.0 - (1.0 - d) / x, (1.0 - d) / x - d]
+            at, _ = scipy.signal.lfilter(b, [1.0, -d], at, zi=[at[0] * (1.0 - b[0])])
+        return np.asarray(at, dtype=np.float64)
+
+    @cached_property
+    def residual(self) -> Array:
+        """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
+        model = self.model
+        slope = np.gradient(model, self.step)[self.place]
+        r = self.u - model[self.place] - slope * (self.t_u - self.t[self.place])
+        return np.asarray(np.interp(np.arange(self.n), self.place, r))
+
+    @cached_property
+    def high(self) -> Array:
+        """Residual above the band of any motion, (n,) m/s²."""
+        return above(self.residual, self.rate, self.edge)
+
+    @cached_property
+    def background(self) -> Array:
+        """`high` with lost and loud single samples filled in from their neighbours, so that none rings in its block."""
+        lost = np.ones(self.n, dtype=np.bool_)
+        lost[self.place] = False
+        whole = self.high
+        for _ in range(REPAIRS):
+            gain = self.gain_of(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+            y, correction = self.surprises(gain, lost)
+            y = y[self.taken]
+            spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0))
+            loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
+            if len(loud) == 0:
+                break
+            loud = np.flatnonzero(self.taken)[loud]
+            lost[np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1)] = True
+            _, correction = self.surprises(gain, lost)
+            whole = above(self.residual - correction, self.rate, self.edge)
+        return above(self.residual - correction, self.rate, self.edge)
+
+    def gain_of(self, spectra: Spectra) -> Array:
+        """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
+
+        A single wrong sample is white: the filter divides by the power of the noise at each frequency.
+        """
+        f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(self.n, real=True), self.step)
+        gain = soft_edge(f, self.edge)
+        if len(spectra.power):
+            gain = gain / np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), 1e-300))
+        return np.asarray(gain / np.mean(gain))
+
+    def surprises(self, gain: Array, lost: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """What each sample of the residual is off by, and what lost ones must be corrected by not to be, (n,) m/s².
+
+        Beside a lost sample less is known: the first is scaled to the spread that it has elsewhere. Beside several too
+        little is known, and nothing is said.
+        """
+        n = scipy.fft.next_fast_len(self.n, real=True)
+
+        def surprise(y: Array) -> Array:
+            return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y, n) * gain, n)[: self.n])
+
+        y = surprise(self.residual - np.mean(self.residual))
+        if not lost.any():
+            return y, np.zeros_like(y)
+        correction = filled(surprise, y, lost)
+        response = scipy.fft.irfft(gain, n)
+        reach = np.concatenate([response[REACH:0:-1], [0.0], response[1 : REACH + 1]]) / response[0]
+        known = 1.0 - np.convolve(lost.astype(np.float64), reach**2, "same")
+        y = y - surprise(correction)
+        return np.where(known > KNOWN, y / np.sqrt(np.maximum(known, KNOWN)), 0.0), correction
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """Power of `background` in blocks."""
+        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+
+    @cached_property
+    def matched(self) -> tuple[Array, Array]:
+        """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
+        gain = self.gain_of(self.spectra)
+        lost = np.ones(self.n, dtype=np.bool_)
+        lost[self.place] = False
+        return self.surprises(gain, lost)[0], gain
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array]:
+        """Velocity and jerk at the uniform times."""
+        t = self.signals.t + self.run.origins.t
+        return np.interp(self.t, t, self.signals.v), np.interp(self.t, t, self.signals.jerk)
+
+    @cached_property
+    def lsb(self) -> float:
+        """Step of the grid that the output lies on, m/s²; 0 when it lies on none."""
+        return grid_step(self.u)
+
+    @cached_property
+    def smooth_position(self) -> Array:
+        """RTS-smoothed position at the readings, m."""
+        p, _, _ = self.state.track.smooth(*self.state.drive.arrays)
+        return np.asarray(p)
+
+    @cached_property
+    def loud_readings(self) -> Outliers:
+        """Outliers among the settled readings, against the smoothed position; see `outliers`."""
+        z = (self.run.z - self.smooth_position)[self.state.counts]
+        z = z - np.median(z)
+        spread, dof = spread_of(z)
+        return outliers(z, np.hypot(spread, self.run.least_step / math.sqrt(12.0)), len(z), dof)
+
+    @cached_property
+    def readings(self) -> Array:
+        """Whitened innovations of settled readings, (m,); zero from an outlier on while the filter remembers it."""
+        y = self.state.whitened[self.state.counts]
+        limit = 5.0 * local_spread(y)
+        y = np.clip(y, -limit, limit)
+        peaks = self.loud_readings.peaks
+        if self.loud_readings.p_value < ALARM:
+            memory = MEMORY / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
+            forgotten = np.zeros(len(y) + 1)
+            np.add.at(forgotten, peaks, 1.0)
+            np.add.at(forgotten, np.minimum(peaks + int(memory) + 1, len(y)), -1.0)
+            y = np.where(np.cumsum(forgotten)[:-1] > 0.0, 0.0, y)
+        return y
+
+    def rc_gain(self, frequency: float) -> float:
+        """What the declared low-pass leaves of a line."""
+        return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
+
+
+def filled(surprise: Callable[[Array], Array], y: Array, lost: NDArray[np.bool_]) -> Array:
+    """Corrections of lost samples after which none of them surprises: (n,), zero where a sample was taken."""
+    x, r = np.zeros_like(y), np.where(lost, y, 0.0)
+    p, power = r, float(r @ r)
+    least = 1e-8 * power
+    for _ in range(FILLINGS):
+        if power <= least:
+            break
+        q = np.where(lost, surprise(p), 0.0)
+        step = power / float(p @ q)
+        x, r = x + step * p, r - step * q
+        before, power = power, float(r @ r)
+        p = r + (power / before) * p
+    return x
+
+
+def above(y: Array, rate: float, edge: float) -> Array:
+    """Part of uniform samples above a frequency, with a soft edge that reaches 30 % higher."""
+    n = scipy.fft.next_fast_len(len(y), real=True)
+    f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
+    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y - np.mean(y), n) * soft_edge(f, edge), n)[: len(y)])
+
+
+def soft_edge(f: Array, edge: float) -> Array:
+    """Gain that rises from 0 at a frequency to 1 at 30 % more."""
+    weight = np.clip((f - edge) / (0.3 * edge), 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * weight))
+
+
+def grid_step(y: Array) -> float:
+    """Spacing of the values of a quantised channel; 0 when they are not on a grid that is used again and again."""
+    levels = np.unique(y)
+    if len(levels) < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.min(gaps[gaps > 1e-9 * (levels[-1] - levels[0])], initial=math.inf))
+    if not math.isfinite(step) or len(levels) > 0.5 * len(y):
+        return 0.0
+    count = np.rint(gaps / step)
+    step = float(np.sum(gaps) / np.sum(count))
+    off = np.abs((levels - levels[0]) / step - np.rint((levels - levels[0]) / step))
+    return step if float(np.max(off)) < 0.1 else 0.0
+
+
+def coarse(seen: Residuals) -> bool:
+    """Whether the step of the converter outweighs the noise, so that the noise itself depends on the motion."""
+    return seen.lsb > 0.8 * sample_noise(seen)
+
+
+def sample_noise(seen: Residuals) -> float:
+    """Standard deviation of one sample: what the fitted density implies, quantisation taken off, m/s².
+
+    Coarse steps leave nothing to take off; then the declared density speaks, if there is one.
+    """
+    run, noise = seen.run, seen.state.noise
+    bandwidth = 1.0 / (2.0 * seen.tau) if seen.tau > 0.0 else seen.rate
+    variance = noise.q * seen.state.values.scale**2 * bandwidth
+    declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
+    return math.sqrt(max(variance - seen.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))
