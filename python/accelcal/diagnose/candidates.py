@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from accelcal.diagnose.picks import jumps, waves
 from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.model import Model, Term, terms_of
 from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.shaping import linearised
-
-JUMPS = 8
-"""Instants at which a jump of the encoder is tried."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +23,8 @@ class Item:
     shape: Mapping[str, float]
     looks: int = 1
     """Alternatives that this one was picked from before it was tried."""
+    near: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Where the shape parameters that were picked may be refined."""
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -43,31 +43,15 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
         if taken or any(name not in s.side for name in effect.needs):
             continue
-        grids = {name: shape.grid(s) for name, shape in effect.shapes.items()}
-        looks = 1
-        if effect.port == "position" and "instant" in grids:
-            grids["instant"] = jumps(one)
+        if effect.port == "position" and "instant" in effect.shapes:
             looks = max(1, int(s.length * 2.0 * np.pi * one.run.crossover(one.noise)))
-        for values in _product(grids):
-            items.append(Item(effect, values, looks))
+            items += [Item(effect, {"instant": t}, looks, {"instant": (t, t)}) for t in jumps(one)]
+        elif effect.name == "rail_wave":
+            items += [Item(effect, {"period": w.period}, w.looks, {"period": w.near}) for w in waves(one)]
+        else:
+            grids = {name: shape.grid(s) for name, shape in effect.shapes.items()}
+            items += [Item(effect, values) for values in _product(grids)]
     return items
-
-
-def jumps(one: Pass) -> Array:
-    """Instants at which readings may have jumped, on the clock of the effects, s, (at most 8,).
-
-    The filter forgets a jump within its own time constant, so no coarse grid of instants would meet it: those where
-    innovations add up most over one time constant are tried.
-    """
-    span = max(1, int(1.0 / (2.0 * np.pi * one.run.crossover(one.noise) * one.run.reading_step)))
-    y = np.where(one.counts, one.whitened, 0.0)
-    loud = np.abs(np.convolve(y, np.ones(span), mode="full")[span - 1 :])
-    found: list[float] = []
-    for _ in range(JUMPS):
-        k = int(np.argmax(loud))
-        found.append(float(one.run.t[k] - 0.5 * one.run.reading_step - one.run.origins.t))
-        loud[max(0, k - 4 * span) : k + 4 * span] = 0.0
-    return np.array(sorted(found))
 
 
 def _product(grids: Mapping[str, Array]) -> list[dict[str, float]]:

@@ -48,19 +48,19 @@ def refined(runs: Sequence[Known], item: Item) -> Item:
     shape = dict(item.shape)
     for name, declared in item.effect.shapes.items():
         grid = declared.grid(s)
-        if len(grid) < 2 or (item.effect.port == "position" and name == "instant"):
+        bounds = item.near.get(name) or neighbours(grid, declared.span(s), shape[name])
+        if len(grid) < 2 or bounds[0] == bounds[1]:
             continue
 
         def loss(value: float, name: str = name) -> float:
             trial = Evidence(runs, [Item(item.effect, {**shape, name: value})])
             return -trial.gain(0)[0]
 
-        bounds = neighbours(grid, declared.span(s), shape[name])
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
         if float(best.fun) < loss(shape[name]):
             shape[name] = float(best.x)
-    return Item(item.effect, shape, item.looks)
+    return Item(item.effect, shape, item.looks, item.near)
 
 
 def neighbours(grid: Array, span: tuple[float, float], value: float) -> tuple[float, float]:

@@ -95,6 +95,12 @@ def periods(s: Signals) -> tuple[float, float]:
     return min(max(4.0 * travel, 1e-6 * stroke), 0.5 * stroke), stroke
 
 
+def waves(s: Signals) -> tuple[float, float]:
+    """The same up to four strokes: of a longer wave a part is seen, as a slope or a bow, m."""
+    low, stroke = periods(s)
+    return low, 4.0 * stroke
+
+
 def snap(s: Signals) -> Array:
     """Second derivative of the specific force, m/s⁴."""
     return derivative(s.jerk, s.step)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import periods
+from accelcal.effects.memory import waves
 from accelcal.recording import Array
 from accelcal.signals import Signals
 
@@ -120,7 +120,7 @@ def rail_curve(s: Signals) -> Array:
     symbol="cw",
     scale=1e-3,
     source="no published figure; 0.1 mrad of waviness",
-    shapes={"period": Shape("m", periods, trials=8, spacing="log")},
+    shapes={"period": Shape("m", waves, trials=8, spacing="log")},
     parts=("sin", "cos"),
 )
 def rail_wave(s: Signals, period: float) -> Array:

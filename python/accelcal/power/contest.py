@@ -166,13 +166,14 @@ def evidence_of(one: Pass, model: Model, items: Sequence[Item]) -> Evidence:
 
 
 def anywhere(items: Sequence[Item], one: Pass) -> list[Item]:
-    """Items in which jumps of the encoder stand evenly over the record, not where its readings happened to be loud."""
+    """Items in which picked shapes stand evenly over their span, not where this record happened to be loud."""
     s = one.signals
     assert s is not None
-    found = [item for item in items if not picked(item)]
-    for item in {item.effect.name: item for item in items if picked(item)}.values():
-        grid = item.effect.shapes["instant"].grid(s)
-        found += [replace(item, shape={**item.shape, "instant": float(t)}) for t in grid]
+    found = [item for item in items if not item.near]
+    for item in {item.effect.name: item for item in items if item.near}.values():
+        for name in item.near:
+            grid = item.effect.shapes[name].grid(s)
+            found += [replace(item, shape={**item.shape, name: float(value)}, near={}) for value in grid]
     return found
 
 
