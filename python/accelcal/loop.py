@@ -10,17 +10,18 @@ import numpy as np
 from scipy import special
 
 from accelcal.breaks import faults, usable
-from accelcal.channels import ChannelFinding
+from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
-from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
+from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs
 from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
 from accelcal.gauss_newton import NotIdentifiable, Solution, iterate
 from accelcal.importance import Importance, Size, sizes_of, split
-from accelcal.model import Model, evaluate
+from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.recording import Recording
 from accelcal.replay import Run
+from accelcal.shaping import signals_of
 
 HELD_OUT = 0.3
 """Share at the end of a recording that is held out when no other recording is."""
@@ -202,7 +203,9 @@ def judge_model(
     """Verdict on a model that has just been fitted; the solution is used up."""
     solution, tests = state.solution, state.tests
     model, profiled = solution.model, result(solution)
-    found = scan(solution.passes, model, extra=extra, alpha=alpha, report=within(report, 0.0, 0.8))
+    found = scan(
+        solution.passes, model, extra=extra, apart=lines_apart(state), alpha=alpha, report=within(report, 0.0, 0.8)
+    )
     level = alpha / (found.examined + len(tests))
     loud = heard([t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found)
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
@@ -236,6 +239,22 @@ def judge_model(
     )
 
 
+def lines_apart(state: Gated) -> list[Term]:
+    """Lines that stand in the spectrum and that the motion does not make: they are told of on their own, and no effect
+    of the motion is paid for explaining them."""
+    fastest = 0.4 / max(signals_of(one).step for one in state.solution.passes)
+    lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < ALARM]
+    taken = state.solution.model.shapes.get("tone", {}).get("frequency")
+    return [
+        term
+        for parts in lines
+        if not parts["made_by_motion"] and parts["frequency"] < fastest and taken is None
+        for term in terms_of(find("tone"), {"frequency": parts["frequency"]})
+    ]
+
+
+MOST_NAMED = 2
+"""Named effects that are tried in the place of a shape without a name."""
 SAME_LINE = 0.25
 """A line within this share of the frequency of a vibration belongs to it."""
 
@@ -454,8 +473,23 @@ def improve(
         wild = () if known is None else [test for test in known.tests if test.effect in CHANNEL_OF and test.at]
         return gated(original if known is None else known.recordings, lambda these: solve(model, these), wild)
 
-    model = Model.linear()
-    state = advance(model, None)
+    def entered(found: Scan) -> tuple[Finding, Diagnosis, Gated] | None:
+        """The fit with the effect that comes first, judged; None where no fit is possible.
+
+        A shape without a name gives way to a named effect of its class whose fit leaves nothing for it.
+        """
+        first, model = found.found[0], state.solution.model
+        for finding in (*found.named[:MOST_NAMED], first):
+            try:
+                grown = advance(finding.enter(model), state)
+                judged = judge_model(grown, stretch, extra, alpha)
+            except (NotIdentifiable, ValueError):
+                continue
+            if finding is first or first.effect not in (f.effect for f in judged.scan.found):
+                return finding, judged, grown
+        return None
+
+    state = advance(Model.linear(), None)
     verdict = judge_model(state, stretch, extra, alpha)
     report(0.3)
     fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
@@ -465,18 +499,14 @@ def improve(
     for number in range(most):
         if not verdict.scan.found:
             break
-        entering = verdict.scan.found[0]
-        try:
-            model = entering.enter(model)
-            grown = advance(model, state)
-            model = grown.solution.model
-            verdict, state = judge_model(grown, stretch, extra, alpha), grown
-        except (NotIdentifiable, ValueError):
+        step = entered(verdict.scan)
+        if step is None:
             break
+        entering, verdict, state = step
+        examined += verdict.scan.examined
         effects = (*effects, entering.effect)
         ties.append(Tie(entering.effect, entering.members, entering.experiment))
         fits.append((effects, verdict.fit))
-        examined += verdict.scan.examined
         report(0.3 + 0.6 * (number + 1) / most)
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))

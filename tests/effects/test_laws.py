@@ -55,9 +55,9 @@ def test_harmonics_of_a_sine(name, k, sine, cosine):
 
 def test_rounded_corners_are_the_sharp_ones_away_from_zero():
     s = one_tone()
-    # width 0.2 % of the amplitude: tanh is sharp to e^-14 beyond 7 widths, the root to w²/2a
+    # width 0.2 % of the amplitude: the step is sharp beyond it, the root to w²/2a
     far = np.abs(s.a) > 0.02 * AMPLITUDE
-    np.testing.assert_allclose(find("dead_zone").column(s)[far], np.sign(s.a)[far], atol=1e-8)
+    np.testing.assert_array_equal(find("dead_zone").column(s, width=s.a_width)[far], np.sign(s.a)[far])
     np.testing.assert_allclose(find("scale_asymmetry").column(s), np.abs(s.a), atol=0.0021 * AMPLITUDE)
     assert np.mean(find("scale_asymmetry").column(s)) == pytest.approx(2.0 * AMPLITUDE / np.pi, rel=1e-4)
 
@@ -66,8 +66,9 @@ def test_corners_are_as_wide_as_the_noise_asks():
     quiet, noisy = one_tone(), one_tone(a_std=0.1)
     assert quiet.a_width == pytest.approx(0.002 * AMPLITUDE, rel=1e-6)
     assert noisy.a_width == pytest.approx(0.4)
-    near = np.argmin(np.abs(quiet.a - 0.4))
-    assert find("dead_zone").column(noisy)[near] == pytest.approx(np.tanh(quiet.a[near] / 0.4))
+    least, most = find("dead_zone").shapes["width"].span(noisy)
+    assert least == pytest.approx(0.4)
+    assert most > least
 
 
 @pytest.mark.parametrize("name", ["sensor_lag", "creep"])

@@ -30,10 +30,10 @@ class Known:
     The base is projected out of each run on its own, so no run's offset can pose as an effect in another.
     """
 
-    def __init__(self, one: Pass, model: Model) -> None:
+    def __init__(self, one: Pass, model: Model, apart: Sequence[Term] = ()) -> None:
         self.carrier = Carrier(one)
         self._kept: tuple[Sequence[Term], slice, Array] | None = None
-        unsure = nuisances(one, model)
+        unsure = [*nuisances(one, model), *((term, np.inf) for term in apart)]
         base = [term for term in model.terms if term.name not in model.fixed]
         plain = [term for term in base if term.name not in {other.name for other, _ in unsure}]
         terms = [*plain, *(term for term, _ in unsure)]

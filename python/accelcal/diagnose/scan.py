@@ -17,7 +17,7 @@ from accelcal.diagnose.refine import refine, shortlist
 from accelcal.diagnose.search import Robust, Search, block_length
 from accelcal.diagnose.ties import Finding, describe, members
 from accelcal.effects import Effect
-from accelcal.model import Model
+from accelcal.model import Model, Term
 from accelcal.passes import Pass
 from accelcal.recording import Array
 
@@ -73,6 +73,8 @@ class Scan:
     """Smallest coefficient that would have been seen with 95 % probability, by effect; infinite where none would."""
     entered: tuple[Finding, ...] = ()
     """Effects that were asked for by name and can be evaluated, whatever they explain."""
+    named: tuple[Finding, ...] = ()
+    """Where a shape without a name comes first: the named effects that cannot be told from it."""
 
 
 def scan(
@@ -81,6 +83,7 @@ def scan(
     *,
     extra: Sequence[Effect] = (),
     only: Sequence[Effect] = (),
+    apart: Sequence[Term] = (),
     alpha: float = ALPHA,
     report: Callable[[float], None] = lambda share: None,
 ) -> Scan:
@@ -92,6 +95,7 @@ def scan(
     model : the model they were fitted with.
     extra : effects of the user's own.
     only : look at these effects alone, significant or not.
+    apart : contributions that are there and are judged elsewhere, such as lines; nothing is paid for explaining them.
     alpha : family-wise false-alarm rate.
     report : called with the share of the work that is done, 0 to 1.
 
@@ -109,7 +113,7 @@ def scan(
     length = max(block_length(one) for one in passes)
     blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
     search_in = Search(len(items), blocks, alpha)
-    runs = [Known(one, model) for one in passes]
+    runs = [Known(one, model, apart) for one in passes]
     report(0.1)
     evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence))
@@ -128,7 +132,17 @@ def scan(
         blocks,
         limits(evidence, search_in),
         tuple(describe(final, robust, (i,), 0, search_in) for i in range(len(refined)) if only and final.gain(i)[1]),
+        named_members(final, robust, chosen, search_in),
     )
+
+
+def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search) -> tuple[Finding, ...]:
+    """Named effects in the class of a shape without a name that comes first, nearest rival first."""
+    if not chosen or not evidence.items[chosen[0]].effect.family:
+        return ()
+    place = {item.effect.name: i for i, item in enumerate(evidence.items) if not item.effect.family}
+    rivals = [place[name] for name in members(evidence, robust, chosen[0], chosen[1:], rules) if name in place]
+    return tuple(describe(evidence, robust, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
 
 
 def rank(

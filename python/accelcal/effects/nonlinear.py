@@ -58,16 +58,28 @@ def scale_asymmetry(s: Signals) -> Array:
     return np.hypot(s.a, s.a_width)
 
 
-@effect("dead_zone", unit="m/s²", symbol="K0'/2", scale=1e-3, source="no published figure; 0.1 mg")
-def dead_zone(s: Signals) -> Array:
+def _thresholds(s: Signals) -> tuple[float, float]:
+    rms = float(np.sqrt(np.mean((s.a - s.rest) ** 2)))
+    return s.a_width, max(2.0 * s.a_width, 0.3 * rms)
+
+
+@effect(
+    "dead_zone",
+    unit="m/s²",
+    symbol="K0'/2",
+    scale=1e-3,
+    source="no published figure; 0.1 mg",
+    shapes={"width": Shape("m/s²", _thresholds, trials=3, spacing="log")},
+)
+def dead_zone(s: Signals, width: float) -> Array:
     """Bias that changes sign with the acceleration: dead zone if negative (IEEE 1293 K0'/2).
 
-    Equation: e = (K0'/2) sgn a, the corner rounded: tanh(a/w).
+    Equation: e = (K0'/2) sgn a, straight across zero: clip(a/w, -1, 1); a plain dead zone has w = |K0'/2|.
     Looks like: a step of the residual where the acceleration passes zero.
     Easily confused with: hysteresis, coulomb.
     Separate by: fast and slow motion; a dead zone does not depend on velocity and has no loop.
     """
-    return np.tanh(s.a / s.a_width)
+    return np.clip(s.a / width, -1.0, 1.0)
 
 
 def _levels(s: Signals) -> tuple[float, float]:
