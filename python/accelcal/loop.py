@@ -260,7 +260,7 @@ SAME_LINE = 0.25
 
 
 EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whiteness",)}
-"""What a coarse converter or wild readings raise besides themselves."""
+"""What a coarse converter or wild readings raise besides themselves; no step makes a line larger than it is."""
 
 
 def heard(loud: Sequence[ChannelFinding], *, alone: bool) -> tuple[ChannelFinding, ...]:
@@ -272,9 +272,10 @@ def heard(loud: Sequence[ChannelFinding], *, alone: bool) -> tuple[ChannelFindin
     """
     shaking = [test.parts for test in loud if test.effect == "vibration" and "frequency" in test.parts]
     raised = {other for test in loud if test.parts.get("coarse", 1.0) for other in EXPLAINED_BY.get(test.effect, ())}
+    step = max((test.parts["step"] for test in loud if test.effect == "quantisation"), default=math.inf)
 
     def own(test: ChannelFinding) -> bool:
-        if test.effect in raised:
+        if test.effect in raised and not (test.effect == "tone" and test.estimate > step):
             return False
         if test.effect != "tone":
             return True

@@ -29,6 +29,8 @@ ROUNDS = 3
 """Times that shape parameters move and the coefficients follow."""
 CONVERGED = 0.2
 """Shape parameters that would move by less than this share of their standard deviation stay."""
+INDIFFERENT = 0.01
+"""Twice the log-likelihood that is not worth a move."""
 REACH = 9
 """Values are tried out to two to the power of this, less one, standard deviations."""
 REFINEMENTS, FINER = 3, 7
@@ -175,6 +177,8 @@ def likeliest(solution: Solution, bend: Bend, std: float) -> float:
     for _ in range(REFINEMENTS):
         gains = profile(solution, bend, tried)
         k = int(np.argmax(gains))
+        if gains[k] - gains[np.argmin(np.abs(tried - bend.value))] < INDIFFERENT:
+            return bend.value
         low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
         best = float(tried[k])
         tried = np.unique([best, *np.linspace(low, high, FINER)])

@@ -207,8 +207,8 @@ def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
     n = 16 * len(periodic.a)  # zero padding: a sixteenth of a bin
     spectrum = np.abs(np.fft.rfft(periodic.a * np.hanning(len(periodic.a)), n))
     loudest = float(np.fft.rfftfreq(n, periodic.step)[np.argmax(spectrum)])
-    assert driven(periodic, 3.0 * loudest)
-    assert not driven(broad, 3.0 * loudest)
+    assert driven(periodic, 3.0 * loudest, 1e-3)
+    assert not driven(broad, 3.0 * loudest, 1e-3)
 
 
 @pytest.mark.parametrize("size", [3e-7, 1e-6])

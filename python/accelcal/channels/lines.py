@@ -28,6 +28,10 @@ COMPANY = 3.0
 """... hold so many times its power together: a band of noise or a comb of lines is the vibration of some machine."""
 NEIGHBOURS = 1001
 """Bins of the periodogram over which its local level is taken."""
+SHARE = 1e-3
+"""A line with less of the power of what makes it would stand among far stronger ones."""
+OWN_LINE = 3.0
+"""A motion with this many times the line itself has it from its drive."""
 DRIVEN = 20.0
 """Power of a line of the motion's own nonlinear functions over that at its neighbours, where the motion makes lines."""
 
@@ -151,26 +155,41 @@ def line(
     span = float(t[-1] - t[0])
     within = frequency < seen.signals.cutoff
     parts = {
-        "frequency": frequency,
+        "frequency": float(frequency),
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
         "follows_motion": float(follows),
         "within_motion": float(within),
-        "made_by_motion": float(within and p_value < ALARM and driven(seen.signals, frequency)),
+        "made_by_motion": float(within and p_value < ALARM and driven(seen.signals, frequency, amplitude)),
     }
     text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < ALARM else "no line stands out"
     return ChannelFinding("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
 
 
-def driven(s: Signals, frequency: float) -> bool:
-    """Whether a motion makes lines at a frequency: a nonlinearity that is missing would show as a tone there."""
-    window = np.hanning(len(s.t))
+def driven(s: Signals, frequency: float, amplitude: float) -> bool:
+    """Whether a motion makes lines at a frequency: a nonlinearity that is missing would show as a tone there.
+
+    The smoothed motion holds a part of any line of the output. Where it has little more of it than that, the line is
+    taken out of it first, or it would pass for its own cause.
+    """
+    window, turning = np.hanning(len(s.t)), 2j * np.pi * frequency
     near, beside = np.arange(-2, 3) / 2.0, np.concatenate([np.arange(-24, -3), np.arange(4, 25)])
-    turns = np.exp(-2j * np.pi * (frequency + np.concatenate([near, beside])[:, None] / s.length) * s.t) * window
-    for made in (s.a**2, s.a**3, np.abs(s.a), np.sign(s.a), s.v**2, np.sign(s.v), s.p**2):
+    turns = np.exp(-(turning + 2j * np.pi * np.concatenate([near, beside])[:, None] / s.length) * s.t) * window
+
+    def stands(made: Array) -> bool:
         power = np.abs(turns @ (made - np.mean(made))) ** 2
-        if np.max(power[: len(near)]) > DRIVEN * np.median(power[len(near) :]):
+        top = float(np.max(power[: len(near)]))
+        share = 2.0 * top / np.sum(window) ** 2 / max(float(np.var(made)), 1e-300)
+        return bool(top > DRIVEN * np.median(power[len(near) :]) and share > SHARE)
+
+    wave = np.exp(turning * s.t)
+    own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
+    if abs(own) > OWN_LINE * amplitude:
+        if stands(s.a):
             return True
-    return False
+        own = 0.0
+    a, v, p = (y - np.real(own * wave / turning**k) for k, y in enumerate((s.a, s.v, s.p)))
+    signs = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
+    return any(stands(made) for made in (a**2, a**3, np.abs(a), v**2, p**2, *signs))
 
 
 def line_fit(seen: Residuals, frequency: float) -> tuple[float, float]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from accelcal.effects.catalogue import Shape, effect
 from accelcal.effects.memory import instants, lagged, since, slow, snap
 from accelcal.recording import Array
@@ -142,15 +144,16 @@ def sensor_resonance(s: Signals) -> Array:
     symbol="cc",
     scale=3e-4,
     source="1e-4 to 1e-3, no published figure",
-    shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log")},
+    shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log"), "start": Shape("1", (-1.0, 1.0), trials=3)},
     memory=True,
 )
-def creep(s: Signals, tau: float) -> Array:
-    """The element relaxes: part of its response comes late; before the record it was at rest.
+def creep(s: Signals, tau: float, start: float) -> Array:
+    """The element relaxes: part of its response comes late.
 
-    Equation: e = cc x, tau x' = a - x.
+    Equation: e = cc x, tau x' = a - x. What x carries over from before the record is a share of the largest
+    acceleration: 0 where the stage had long been at rest.
     Looks like: a slow tail after a hold.
     Easily confused with: warm_up, bias_gauss_markov, velocity when tau is long.
     Separate by: a long constant tilt step.
     """
-    return lagged(s.a, tau, s.step, s.rest)
+    return lagged(s.a, tau, s.step, s.rest + start * float(np.max(np.abs(s.a - s.rest))))
