@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo test test-long embedded check bench bench-check bench-hidden stubs format clean
+.PHONY: help demo test test-long embedded check bench bench-check bench-hidden bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -31,6 +31,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets --quiet -- -D warnings
 	cargo fmt --manifest-path firmware/Cargo.toml --check
+	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings
 	$(BIN)/ruff format --check python tests benches
 	$(BIN)/ruff check python tests benches
@@ -43,9 +44,14 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency
 	$(BIN)/python -m benches.power --write
+	$(BIN)/python -m benches.campaign
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh
+
+bench-peers: $(STAMP) ## Run every other filter on our workloads and put the table into docs/benchmarks.md. Installs them.
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[peers]"
+	$(BIN)/python -m benches.peers --write
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write
@@ -53,6 +59,7 @@ bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an ho
 format: $(STAMP) ## Rewrite sources in the house style.
 	cargo fmt --all
 	cargo fmt --manifest-path firmware/Cargo.toml
+	cargo fmt --manifest-path benches/peers/rust/Cargo.toml
 	$(BIN)/ruff format python tests benches
 	$(BIN)/ruff check --fix python tests benches
 

@@ -1,0 +1,1 @@
+"""The product beside every peer that can run a workload: `python -m benches.peers`."""

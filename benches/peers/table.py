@@ -1,0 +1,114 @@
+"""The table of the contest: times, ratios, bars; and its place in docs/benchmarks.md."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from benches.peers.contest import FUSED, Found
+
+from accelcal.io import atomic_write
+
+PAGE = Path("docs/benchmarks.md")
+START, END = "<!-- peers: written by python -m benches.peers --write -->\n", "<!-- end of peers -->\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Bar:
+    """How many times as long as we a peer takes at least."""
+
+    peer: str
+    """How its name begins."""
+    workloads: tuple[str, ...]
+    least: float
+    ratio: float = float("nan")
+
+    @property
+    def met(self) -> bool:
+        """Whether the smallest ratio is large enough; a peer that is not here proves nothing and fails nothing."""
+        return not self.ratio < self.least
+
+
+BARS = (
+    Bar("FilterPy", ("W1", "W2"), 1000.0),
+    Bar("JAX", ("W1", "W2", "W3", "W4"), 30.0),
+    Bar("adskalman Joseph form", ("W3",), 8.0),
+    Bar("Eigen", ("W1", "W2", "W3", "W4"), 4.0),
+)
+
+
+def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
+    """The smallest ratio of each bar, of the workloads that were run."""
+    told = []
+    for bar in asked:
+        ratios = []
+        for result in found.results:
+            us = found.of(FUSED, result.workload)
+            if us is not None and result.peer.startswith(bar.peer) and result.workload in bar.workloads:
+                ratios.append(result.nanoseconds / us.nanoseconds)
+        if ratios:
+            told.append(Bar(bar.peer, bar.workloads, bar.least, min(ratios)))
+    return told
+
+
+def markdown(found: Found) -> str:
+    """Times with their ratios to ours, then the bars, then who was not here."""
+    workloads = sorted({result.workload for result in found.results})
+    names = list(dict.fromkeys(result.peer for result in found.results))
+    lines = [f"| ns per step (times ours) | {' | '.join(workloads)} |", "|---|" + "---|" * len(workloads)]
+    lines += [f"| {name} | {' | '.join(cell(found, name, workload) for workload in workloads)} |" for name in names]
+    lines += ["", "| at least so many times ours | found | bar | |", "|---|---|---|---|"]
+    for bar in bars(found, BARS):
+        verdict = "met" if bar.met else "**missed**"
+        lines.append(f"| {bar.peer}, {' '.join(bar.workloads)} | {bar.ratio:.3g} | {bar.least:g} | {verdict} |")
+    lines += ["", f"{processor()}; Python {platform.python_version()}; {said('rustc')}; {said('c++')}."]
+    lines += [f"Not here: {name} ({why})." for name, why in found.missing.items()]
+    return "\n".join(lines) + "\n"
+
+
+def cell(found: Found, name: str, workload: str) -> str:
+    """A time and its ratio, or why there is none."""
+    result = found.of(name, workload)
+    if result is None:
+        return ""
+    if not result.agrees:
+        return f"**disagrees by {result.apart:.1g}**"
+    us = found.of(FUSED, workload) or found.of(next(r.peer for r in found.results if r.workload == workload), workload)
+    assert us is not None
+    return f"{figures(result.nanoseconds)} ({figures(result.nanoseconds / us.nanoseconds)})"
+
+
+def figures(value: float) -> str:
+    """Three figures, thousands set apart."""
+    return f"{float(f'{value:.3g}'):,.{2 if value < 10 else 1 if value < 100 else 0}f}".replace(",", " ")
+
+
+def processor() -> str:
+    """Its name, and how busy it was."""
+    names = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
+    return f"{len(names)} times {names[0].partition(': ')[2]}, load {os.getloadavg()[0]:.1f}"
+
+
+def said(program: str) -> str:
+    """First line of what a compiler says of its version."""
+    if shutil.which(program) is None:
+        return f"no {program}"
+    done = subprocess.run([program, "--version"], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[0]
+
+
+def write(text: str) -> None:
+    """Put the table between its marks on the page."""
+    page = PAGE.read_text(encoding="utf-8")
+    before, _, rest = page.partition(START)
+    _, _, after = rest.partition(END)
+    if not rest:
+        raise ValueError(
+            f"{PAGE}: the table goes between the lines {START.strip()!r} and {END.strip()!r}; put them back."
+        )
+    atomic_write(PAGE, before + START + "\n" + text + "\n" + END + after)
