@@ -12,8 +12,6 @@ import numpy as np
 from benches.peers import native, ours, plain
 from benches.peers.workload import Array, Data, Ended, Missing, Workload, draw
 
-from accelcal import __version__
-
 Prepare = Callable[[Workload, Data], Callable[[], Ended]]
 
 TOLERANCE = 1e-6
@@ -72,7 +70,7 @@ def peers() -> tuple[list[Peer], dict[str, str]]:
     four = dict.fromkeys(("W1", "W2", "W3", "W4"), STEPS)
     found = [
         Peer(FUSED, four, native.rust("fused")),
-        Peer(f"accelcal {__version__}, lanes from Rust", {"W5": 2000}, native.rust("batch")),
+        Peer("accelcal, lanes from Rust", {"W5": 2000}, native.rust("batch")),
         Peer("accelcal, Python run_batch", {**four, "W5": 2000}, ours.record, public=True),
         Peer("accelcal, Python LiveFilter.step", four, ours.stream, public=True),
         Peer(DENSE, four, native.rust("dense")),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from benches.peers.contest import FUSED, Found
 
+from accelcal import __version__
 from accelcal.io import atomic_write
 
 PAGE = Path("docs/benchmarks.md")
@@ -59,14 +60,21 @@ def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
 def markdown(found: Found) -> str:
     """Times with their ratios to ours, then the bars, then who was not here."""
     workloads = sorted({result.workload for result in found.results})
-    names = list(dict.fromkeys(result.peer for result in found.results))
+    names = sorted(
+        dict.fromkeys(result.peer for result in found.results), key=lambda name: not name.startswith("accelcal")
+    )
     lines = [f"| ns per step (times ours) | {' | '.join(workloads)} |", "|---|" + "---|" * len(workloads)]
     lines += [f"| {name} | {' | '.join(cell(found, name, workload) for workload in workloads)} |" for name in names]
     lines += ["", "| at least so many times ours | found | bar | |", "|---|---|---|---|"]
     for bar in bars(found, BARS):
         verdict = "met" if bar.met else "**missed**"
-        lines.append(f"| {bar.peer}, {' '.join(bar.workloads)} | {bar.ratio:.3g} | {bar.least:g} | {verdict} |")
-    lines += ["", f"{processor()}; Python {platform.python_version()}; {said('rustc')}; {said('c++')}."]
+        lines.append(
+            f"| {bar.peer}, {' '.join(bar.workloads)} | {figures(bar.ratio)} | {figures(bar.least)} | {verdict} |"
+        )
+    lines += [
+        "",
+        f"accelcal {__version__} on {processor()}; Python {platform.python_version()}; {said('rustc')}; {said('c++')}.",
+    ]
     lines += [f"Not here: {name} ({why})." for name, why in found.missing.items()]
     return "\n".join(lines) + "\n"
 
@@ -85,7 +93,8 @@ def cell(found: Found, name: str, workload: str) -> str:
 
 def figures(value: float) -> str:
     """Three figures, thousands set apart."""
-    return f"{float(f'{value:.3g}'):,.{2 if value < 10 else 1 if value < 100 else 0}f}".replace(",", " ")
+    rounded = float(f"{value:.3g}")
+    return f"{rounded:,.{2 if rounded < 10 else 1 if rounded < 100 else 0}f}".replace(",", " ")
 
 
 def processor() -> str:

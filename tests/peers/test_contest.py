@@ -38,7 +38,7 @@ def test_a_peer_that_disagrees_is_listed_and_has_no_time():
 def test_bars_take_the_smallest_ratio_and_say_what_is_missed():
     text = table.markdown(found(Result("JAX 1", "W1", SAME, 500.0), Result("JAX 1", "W3", SAME, 400.0)))
     assert "| JAX 1 | 500 (50.0) | 400 (20.0) |" in text
-    assert "| JAX, W1 W2 W3 W4 | 20 | 30 | **missed** |" in text
+    assert "| JAX, W1 W2 W3 W4 | 20.0 | 30.0 | **missed** |" in text
     assert "FilterPy" not in text  # a peer that is not here has no row
 
 
