@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from accelcal.characteristic import THERMAL, characteristic
 from accelcal.fit import Fit
 
-POLYNOMIAL = ("quadratic", "odd_quadratic", "cubic")
-"""Effects that depend on the acceleration of the same instant alone; temperature effects vanish at the reference."""
 ROUNDS = 20
 CONVERGED = 1e-15
 """Relative change at which the solution has come to rest."""
@@ -43,7 +39,7 @@ class Application:
 
 
 def apply(fit: Fit, output: float) -> Application:
-    """Solve output = (1 + k) a + K0 + K2 a² + K2o a|a| + K3 a³ for a.
+    """Solve output = (1 + k) a + K0 + (K1'/2)|a| + K2 a² + Koq a|a| + K3 a³ for a, at the reference temperature.
 
     Parameters
     ----------
@@ -55,35 +51,23 @@ def apply(fit: Fit, output: float) -> Application:
     OutsideRange
         If the model is not invertible there.
     """
-    c = {name: fit[name].value if name in fit.model.effects else 0.0 for name in POLYNOMIAL}
-    s, bias = fit.values().scale, fit["bias"].value
-
-    def forward(a: float) -> tuple[float, float]:
-        bend = c["quadratic"] * a**2 + c["odd_quadratic"] * a * abs(a) + c["cubic"] * a**3
-        slope = s + 2.0 * c["quadratic"] * a + 2.0 * c["odd_quadratic"] * abs(a) + 3.0 * c["cubic"] * a**2
-        return s * a + bias + bend, slope
-
-    rounds = [(output - bias) / s]
+    own = characteristic(fit)
+    rounds = [(output - own.forward(0.0)) / own.scale]
     for _ in range(ROUNDS):
-        reached, slope = forward(rounds[-1])
-        if not slope / s > 0.0:
+        slope = own.slope(rounds[-1])
+        if not slope / own.scale > 0.0:
             raise OutsideRange(f"an output of {output:.6g} m/s² lies beyond the range in which the model is monotone")
-        step = (output - reached) / slope
+        step = (output - own.forward(rounds[-1])) / slope
         if abs(step) <= CONVERGED * max(1.0, abs(rounds[-1])):
             break
         rounds.append(rounds[-1] + step)
-    a = rounds[-1]
-    gradient = {"bias": 1.0, "scale_factor": a, "quadratic": a**2, "odd_quadratic": a * abs(a), "cubic": a**3}
-    J = np.array([gradient.get(e.name, 0.0) for e in fit.free]) / forward(a)[1]
     raw, unit = None, ""
     sensor = fit.rig.sensor
     if sensor.scale is not None:
         raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
-    used = {"bias", "scale_factor", *POLYNOMIAL}
-    others = {term.effect.name: str(term.owner) for term in fit.model.terms if term.effect.name not in used}
-    return Application(
-        raw, unit, output, tuple(rounds), math.sqrt(float(J @ fit.covariance @ J)), tuple(others.items())
-    )
+    unused = [name for name in own.coefficients if name in THERMAL] + ["saturation"] * (own.clip is not None)
+    left_out = (*((name, "sensor") for name in unused), *((one.effect, one.owner) for one in own.left_out))
+    return Application(raw, unit, output, tuple(rounds), own.std(fit, rounds[-1]), left_out)
 
 
 def example(fit: Fit) -> Application:

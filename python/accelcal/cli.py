@@ -498,6 +498,81 @@ def report(
         say(f"wrote {target.with_suffix('.pdf')}")
 
 
+@app.command()
+@reported
+def export(
+    model: ModelFile,
+    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.")] = None,
+    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.")] = None,
+    dcc: Annotated[Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).")] = None,
+    lab: Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")] = None,
+    schema: Annotated[Path | None, typer.Option("--schema", help="Hold --dcc against this dcc.xsd.")] = None,
+    without: Annotated[
+        list[str] | None, typer.Option("--without", help="Leave out an effect that cannot be exported.")
+    ] = None,
+    effects_file: EffectsFile = None,
+    json: Json = False,
+) -> None:
+    """Write the sensor's own calibration as code for firmware, as JSON, as a draft certificate.
+
+    From a reading in V, counts or m/s² to acceleration, with a proven bound on its error.
+
+    Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
+    """
+    from accelcal import export as exports
+    from accelcal import store
+    from accelcal.io import atomic_write
+
+    if not (c or rust or dcc or json):
+        raise Usage("say what to write: --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
+    if dcc is None and (lab or schema):
+        raise Usage("--lab and --schema belong to a certificate; add --dcc draft.xml")
+    own_effects(effects_file)
+    made = exports.calibrate(store.load(model), without=without or (), source=model.name)
+    files: dict[Path, str] = {}
+    if c is not None:
+        files[c] = exports.header(made, c.name)
+    if rust is not None:
+        files[rust] = exports.module(made)
+    if dcc is not None:
+        certificate = exports.draft(made, exports.Laboratory() if lab is None else exports.read_laboratory(lab))
+        if schema is not None:
+            exports.require_valid(certificate.text, schema)
+        files[dcc] = certificate.text
+    for path, text in files.items():
+        atomic_write(path, text)
+    if json:
+        emit(exports.to_dict(made))
+    else:
+        show_export(exports.to_dict(made))
+    for path in files:
+        say(f"wrote {path}")
+    if dcc is not None:
+        say(f"{dcc} is a draft; missing: {', '.join(certificate.missing) or 'nothing'}")
+        say("it was not checked; give --schema dcc.xsd" if schema is None else f"it follows {schema}")
+
+
+def show_export(content: dict[str, Any]) -> None:
+    """Print what was exported: where it holds, how good it is, what is not in it."""
+    from accelcal.export.words import upwards
+
+    low, high = content["validity"]["acceleration_m_per_s2"]
+    print(content["model"])
+    print(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
+    warm = content["validity"]["temperature_degC"]
+    print("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
+    for kind in ("double", "float"):
+        code = content[kind]
+        terms = sum(len(row) for s in code["segments"] for row in s["coefficients"])
+        print(f"{kind}: within {upwards(code['bound_m_per_s2'])} m/s² of the exact inverse, {terms} coefficients")
+    least, most = content["std_m_per_s2"]
+    print(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
+    for one in content["left_out"]:
+        print(f"not exported: {one['effect']} {one['why']}")
+    for text in content["remarks"]:
+        print(f"note: {text}")
+
+
 @app.command("app")
 @reported
 def workbench(
@@ -1068,7 +1143,14 @@ def doctor(json: Json = False) -> None:
 
     import accelcal
 
-    extras = {"plot": "matplotlib", "report": "plotly", "pdf": "typst", "app": "nicegui", "hdf5": "h5py"}
+    extras = {
+        "plot": "matplotlib",
+        "report": "plotly",
+        "pdf": "typst",
+        "app": "nicegui",
+        "dcc": "xmlschema",
+        "hdf5": "h5py",
+    }
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,

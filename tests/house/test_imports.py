@@ -29,7 +29,7 @@ LAYERS = (
     ("gauss_newton",),
     ("shaping",),
     ("fit",),
-    ("predict",),
+    ("predict", "characteristic"),
     ("compare", "recursive", "tracks", "budget", "applied", "recovered"),
     ("store",),
     ("power", "diagnose", "breaks", "channels", "detectable"),
