@@ -9,7 +9,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from accelcal.effects import find
-from accelcal.fit import Estimate, Fit
+from accelcal.fit import Fit
+from accelcal.gauss_newton import Estimate
 from accelcal.model import BASE, Model
 from accelcal.rig import Rig, Sensor, Uncertainty
 from accelcal.signals import Origins

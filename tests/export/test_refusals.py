@@ -84,7 +84,7 @@ def test_saturation_ends_the_range():
     ("changed", "said"),
     [
         ({"acceleration": None}, "does not say which accelerations"),
-        ({"acceleration": (3.0, 3.0)}, "no range of acceleration"),
+        ({"acceleration": (3.0, 3.0)}, "range of acceleration is empty"),
     ],
 )
 def test_a_fit_without_a_range_is_refused(changed, said):

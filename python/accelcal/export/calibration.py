@@ -12,7 +12,8 @@ from accelcal.characteristic import Characteristic, LeftOut, characteristic
 from accelcal.export.approximate import Domain, NotInvertible, Proven, invert
 from accelcal.export.inverse import Inverse, evaluate
 from accelcal.export.numbers import DOUBLE, SINGLE
-from accelcal.fit import Estimate, Fit, tied_sum
+from accelcal.fit import Fit, tied_sum
+from accelcal.gauss_newton import Estimate
 from accelcal.recording import Array
 
 SHARES = (0.05, 0.25, 0.5, 0.8, 0.95)
