@@ -40,6 +40,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	cargo bench --quiet -p ekf-simd --bench kernels
+	$(BIN)/python -m benches.start
 	$(BIN)/python -m benches.fit
 	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
-from scipy import special
 
 from accelcal.effects.memory import since_reversal
 from accelcal.fit import Fit
@@ -419,7 +418,7 @@ def welch(y: Array, rate: float) -> tuple[Array, Array, float, float] | None:
     segment = int(min(len(y), max(64, 2 * len(y) // (SEGMENTS + 1))))
     f, density = scipy.signal.welch(y, fs=rate, nperseg=segment)
     worth = max(1.0, (2.0 * len(y) / segment - 1.0) / OVERLAP_LOSS)
-    low, high = (float(special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
+    low, high = (float(scipy.special.gammaincinv(worth, p)) / worth for p in (0.025, 0.975))
     return f, density, low, high
 
 

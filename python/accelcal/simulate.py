@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import solve_banded
 
 from accelcal.motion import Motion
 from accelcal.motion import motion as planned
@@ -253,7 +253,7 @@ def _recursion(drive: Array, decay: float) -> Array:
     """x_n = decay x_(n-1) + drive_n from x_(-1) = 0: a bidiagonal system, solved without the weight of scipy.signal."""
     bands = np.ones((2, len(drive)))
     bands[1] = -decay
-    return np.asarray(solve_banded((1, 0), bands, drive, overwrite_ab=True, check_finite=False))
+    return np.asarray(scipy.linalg.solve_banded((1, 0), bands, drive, overwrite_ab=True, check_finite=False))
 
 
 def _sensor_noise(n: int, dt: float, density: float, lowpass: LowPass | None, rng: np.random.Generator) -> Array:

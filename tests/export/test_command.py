@@ -1,17 +1,21 @@
 """`accelcal export` as a user meets it."""
 
 import json
+import re
+import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from accelcal import store
-from accelcal.export import calibrate, header, module, to_dict
+from accelcal.export import calibrate, header, module, read_laboratory, to_dict
 from accelcal.export.content import SCHEMA
 
 from .models import fit_of
 
+PAGE = Path(__file__).parents[2] / "docs" / "export.md"
 VALUES = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-5}
 
 
@@ -100,6 +104,23 @@ def test_a_missing_extra_is_named(folder):
     assert done.returncode == 3
     assert 'pip install "accelcal[dcc]"' in done.stderr
     assert not (folder / "z.xml").exists()
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", PAGE.read_text(), flags=re.M | re.S)
+
+
+def test_the_examples_of_the_page_run(tmp_path):
+    (commands,) = blocks("sh")
+    for line in commands.splitlines():
+        done = accelcal(*shlex.split(line)[1:], cwd=tmp_path)
+        assert done.returncode == 0, f"{line}: {done.stderr}"
+    (code,) = blocks("c")
+    include, body = code.split("\n\n")
+    (tmp_path / "main.c").write_text(f"{include}\nint main(void)\n{{\ndouble volts = 0.0;\n{body}\nreturn 0;\n}}\n")
+    subprocess.run(["cc", "-std=c99", "main.c", "-o", "main"], cwd=tmp_path, check=True, timeout=60)
+    (tmp_path / "lab.toml").write_text(*blocks("toml"))
+    assert read_laboratory(tmp_path / "lab.toml").missing == ()
 
 
 def test_help_has_an_example(folder):

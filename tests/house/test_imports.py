@@ -41,7 +41,7 @@ LAYERS = (
 FACES = ("paper", "plots", "report", "app", "export", "cli", "demo", "doctor", "__main__")
 """They hold no physics and nothing below imports them."""
 ANYWHERE = ("_core", "__init__")
-HEAVY = ("scipy.stats", "matplotlib", "plotly", "pint")
+HEAVY = ("scipy.stats", "scipy.special", "scipy.linalg", "matplotlib", "plotly", "pint")
 
 
 def files() -> list[Path]:
