@@ -403,7 +403,7 @@ def history(
 
     own_effects(effects_file)
     fits = [store.load(path) for path in models]
-    content = findings.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)))
+    content = findings.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps)
     if json:
         emit(content)
     else:

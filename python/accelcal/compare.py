@@ -14,6 +14,7 @@ from accelcal.fit import Fit
 from accelcal.predict import Coasting, Prediction, accumulated, rms
 from accelcal.recording import Array, Recording
 from accelcal.replay import Flags, Noise
+from accelcal.shown import shown
 from accelcal.signals import ORDER, Signals, derivative, low_pass
 
 HORIZONS = (1.0, 5.0, 10.0)
@@ -112,6 +113,7 @@ class Outside:
     """Windows by horizon, inside and outside."""
 
 
+@shown
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """A fitted model against a recording."""
@@ -151,6 +153,10 @@ class Comparison:
     remarks: tuple[str, ...] = field(default=())
     outside: tuple[Outside, ...] = ()
     """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
+
+    def __repr__(self) -> str:
+        drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
+        return f"Comparison({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
 
 
 def compare(

@@ -15,6 +15,7 @@ from accelcal.recording import Array, Recording, RecordingError
 from accelcal.replay import Noise, Run, Values
 from accelcal.rig import STANDARD_GRAVITY, Rig
 from accelcal.shaping import held_shapes, shaped
+from accelcal.shown import shown
 from accelcal.signals import Origins
 
 TRIAL_BANDS = 9
@@ -26,6 +27,7 @@ SCALE_STD_LIMIT = 0.5
 PLAUSIBLE_SCALE = (0.5, 2.0)
 
 
+@shown
 @dataclass(frozen=True, slots=True)
 class Fit:
     """Estimates of a model with their covariance, and where they come from."""
@@ -45,6 +47,10 @@ class Fit:
     """Sentences a user must read beside the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
+
+    def __repr__(self) -> str:
+        each = (f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in self.estimates)
+        return f"Fit({', '.join(run.name or 'recording' for run in self.runs)}: {', '.join(each)})"
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the (first) estimate called `name`."""

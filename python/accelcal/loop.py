@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.recording import Recording
 from accelcal.replay import Run
 from accelcal.shaping import signals_of
+from accelcal.shown import shown
 
 HELD_OUT = 0.3
 """Share at the end of a recording that is held out when no other recording is."""
@@ -53,6 +54,7 @@ class Tie:
     experiment: str
 
 
+@shown
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """What a model lacks on a recording."""
@@ -84,6 +86,9 @@ class Diagnosis:
     suspect: tuple[str, ...] = ()
     """Faults in the data, each a sentence; they are said first."""
 
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.verdict}: {self.sentence})"
+
     @property
     def importance(self) -> Importance | None:
         """Which of the effects matter under the declared tolerance; None where none is declared."""
@@ -100,6 +105,7 @@ class Step:
     heldout: Comparison
 
 
+@shown
 @dataclass(frozen=True, slots=True)
 class Improvement:
     """The falling error: every step, and what is still missing from the last model."""
@@ -113,6 +119,9 @@ class Improvement:
     same_run: bool
     """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
 
+    def __repr__(self) -> str:
+        return f"Improvement({' + '.join(('base', *self.effects))}; {self.diagnosis.sentence})"
+
     @property
     def importance(self) -> Importance | None:
         """Which effects matter under the declared tolerance; None where none is declared."""
@@ -122,6 +131,34 @@ class Improvement:
     def effects(self) -> tuple[str, ...]:
         """Names in the order added."""
         return self.steps[-1].effects
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class History:
+    """Models in the order of their story, each compared with the same recording: the falling error."""
+
+    fits: tuple[Fit, ...]
+    steps: tuple[Comparison, ...]
+    """One for each fit."""
+
+    def __repr__(self) -> str:
+        each = (f"{name}: {seen.simulated_rms:.3g} m" for name, seen in zip(self.names, self.steps, strict=True))
+        return f"History(rms free-running error of {', '.join(each)})"
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __iter__(self) -> Iterator[Comparison]:
+        return iter(self.steps)
+
+    def __getitem__(self, index: int) -> Comparison:
+        return self.steps[index]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each model holds beyond the base, as in "base + cubic"."""
+        return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)
 
 
 def diagnose(
@@ -433,9 +470,17 @@ def drop(
     return result(solve_runs(model, several, origins=fit.origins, report=report))
 
 
-def history(fits: Sequence[Fit], recording: Recording) -> list[Comparison]:
-    """Compare several models with one recording: the falling error."""
-    return [compare(one, recording) for one in fits]
+def history(fits: Sequence[Fit], recording: Recording) -> History:
+    """Compare several models with one recording: the falling error.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    if not fits:
+        raise ValueError("a history needs at least one model; give the fits in the order of their story")
+    return History(tuple(fits), tuple(compare(one, recording) for one in fits))
 
 
 def improve(

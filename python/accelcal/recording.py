@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.rig import Rig
+from accelcal.shown import shown
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,7 @@ class Finding:
     severity: Literal["note", "warning"] = "note"
 
 
+@shown
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One run: the accelerometer output, the encoder position, side channels, and the rig it came from."""
@@ -66,6 +68,10 @@ class Recording:
     digest: str = ""
     """SHA-256 of the source file, hex."""
     findings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        side = "".join(f", {name}" for name in self.side)
+        return f"Recording({self.name!r}: {len(self.accel)} samples of accel, {len(self.position)} of position{side})"
 
     def part(self, start: float, end: float) -> Recording:
         """The recording from `start` to `end`, both included, s.

@@ -17,7 +17,7 @@ TESTS = Path(__file__).parents[1]
 
 FOUNDATION = ("units", "rig", "recording")
 LAYERS = (
-    ("units",),
+    ("units", "shown"),
     ("rig",),
     ("recording",),
     ("checks", "motion", "loudness"),
@@ -38,7 +38,7 @@ LAYERS = (
     ("findings", "ladder", "likeness"),
 )
 """From the ground up: a module imports from lower layers, or from its own."""
-FACES = ("paper", "plots", "report", "app", "export", "cli", "demo", "doctor", "__main__")
+FACES = ("paper", "plots", "report", "app", "notebook", "export", "cli", "demo", "doctor", "__main__")
 """They hold no physics and nothing below imports them."""
 ANYWHERE = ("_core", "__init__")
 HEAVY = ("scipy.stats", "scipy.special", "scipy.linalg", "matplotlib", "plotly", "pint")
@@ -111,6 +111,11 @@ def test_io_knows_recordings_and_units_alone() -> None:
 def test_nothing_imports_a_face() -> None:
     wrong = [(a, b) for a, b in edges() if b in FACES and a not in FACES]
     assert not wrong, wrong
+
+
+def test_only_results_that_show_themselves_reach_a_face_by_name() -> None:
+    calling = [path.name for path in files() if "import_module" in path.read_text(encoding="utf-8")]
+    assert calling == ["shown.py"]
 
 
 def test_the_reference_is_imported_by_tests_alone() -> None:

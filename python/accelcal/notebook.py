@@ -1,0 +1,276 @@
+"""What a notebook shows of a result: one sentence, a small table, and what must be read beside it, as HTML.
+
+Everything is escaped, and no colour is set but by opacity, so that light and dark notebooks both stay readable.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import singledispatch
+from html import escape
+
+from accelcal.app.words import cards, limits, value
+from accelcal.budget import COVERAGE_FACTOR
+from accelcal.compare import Comparison
+from accelcal.fit import Fit, tied_sum
+from accelcal.loop import Diagnosis, History, Improvement
+from accelcal.overview import describe
+from accelcal.plots import style
+from accelcal.recording import Recording
+from accelcal.report.view import VERDICTS, number, typeset, usual, with_unit
+
+CANDIDATES = 6
+"""Candidates that a diagnosis shows."""
+LONGEST_BAR = 150.0
+"""Pixels."""
+SHORT = 26
+"""Letters that a cell holds in one line; longer texts may break."""
+CELL = "text-align:left;vertical-align:top;padding:2px 14px 2px 0"
+TABLE = 'style="border-collapse:collapse;margin:4px 0"'
+FAINT = 'style="opacity:.75;margin:2px 0"'
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """What is shown of one result; plain text throughout."""
+
+    title: str
+    sentence: str
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    notes: tuple[str, ...] = ()
+    bars: tuple[float, ...] = ()
+    """One for each row where rows are compared by length, as shares of the longest; drawn in a last column."""
+
+
+def html(result: object) -> str:
+    """Return a result as a fragment of HTML that needs nothing else.
+
+    Parameters
+    ----------
+    result : a Recording, Fit, Comparison, Diagnosis, History or Improvement.
+
+    Raises
+    ------
+    TypeError
+        If it is anything else.
+    """
+    shown = card(result)
+    head = (*shown.head, "") if shown.bars else shown.head
+    parts = [f"<p {FAINT}>{escape(shown.title)}</p>", f'<p style="margin:2px 0"><b>{escape(shown.sentence)}</b></p>']
+    if shown.rows:
+        titles = "".join(cell("th", text) for text in head)
+        rows = "".join(
+            f"<tr>{''.join(cell('td', text) for text in row)}{bar(shown.bars, i)}</tr>"
+            for i, row in enumerate(shown.rows)
+        )
+        parts.append(f"<table {TABLE}><thead><tr>{titles}</tr></thead><tbody>{rows}</tbody></table>")
+    parts += [f"<p {FAINT}>{escape(text)}</p>" for text in shown.notes]
+    return f'<div class="accelcal" style="overflow-x:auto">{"".join(parts)}</div>'
+
+
+def cell(kind: str, text: str) -> str:
+    """One cell of a table."""
+    together = ";white-space:nowrap" if len(text) <= SHORT else ""
+    return f'<{kind} style="{CELL}{together}">{escape(text)}</{kind}>'
+
+
+def bar(shares: Sequence[float], row: int) -> str:
+    """The cell with the bar of one row; nothing where there are no bars."""
+    if not shares:
+        return ""
+    look = f"width:{LONGEST_BAR * shares[row]:.0f}px;height:9px;background:currentColor;opacity:.55"
+    return f'<td style="{CELL};vertical-align:middle"><div style="{look}"></div></td>'
+
+
+@singledispatch
+def card(result: object) -> Card:
+    """What is shown of a result."""
+    raise TypeError(f"a {type(result).__name__} has no card; expected one of {', '.join(CARDS)}")
+
+
+@card.register
+def _(recording: Recording) -> Card:
+    seen = describe(recording)
+    warnings = [f.text for f in recording.findings if f.severity == "warning"]
+    used = "" if seen["range_used"] is None else f"; {100.0 * seen['range_used']:.0f} % of the sensor's range used"
+    noticed = f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "no warnings"
+    rest = sum(end - start for start, end in seen["rest_s"])
+    notes = [f"warning: {text}" for text in warnings]
+    notes += [f.text for f in recording.findings if f.severity != "warning"]
+    return Card(
+        title=f"Recording {recording.name}".strip(),
+        sentence=f"{number(duration(recording))} s, at rest for {number(rest)} s{used}; {noticed}.",
+        head=("channel", "samples", "rate", "from", "to", "least", "largest"),
+        rows=tuple(
+            (
+                name,
+                style.grouped(c["samples"]),
+                f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
+                f"{number(c['start_s'], 6)} s",
+                f"{number(c['end_s'], 6)} s",
+                measured(c["min"], c["unit"]),
+                measured(c["max"], c["unit"]),
+            )
+            for name, c in seen["channels"].items()
+        ),
+        notes=(*notes, *(f"assumed: {text}" for text in seen["assumptions"])),
+    )
+
+
+@card.register
+def _(fit: Fit) -> Card:
+    names = ", ".join(run.name or "recording" for run in fit.runs)
+    readings = style.grouped(sum(run.readings for run in fit.runs))
+    agreement = "".join(
+        f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
+    )
+    return Card(
+        title=f"Fit to {names}, {fit.method}",
+        sentence=f"{len(fit.free)} parameters from {readings} readings of position{agreement}.",
+        head=("parameter", "value (u)", "U", "usual unit", "what it really is here"),
+        rows=tuple(
+            (
+                e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
+                f"{e.symbol} = {value(e)}",
+                with_unit(number(COVERAGE_FACTOR * e.std, 2), e.unit) if e.std > 0.0 else "held",
+                usual(e.unit, e.value, e.std),
+                tied_sum(fit, e.name),
+            )
+            for e in fit.estimates
+        ),
+        notes=(
+            "(u): standard uncertainty of the last digits; U: expanded uncertainty, coverage factor 2.",
+            *fit.remarks,
+        ),
+    )
+
+
+@card.register
+def _(seen: Comparison) -> Card:
+    setup, std = seen.setup_bias
+    return Card(
+        title=f"Model against {seen.recording or 'recording'}",
+        sentence=drift(seen),
+        head=("unaided drift after", "this run's constant", "all from the fit", "noise alone", "starts"),
+        rows=tuple(
+            (
+                f"{h:g} s",
+                length(seen.coast_rms[h]),
+                length(seen.coast_frozen_rms[h]),
+                length(seen.coast_floor[h]),
+                str(seen.coast_starts[h]),
+            )
+            for h in seen.coast_rms
+        ),
+        notes=(
+            f"One step ahead {style.length(seen.one_step_rms)} rms; accelerometer side up to {number(seen.band)} Hz "
+            f"{number(seen.accel_rms)} m/s² rms; set-up or turn-on bias {number(setup)} ± {number(std, 2)} m/s².",
+            full(seen.worst),
+            *seen.remarks,
+        ),
+    )
+
+
+@card.register
+def _(found: Diagnosis) -> Card:
+    notes = [f"Suspect data: {text}" for text in found.suspect]
+    notes += [full(one.sentence) for one in found.dropped] + [full(test.sentence) for test in found.channels]
+    notes += [f"{', '.join(t.members)}: {t.experiment}." for t in found.classes if len(t.members) > 1]
+    missing = found.verdict != "adequate"  # a ranking of candidates that explain nothing would mislead
+    return Card(
+        title=f"Diagnosis: {VERDICTS[found.verdict]}",
+        sentence=typeset(found.sentence),
+        head=(
+            ("candidate", "coefficient (u)", "largest contribution", "evidence", "cannot be told from")
+            if missing
+            else ("nothing missing larger than", "seen with 95 % probability")
+        ),
+        rows=(
+            tuple(
+                (c.title, size, most.removeprefix("at most "), evidence, ", ".join(c.rivals) if c.first else "")
+                for c in cards(found, CANDIDATES)
+                for size, most, evidence in (c.facts,)
+            )
+            if missing
+            else tuple((effect, size) for effect, size in limits(found)[:CANDIDATES])
+        ),
+        notes=tuple(notes),
+    )
+
+
+@card.register
+def _(story: History) -> Card:
+    return falling(f"History on {story.steps[0].recording or 'recording'}", story.names, story.steps)
+
+
+@card.register
+def _(found: Improvement) -> Card:
+    names = [" + ".join(("base", *step.effects)) for step in found.steps]
+    same = "the end of the same run" if found.same_run else "another recording"
+    last = found.diagnosis
+    return falling(
+        f"Improvement: {VERDICTS[last.verdict]}; held out is {same}",
+        names,
+        [step.heldout for step in found.steps],
+        typeset(last.sentence),
+        *(f"Suspect data: {text}" for text in last.suspect),
+    )
+
+
+CARDS = ("Recording", "Fit", "Comparison", "Diagnosis", "History", "Improvement")
+
+
+def falling(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:
+    """Several models on the same unseen data, one row each."""
+    known = [h for h in steps[0].coast_rms if all(seen.coast_rms[h] is not None for seen in steps)]
+    h = max(known, default=None)
+    errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
+    measure = "Free-running error" if h is None else f"Unaided drift after {h:g} s"
+    fall = " → ".join(style.length(error) for error in (errors[0], errors[-1])[: len(errors)])
+    floor = "" if h is None else f"; noise alone {length(steps[-1].coast_floor[h])}"
+    return Card(
+        title=title,
+        sentence=f"{measure} on unseen data: {fall}{floor}.",
+        head=("model", *(f"drift, {k:g} s" for k in steps[0].coast_rms), "free-running", "one step"),
+        rows=tuple(
+            (name, *map(length, seen.coast_rms.values()), length(seen.simulated_rms), length(seen.one_step_rms))
+            for name, seen in zip(names, steps, strict=True)
+        ),
+        notes=notes,
+        bars=tuple(error / (max(errors) or 1.0) for error in errors),
+    )
+
+
+def drift(seen: Comparison) -> str:
+    """The longest drift beside what noise alone would give, in a sentence."""
+    known = [h for h, error in seen.coast_rms.items() if error is not None]
+    if not known:
+        return f"Free-running error {style.length(seen.simulated_rms)} rms; too short for a drift."
+    h = max(known)
+    return (
+        f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms; noise alone would give "
+        f"{length(seen.coast_floor[h])}."
+    )
+
+
+def full(text: str) -> str:
+    """A text as a sentence of its own."""
+    return f"{text[:1].upper()}{text[1:].rstrip('.')}."
+
+
+def duration(recording: Recording) -> float:
+    """From the first to the last sample of either channel, s."""
+    clocks = [channel.t for channel in (recording.accel, recording.position) if len(channel)]
+    return float(max(t[-1] for t in clocks) - min(t[0] for t in clocks))
+
+
+def measured(y: float, unit: str) -> str:
+    """A sample in its unit."""
+    return with_unit(number(y), style.label("", unit).strip(" ()"))
+
+
+def length(metres: float | None) -> str:
+    """A length, or that there is none."""
+    return "–" if metres is None else style.length(metres)

@@ -1,0 +1,136 @@
+"""What a notebook shows of a result: a sentence and a table, numbers of the result itself, nothing that could run."""
+
+import dataclasses
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import loop, notebook
+from accelcal.plots.compare import concise
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+
+
+def record(seed):
+    rng = np.random.default_rng(seed)
+    return ac.simulate("interleaved", seconds=30.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+
+
+@pytest.fixture(scope="module")
+def results():
+    train, unseen = record(1), record(2)
+    linear, cubic = ac.fit(ac.Model.linear(), train), loop.add(ac.fit(ac.Model.linear(), train), train, "cubic")
+    return {
+        "recording": train,
+        "fit": linear,
+        "comparison": ac.compare(linear, unseen),
+        "lacking": loop.diagnose(linear, train),
+        "complete": loop.diagnose(cubic, train),
+        "history": loop.history([linear, cubic], unseen),
+        "improvement": loop.improve(train, holdout=unseen, most=1),
+    }
+
+
+KINDS = ("recording", "fit", "comparison", "lacking", "complete", "history", "improvement")
+
+
+def shown(result):
+    """The card as an element: what is not well formed does not pass."""
+    return ET.fromstring(result._repr_html_())
+
+
+def cells(element):
+    return [["".join(cell.itertext()) for cell in row] for row in element.iter("tr")]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_card_is_one_sentence_and_a_small_table(results, kind):
+    card = shown(results[kind])
+    assert len(list(card.iter("b"))) == 1
+    rows = cells(card)
+    assert 2 <= len(rows) <= 9
+    assert len({len(row) for row in rows}) == 1
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_card_loads_and_runs_nothing(results, kind):
+    card = shown(results[kind])
+    tags = {element.tag for element in card.iter()}
+    assert tags <= {"div", "p", "b", "table", "thead", "tbody", "tr", "th", "td"}
+    assert {key for element in card.iter() for key in element.attrib} <= {"class", "style"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_plain_text_is_one_line_without_arrays(results, kind):
+    text = repr(results[kind])
+    assert len(text) < 400
+    assert "\n" not in text
+    assert "array" not in text
+
+
+def test_every_parameter_stands_with_its_uncertainties(results):
+    fit = results["fit"]
+    rows = {row[0]: row for row in cells(shown(fit))[1:]}
+    assert list(rows) == [e.name for e in fit.estimates]
+    for e in fit.estimates:
+        assert concise(e.value, e.std) in rows[e.name][1]
+        shown_twice = float(rows[e.name][2].replace("−", "-").split()[0])
+        assert shown_twice == pytest.approx(2.0 * e.std, rel=0.05)  # two digits are shown
+
+
+def test_drifts_are_those_of_the_comparison(results):
+    seen = results["comparison"]
+    rows = cells(shown(seen))[1:]
+    assert [row[0] for row in rows] == ["1 s", "5 s", "10 s"]
+    metres = {"mm": 1e-3, "µm": 1e-6, "m": 1.0}
+    for row, drift in zip(rows, seen.coast_rms.values(), strict=True):
+        number, unit = row[1].split()
+        assert float(number) * metres[unit] == pytest.approx(drift, rel=0.006)  # three digits are shown
+
+
+def test_what_is_missing_is_named_and_what_is_not_is_bounded(results):
+    lacking, complete = (shown(results[kind]) for kind in ("lacking", "complete"))
+    assert cells(lacking)[1][0] == results["lacking"].effects[0] == "cubic"
+    assert cells(complete)[0] == ["nothing missing larger than", "seen with 95 % probability"]
+    assert "scale factor" not in [row[0] for row in cells(complete)]  # it is in the model
+
+
+def test_bars_are_as_long_as_the_errors(results):
+    story = results["history"]
+    widths = [float(w) for w in re.findall(r"width:(\d+)px", story._repr_html_())]
+    errors = [seen.coast_rms[10.0] for seen in story]
+    assert widths[0] == notebook.LONGEST_BAR
+    assert widths[1] / widths[0] == pytest.approx(errors[1] / errors[0], abs=0.01)  # whole pixels
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_a_history_is_the_sequence_of_its_comparisons(results):
+    story = results["history"]
+    assert len(story) == 2
+    assert list(story) == [story[0], story[1]]
+    assert story.names == ("base", "base + cubic")
+    with pytest.raises(ValueError, match="at least one model"):
+        loop.history([], results["recording"])
+
+
+def test_a_hostile_name_is_text(results):
+    name = '<img src="x" onerror="alert(1)">&amp;.csv'
+    card = shown(dataclasses.replace(results["recording"], name=name))
+    assert "img" not in {element.tag for element in card.iter()}
+    assert name in "".join(card.itertext())
+
+
+def test_what_is_no_result_has_no_card():
+    with pytest.raises(TypeError, match="expected one of Recording, Fit"):
+        notebook.html(3)
+
+
+def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
+    code = "import sys, accelcal, accelcal.loop; print('accelcal.notebook' in sys.modules, 'plotly' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
+    assert done.stdout.split() == ["False", "False"]
