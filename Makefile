@@ -6,13 +6,17 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo test test-long embedded check bench bench-check bench-hidden bench-peers stubs format clean
+.PHONY: help demo docs test test-long embedded check bench bench-check bench-hidden bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
 demo: $(STAMP) ## Set up, then walk the main job: simulate, fit, compare, draw.
 	$(BIN)/accelcal demo -o demo
+
+docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, the tutorial run anew. No network.
+	$(BIN)/python -m sphinx -W -E -q -b html -d build/doctrees docs build/docs
+	@echo "open build/docs/index.html"
 
 test: $(STAMP) ## Run every test: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
@@ -33,8 +37,8 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --manifest-path firmware/Cargo.toml --check
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings
-	$(BIN)/ruff format --check python tests benches
-	$(BIN)/ruff check python tests benches
+	$(BIN)/ruff format --check python tests benches docs
+	$(BIN)/ruff check python tests benches docs
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest accelcal._core --ignore-disjoint-bases
 
@@ -61,11 +65,11 @@ format: $(STAMP) ## Rewrite sources in the house style.
 	cargo fmt --all
 	cargo fmt --manifest-path firmware/Cargo.toml
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml
-	$(BIN)/ruff format python tests benches
-	$(BIN)/ruff check --fix python tests benches
+	$(BIN)/ruff format python tests benches docs
+	$(BIN)/ruff check --fix python tests benches docs
 
 clean: ## Remove everything that can be made again.
-	rm -rf $(VENV) target demo
+	rm -rf $(VENV) target demo build
 
 $(VENV)/bin/python:
 	@tools/prerequisites.sh

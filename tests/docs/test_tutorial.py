@@ -14,7 +14,7 @@ HIDING = 'hide("random", seed=10)'
 
 def executed(notebook, folder):
     return NotebookClient(
-        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
+        notebook, timeout=600, kernel_name="python3", resources={"metadata": {"path": str(folder)}}
     ).execute()
 
 

@@ -34,6 +34,16 @@ def cards(effects: Iterable[Effect]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def symptoms(effects: Iterable[Effect]) -> str:
+    """What each effect of a named cause looks like, and what tells it from its rivals, as a Markdown table."""
+    rows = [
+        f"| {_cell(e.line('Looks like'))} | [{e.name}](effects.md#{e.name}) | {_cell(e.line('Separate by'))} |"
+        for e in effects
+        if not e.family
+    ]
+    return "\n".join(["| the residual shows | effect | tell it apart by |", "|---|---|---|", *rows])
+
+
 def card(effect: Effect) -> str:
     """What is said about one effect, as Markdown."""
     about = effect.card.split("\nEquation:")[0]

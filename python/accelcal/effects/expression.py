@@ -88,7 +88,7 @@ def from_expression(
     Parameters
     ----------
     name : its identifier: small letters, digits, underscores.
-    text : such as ``"v * abs(v)"``: numbers, + - * / **, brackets, `FUNCTIONS`, `MOTION` and side channels. Nothing
+    text : such as ``"v * abs(v)"``: numbers, ``+ - * / **``, brackets, `FUNCTIONS`, `MOTION` and side channels. Nothing
         else is read, and nothing is executed.
     unit : unit of the coefficient.
     port : whether it adds to the output (m/s²) or to the encoder's position (m).

@@ -1,0 +1,143 @@
+"""How the site is built: Sphinx, from these pages, the docstrings and the catalogue; `make docs` runs it."""
+
+from __future__ import annotations
+
+import inspect
+import os
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure as StillFigure
+from plotly.graph_objects import Figure as InteractiveFigure
+
+import accelcal
+import accelcal.plots.interactive
+import accelcal.plots.story
+from accelcal.cli import app as cli
+from accelcal.effects import HOUSE, Effect
+from accelcal.effects.cards import symptoms
+from accelcal.plots.signature import caption, signature
+from accelcal.plots.style import THEMES, save
+
+project = "accelcal"
+version = release = accelcal.__version__
+copyright = "the authors of accelcal; MIT or Apache-2.0"
+html_title = f"accelcal {release}"
+
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+myst_heading_anchors = 3
+myst_enable_extensions = ["colon_fence"]
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+autodoc_member_order = "bysource"
+autodoc_default_options = {"undoc-members": True}
+default_role = "code"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_preserve_defaults = True
+autodoc_type_aliases = {"Array": "Array", "ThemeName": "ThemeName"}
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+html_theme = "furo"
+html_theme_options = {"top_of_page_buttons": []}
+html_show_sourcelink = False
+html_copy_source = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
+pygments_style = "friendly"
+pygments_dark_style = "github-dark"
+
+for module in [m for name, m in sys.modules.items() if name.startswith("accelcal.plots")]:
+    # They name these types for type checkers alone; a type that is known makes a link that leads to the right class.
+    vars(module).setdefault("Figure", InteractiveFigure if ".interactive" in module.__name__ else StillFigure)
+
+SYMPTOMS = "<!-- symptoms of the catalogue -->"
+"""Where a page wants the table of what every effect looks like."""
+COMMANDS = "<!-- commands -->"
+"""Where a page wants the table of all commands."""
+
+
+def pictures(app: Any) -> Path:
+    """Folder of the cards' pictures; beside the environment, never among the sources."""
+    return Path(app.doctreedir) / "pictures"
+
+
+def draw(app: Any) -> None:
+    """Draw the picture of every card, light and dark."""
+    folder = pictures(app)
+    folder.mkdir(parents=True, exist_ok=True)
+    for effect in HOUSE:
+        for theme in THEMES:
+            save(signature(effect, theme=theme), folder / f"{effect.name}-{theme}.png")
+
+
+def complete(app: Any, page: str, source: list[str]) -> None:
+    """Put pictures into the page of cards, and what the catalogue knows of symptoms where it is asked for."""
+    if page == "effects":
+        folder = os.path.relpath(pictures(app), app.srcdir)
+        by_name = {effect.name: effect for effect in HOUSE}
+        source[0] = re.sub(
+            r"^## (\w+)\n", lambda head: head[0] + pair(by_name[head[1]], folder), source[0], flags=re.MULTILINE
+        )
+    source[0] = source[0].replace(SYMPTOMS, symptoms(HOUSE)).replace(COMMANDS, commands())
+
+
+def pair(effect: Effect, folder: str) -> str:
+    """One picture in both themes."""
+    return "".join(
+        f"\n```{{image}} {folder}/{effect.name}-{theme}.png\n:alt: {caption(effect)}\n:class: only-{theme}\n```\n"
+        for theme in THEMES
+    )
+
+
+def commands() -> str:
+    """Every command with what it does and its example, from its own help."""
+    rows = []
+    for command in cli.registered_commands:
+        text = inspect.getdoc(command.callback) or ""
+        example = re.search(r"Example: \[bold\](.*?)\[/bold\]", text, flags=re.DOTALL)
+        name = command.name or command.callback.__name__
+        shown = f"`{' '.join(example[1].split())}`" if example else ""
+        rows.append(f"| `{name}` | {text.splitlines()[0]} | {shown} |")
+    return "\n".join(["| command | what it does | example |", "|---|---|---|", *rows])
+
+
+COLON = "\N{RATIO}"
+"""Stands in for a colon while napoleon would take what precedes it for the type of an attribute."""
+
+
+def described(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Let docstrings of the house be read as they are meant.
+
+    `x : what it is` is a description of a parameter, not its type; the text of an attribute may hold a colon; and |rho|
+    is a size, not a substitution.
+    """
+    section, kept = "", list[str]()
+    for i, line in enumerate(lines):
+        if i + 1 < len(lines) and lines[i + 1].startswith("---"):
+            section = line
+        if not line.lstrip().startswith(">>>"):
+            line = line.replace("|", r"\|")
+        entry = re.fullmatch(r"([\w*][\w, *]*) : (.+)", line) if section == "Parameters" else None
+        kept += [entry[1].replace("*", r"\*"), f"    {entry[2]}"] if entry else [line]
+    if what in ("attribute", "property"):
+        kept[:1] = [line.replace(":", COLON) for line in kept[:1]]
+    lines[:] = kept
+
+
+def unguarded(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+    """Show the colons again, once napoleon has gone over them."""
+    lines[:] = [line.replace(COLON, ":") for line in lines]
+
+
+def setup(app: Any) -> None:
+    """Hook all of it into the build."""
+    app.connect("builder-inited", draw)
+    app.connect("source-read", complete)
+    app.connect("autodoc-process-docstring", described, priority=400)
+    app.connect("autodoc-process-docstring", unguarded, priority=600)

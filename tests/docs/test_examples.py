@@ -1,0 +1,89 @@
+"""Every example of the pages runs as it stands: `sh` and `python` blocks in the order of the page, in one folder."""
+
+import os
+import shlex
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.cli import write_recording
+
+from .pages import DOCS, examples
+
+ENVIRONMENT = os.environ | {"COLUMNS": "160"}
+PAGES = ("quick-start", "loop", "your-data", "own-effect")
+"""Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
+BY_HAND = {
+    "quick-start": ["make demo", "make test"],
+    "embedded": [
+        "rustup target add thumbv7em-none-eabihf",
+        "apt-get install qemu-system-arm binutils-arm-none-eabi",
+        ".venv/bin/python -m tests.firmware.run",
+    ],
+}
+"""What these tests do not run: `.ci/run` and `make embedded` do, and the set-up with rustup is for other machines."""
+
+
+def prepare(page, folder):
+    """Write the reader's own recordings, where a page is about them."""
+    if page != "your-data":
+        return
+    for name, mount in (("run12", "normal"), ("normal", "normal"), ("reversed", "reversed")):
+        made = ac.simulate(
+            "interleaved",
+            seconds=70.0,
+            rig=replace(ac.CXL02_RIG, mount=mount),
+            parameters={"bias": 0.05, "scale_factor": 0.01},
+            rng=np.random.default_rng(len(name)),
+        )
+        sidecar = write_recording(made.recording, folder / f"{name}.csv")
+        if name == "run12":
+            sidecar.unlink()  # the page writes it
+
+
+def run(example, folder):
+    if example.file:
+        (folder / example.file).write_text(example.text)
+    elif example.language == "python":
+        command = [sys.executable, "-c", example.text]
+        done = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=1500)
+        assert done.returncode == 0, f"{example.text}: {done.stderr}"
+    elif example.language == "sh":
+        for line in filter(None, example.text.splitlines()):
+            program, *arguments = shlex.split(line)
+            assert program == "accelcal"
+            command = [sys.executable, "-m", "accelcal", *arguments]
+            done = subprocess.run(command, cwd=folder, env=ENVIRONMENT, capture_output=True, text=True, timeout=1500)
+            assert done.returncode == 0, f"{line}: {done.stderr}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_examples_run_in_the_order_of_the_page(page, tmp_path):
+    prepare(page, tmp_path)
+    ran = [example for example in examples(page) if example.language in ("sh", "python")]
+    assert ran
+    for example in ran:
+        run(example, tmp_path)
+
+
+def test_every_command_on_a_page_runs_or_is_known_to_be_for_a_person():
+    for path in DOCS.glob("*.md"):
+        by_hand = [
+            line
+            for example in examples(path.stem)
+            if example.language in ("bash", "console")
+            for line in example.text.splitlines()
+        ]
+        assert by_hand == BY_HAND.get(path.stem, []), path.name
+        runs = {example.language for example in examples(path.stem)} & {"sh", "python"}
+        assert not runs or path.stem in PAGES, f"{path.name} has examples that no test runs"
+
+
+def test_an_example_that_fails_is_seen(tmp_path):
+    broken = next(e for e in examples("loop") if e.language == "sh")
+    with pytest.raises(AssertionError, match="no-such-effect"):
+        run(replace(broken, text="accelcal demo --effect no-such-effect\n"), tmp_path)

@@ -1,0 +1,61 @@
+"""The pictures on the cards: drawn for every effect, against the variable that the effect is a function of."""
+
+import numpy as np
+import pytest
+
+from accelcal.effects import HOUSE, find
+from accelcal.plots import signature as cards
+from accelcal.plots.signature import FOLLOWS, beside, caption, card_motion, contributions, share, typical_shape
+
+
+def variable(name):
+    s = card_motion()
+    shape = typical_shape(find(name), s)
+    found = beside(find(name), s, shape, contributions(find(name), s, shape))
+    return None if found is None else found.variable
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("cubic", "acceleration"),
+        ("coulomb", "velocity"),
+        ("rail_slope", "position"),
+        ("encoder_cyclic", "position"),
+        ("time_offset", "jerk"),
+        ("temperature_bias", "temperature"),
+        ("cross_axis", "a_y"),
+        ("vibration", "velocity"),
+        ("bias", None),
+        ("bias_drift", None),
+        ("warm_up", None),
+        ("acceleration_velocity", None),
+    ],
+)
+def test_an_effect_is_drawn_against_what_it_is_a_function_of(name, expected):
+    assert variable(name) == expected
+
+
+def test_share_is_one_for_a_function_zero_for_chance_and_for_a_constant():
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-1.0, 1.0, 4000)
+    assert share(x, np.sin(9.0 * x)) > 0.999
+    assert abs(share(x, rng.standard_normal(4000))) < 0.1  # 6 sigma of 1/sqrt(4000)
+    assert share(x, np.full(4000, 3.0)) == 0.0
+    assert share(x, np.sin(9.0 * x) + rng.standard_normal(4000)) < FOLLOWS
+
+
+@pytest.mark.parametrize("effect", HOUSE, ids=lambda e: e.name)
+def test_every_effect_has_a_picture_and_a_caption(effect):
+    figure = cards.signature(effect)
+    assert len(figure.axes) in (1, 2)
+    for axes in figure.axes:
+        assert "(" in axes.get_xlabel()  # a unit
+        assert "(" in axes.get_ylabel()
+        assert all(np.isfinite(line.get_ydata()).any() for line in axes.lines)
+    assert f"{effect.scale:g}" in caption(effect)
+
+
+def test_a_picture_follows_the_theme():
+    light, dark = (cards.signature(find("cubic"), theme=theme) for theme in ("light", "dark"))
+    assert light.get_facecolor() != dark.get_facecolor()
