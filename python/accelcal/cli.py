@@ -1148,8 +1148,11 @@ def doctor(json: Json = False) -> None:
         "report": "plotly",
         "pdf": "typst",
         "app": "nicegui",
+        "dask": "distributed",
         "dcc": "xmlschema",
+        "docs": "sphinx",
         "hdf5": "h5py",
+        "peers": "filterpy",
     }
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {

@@ -49,7 +49,9 @@ class Fit:
     """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
 
     def __repr__(self) -> str:
-        each = (f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in self.estimates)
+        each = (
+            f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
+        )
         return f"Fit({', '.join(run.name or 'recording' for run in self.runs)}: {', '.join(each)})"
 
     def __getitem__(self, name: str) -> Estimate:

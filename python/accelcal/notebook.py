@@ -138,7 +138,7 @@ def _(fit: Fit) -> Card:
                 usual(e.unit, e.value, e.std),
                 tied_sum(fit, e.name),
             )
-            for e in fit.estimates
+            for e in (*fit.estimates, *fit.shapes)
         ),
         notes=(
             "(u): standard uncertainty of the last digits; U: expanded uncertainty, coverage factor 2.",
