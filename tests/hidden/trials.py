@@ -24,6 +24,10 @@ Outcome = dict[str, Any]
 MIXES = [(motion, sensor) for motion in MOTIONS for sensor in SENSORS]
 VISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind != "invisible"]
 INVISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind == "invisible"]
+UNLIKE = ("vibration_rectification",)
+"""Effects whose coefficient means another quantity here than in the worlds."""
+ONE_PROCESS = ("bias_random_walk", "bias_gauss_markov")
+"""A Gauss-Markov bias with a time constant of the record's length is a random walk."""
 DELAYS = ("time_offset", "sensor_lag", "sensor_resonance")
 MOST_ALIKE = 0.9
 """Two effects of a pair are less alike than this."""
@@ -146,6 +150,8 @@ def nearest_rival(world: World) -> float:
     """Largest correlation of the hidden effect with any other mean effect of the catalogue at its typical size."""
     name = world.hidden[0].name
     base = ("1", "a") if name in DELAYS else ("1", "a", "jerk")
+    if name in ONE_PROCESS:
+        return 1.0
     if world.hidden[0].effect.kind != "mean":
         return 0.0
     rivals = tuple(
@@ -210,6 +216,8 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     truth = {"scale_factor": k}
     for hidden in world.hidden:
+        if hidden.name in UNLIKE:
+            continue
         place = hidden.effect.place
         truth[hidden.name] = hidden.magnitude * ((1.0 + k) if place in ("force", "dynamics") else 1.0)
         if hidden.name == "saturation":
