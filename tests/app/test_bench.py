@@ -4,6 +4,7 @@ import shlex
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from accelcal.app import mapping, script, words
 from accelcal.app.bench import Busy, Refused, Workbench
 from accelcal.app.state import State
 from accelcal.cli import app as command_line
+from accelcal.export import calibrate, header, module
 
 
 @pytest.fixture
@@ -331,6 +333,20 @@ def test_model_and_report_are_taken_away(grown, tmp_path):
     text = page.read_text()
     assert "cubic" in text
     assert "src=http" not in text.replace('"', "")
+
+
+def test_code_for_firmware_is_that_of_the_library(grown):
+    made = calibrate(grown.state.step.fit)
+    assert grown.code("C").read_text() == header(made, "sensor.h")
+    assert grown.code("Rust").read_text() == module(made)
+
+
+def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
+    fit = grown.state.step.fit
+    fast = replace(fit, estimates=tuple(replace(e, value=-1.0) if e.name == "cubic" else e for e in fit.estimates))
+    monkeypatch.setattr(bench_module, "fitted", lambda state: replace(grown.state.step, fit=fast))
+    assert bench.code("C") is None
+    assert "not safely monotone" in bench.sentence
 
 
 def test_the_example_has_something_to_find(bench):

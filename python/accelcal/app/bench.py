@@ -22,6 +22,7 @@ from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.compare import Comparison, compare
 from accelcal.effects import Effect, from_expression
+from accelcal.export import calibrate, header, module
 from accelcal.fit import Fit, fit
 from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop
 from accelcal.model import Model
@@ -381,6 +382,15 @@ class Workbench:
             job.report(1.0)
             target = self.drawer() / "report.html"
             io.atomic_write(target, page)
+            return target
+        return None
+
+    def code(self, language: Literal["C", "Rust"]) -> Path | None:
+        """Write what applies the calibration in firmware; None where the model cannot be exported, which is said."""
+        with self._working("writing the code"):
+            made = calibrate(fitted(self.state).fit)
+            target = self.drawer() / ("sensor.h" if language == "C" else "sensor.rs")
+            io.atomic_write(target, header(made, target.name) if language == "C" else module(made))
             return target
         return None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from accelcal.export.calibration import Calibration, Code
 from accelcal.export.inverse import READING_OUTSIDE, TEMPERATURE_OUTSIDE
@@ -80,10 +81,7 @@ def _function(c: Calibration, code: Code, name: str) -> str:
     def number(value: float) -> str:
         return literal(code, value)
 
-    table = ",\n".join(
-        "        { " + ", ".join(_row([number(v) for v in row], warm) for row in s.coefficients) + " }"
-        for s in segments
-    )
+    table = ",\n".join(f"        {{\n{_rows(code, s.coefficients)}\n        }}" for s in segments)
     lines = [
         f"/* Reading ({unit(c.unit)}){' and temperature (degC)' if w else ''} to acceleration (m/s^2), in {kind}; "
         "returns 0 inside the range, else the flags. */",
@@ -169,6 +167,16 @@ def _function(c: Calibration, code: Code, name: str) -> str:
         "}",
         "",
     ]
+    return "\n".join(lines)
+
+
+def _rows(code: Code, rows: Sequence[Sequence[float]]) -> str:
+    """Coefficients by power of x, one row a line, with what they are in decimals behind."""
+    lines = []
+    for power, row in enumerate(rows):
+        numbers = _row([literal(code, v) for v in row], len(row) > 1)
+        comma = "," if power + 1 < len(rows) else ""
+        lines.append(f"            {numbers}{comma} /* x^{power}: {', '.join(f'{v:.6g}' for v in row)} */")
     return "\n".join(lines)
 
 

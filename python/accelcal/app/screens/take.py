@@ -1,8 +1,8 @@
-"""What to take away: model, report, sidecar, own effects, and the steps as a script and as commands."""
+"""What to take away: model, report, code, sidecar, own effects, and the steps as a script and as commands."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from nicegui import ui
 
@@ -32,7 +32,15 @@ def show(page: Page) -> None:
                     with page.body:  # the button that was pressed has been built anew meanwhile
                         ui.download.file(path, f"{stem}.html")
 
+            async def code(language: Literal["C", "Rust"]) -> None:
+                path = await page.act(bench.code, language)
+                if path is not None:
+                    with page.body:
+                        ui.download.file(path, f"{stem}{path.suffix}")
+
             parts.button("Report (.html)", "article", report)
+            parts.button("For firmware, C (.h)", "memory", lambda: code("C"))
+            parts.button("For firmware, Rust (.rs)", "memory", lambda: code("Rust"))
         text = mapping.text_of(state.file, state.sidecar)
         parts.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
         for one in state.own:
