@@ -17,6 +17,10 @@ STATIC = ("bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic
 THERMAL = ("temperature_bias", "temperature_scale")
 """Effects that depend on the temperature of the same instant as well."""
 
+PECULIAR = {
+    "cross_axis_gravity": "depends on the acceleration across the input axis, which one axis does not know",
+    "dead_zone": "makes one output stand for several accelerations",
+}
 OWNERS = {"mounting": "the mounting", "rig": "the rig", "encoder": "the encoder", "timing": "timing"}
 
 
@@ -135,6 +139,8 @@ def _left_out(term: Term) -> LeftOut:
         return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
     if effect.memory:
         return LeftOut(effect.name, effect.owner, f"has a memory that one reading does not know{told}", True)
+    if effect.name in PECULIAR:
+        return LeftOut(effect.name, effect.owner, f"{PECULIAR[effect.name]}{told}", True)
     foreign = [name for name in effect.needs if name != "temperature"]
     if foreign:
         return LeftOut(effect.name, effect.owner, f"depends on the channel {' and '.join(foreign)}{told}", True)

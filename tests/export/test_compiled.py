@@ -55,15 +55,15 @@ def check(program, fit_list, made, count=400):
                 assert abs(Decimal(float(x)) - exact(fit, float(y), float(t), float(x))) <= code.bound
 
 
-@settings(max_examples=4, **QUIET)
-@given(st.lists(fits(), min_size=6, max_size=6))
+@settings(max_examples=3, **QUIET)
+@given(st.lists(fits(), min_size=5, max_size=5))
 def test_c_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
     made = [calibrate(fit) for fit in drawn]
     check(c_program(tmp_path_factory.mktemp("c"), made, *STRICT, *FIRMWARE), drawn, made)
 
 
 @settings(max_examples=2, **QUIET)
-@given(st.lists(fits(), min_size=6, max_size=6))
+@given(st.lists(fits(), min_size=5, max_size=5))
 def test_rust_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
     made = [calibrate(fit) for fit in drawn]
     check(rust_program(tmp_path_factory.mktemp("rust"), made), drawn, made)

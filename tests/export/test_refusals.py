@@ -93,7 +93,7 @@ def test_a_fit_without_a_range_is_refused(changed, said):
 
 
 def test_a_thermal_model_without_temperatures_is_refused():
-    with pytest.raises(NotExportable, match="temperature, of which its fit has seen none"):
+    with pytest.raises(NotExportable, match="depends on temperature but its fit has seen none"):
         calibrate(fit_of({**BASE, "temperature_bias": 1e-3}))
 
 
