@@ -40,7 +40,7 @@ class LeftOut:
 class Characteristic:
     """u = K0 + c1 T + (1 + k + kT T) a + (K1'/2)|a| + K2 a² + Koq a|a| + K3 a³, T from the reference temperature.
 
-    The corner of |a|, which the fit rounds by the noise of its record, is sharp here.
+    The corner at a = 0, which the fit rounds by the noise of its record, is sharp here.
     """
 
     coefficients: Mapping[str, float]
