@@ -177,19 +177,20 @@ def _(seen: Comparison) -> Card:
 def _(found: Diagnosis) -> Card:
     notes = [f"Suspect data: {text}" for text in found.suspect]
     notes += [full(one.sentence) for one in found.dropped] + [full(test.sentence) for test in found.channels]
-    notes += [f"{', '.join(t.members)}: {t.experiment}." for t in found.classes if len(t.members) > 1]
+    tied = [tie for tie in found.classes if len(tie.members) > 1]
+    notes += [f"Cannot be told apart here: {', '.join(tie.members)}. {full(tie.experiment)}" for tie in tied]
     missing = found.verdict != "adequate"  # a ranking of candidates that explain nothing would mislead
     return Card(
         title=f"Diagnosis: {VERDICTS[found.verdict]}",
         sentence=typeset(found.sentence),
         head=(
-            ("candidate", "coefficient (u)", "largest contribution", "evidence", "cannot be told from")
+            ("candidate", "coefficient (u)", "largest contribution", "evidence")
             if missing
             else ("nothing missing larger than", "seen with 95 % probability")
         ),
         rows=(
             tuple(
-                (c.title, size, most.removeprefix("at most "), evidence, ", ".join(c.rivals) if c.first else "")
+                (c.title, size, most.removeprefix("at most "), evidence)
                 for c in cards(found, CANDIDATES)
                 for size, most, evidence in (c.facts,)
             )
