@@ -29,8 +29,10 @@ ROUNDS = 3
 """Times that shape parameters move and the coefficients follow."""
 CONVERGED = 0.2
 """Shape parameters that would move by less than this share of their standard deviation stay."""
-INDIFFERENT = 0.01
+INDIFFERENT = 0.1
 """Twice the log-likelihood that is not worth a move."""
+RUNAWAY = 5.0
+"""A coefficient that grows by more than this on the way trades places with its shape: a few readings set both."""
 REACH = 9
 """Values are tried out to two to the power of this, less one, standard deviations."""
 REFINEMENTS, FINER = 3, 7
@@ -120,16 +122,24 @@ def bend(model: Model, values: Values, signals: Signals, effect: Effect, shape: 
 
 def shaped(solution: Solution) -> Solution:
     """The solution at the shape parameters that the record is most likely at, with their doubt in the covariance."""
+    bent = Bent.of(solution)
     for _ in range(ROUNDS):
-        bent = Bent.of(solution)
         if bent is None:
             return solution
-        values = {b.name: likeliest(solution, b, float(std)) for b, std in zip(bent.bends, bent.std, strict=True)}
-        if all(abs(values[b.name] - b.value) < CONVERGED * s for b, s in zip(bent.bends, bent.std, strict=True)):
+        moved = {b.name: likeliest(solution, b, float(std)) for b, std in zip(bent.bends, bent.std, strict=True)}
+        if all(abs(moved[b.name] - b.value) < CONVERGED * s for b, s in zip(bent.bends, bent.std, strict=True)):
             break
         runs, bands = [one.run for one in solution.passes], [one.band for one in solution.passes]
-        solution = replace(iterate(solution.model.reshaped(**values), runs, bands), chosen=solution.chosen)
-    bent = Bent.of(solution)
+        try:
+            trial = replace(iterate(solution.model.reshaped(**moved), runs, bands), chosen=solution.chosen)
+        except ValueError:
+            break
+        after = Bent.of(trial)
+        if after is None or np.any(
+            np.abs(trial.x) > RUNAWAY * (np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)))
+        ):
+            break
+        solution, bent = trial, after
     return solution if bent is None else replace(solution, covariance=bent.covariance, shapes=bent.estimates)
 
 

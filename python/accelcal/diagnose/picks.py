@@ -13,11 +13,11 @@ from accelcal.recording import Array
 
 JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
-LONG_WAVES = (4.0, 2.0, 1.0)
-"""Periods that are always tried, in strokes: a part of a wave on the stroke, and one whole."""
+LONG_WAVES = tuple(1.0 / turns for turns in (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75))
+"""Periods that are always tried, in strokes: a part of a wave on the stroke, one, nearly two."""
 WAVES = 6
 """Further periods, those on which the innovations fold best."""
-SHORTER = 0.8
+SHORTER = 0.53
 """The longest of them, in strokes."""
 MOST_CELLS = 2**17
 """Cells of position; a longer travel raises the shortest period."""
@@ -64,7 +64,7 @@ def waves(one: Pass) -> list[Wave]:
     low, _ = find("rail_wave").shapes["period"].span(s)
     stroke = float(np.ptp(s.p))
     always = [stroke * share for share in LONG_WAVES if stroke * share > low]
-    edges = [8.0 * stroke, *always, 0.7 * stroke]
+    edges = [8.0 * stroke, *always, 0.5 * stroke]
     found = [Wave(p, (0.5 * (p + edges[k + 2]), 0.5 * (p + edges[k])), 1) for k, p in enumerate(always)]
     shortest = max(low, 12.0 * stroke / MOST_CELLS)
     if stroke * SHORTER < 2.0 * shortest:

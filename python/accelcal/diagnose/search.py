@@ -20,6 +20,8 @@ WIDTH = 5
 """Sets that are kept at each depth."""
 NAMELESS = 0.95
 """Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
+FREE_SHAPES = 1
+"""Shape parameters that the trials of an effect pay for already; each further one costs as much as a coefficient."""
 SHADOW = 0.1
 """An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
 NOTHING_LEFT = 1e-9
@@ -49,6 +51,7 @@ class Search:
         """Gain less what an effect pays for its freedom, for having been picked, and for having no name."""
         told = gain * (NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
+        dof += max(0, sum(shape.refined for shape in item.effect.shapes.values()) - FREE_SHAPES)
         return told - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
 
     def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
