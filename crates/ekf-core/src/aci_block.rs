@@ -39,6 +39,25 @@ pub struct Surprise<T> {
     pub e: T,
     /// `S = H P H' + R`.
     pub s: T,
+    /// One where the reading is there, zero where it is missing; `None` if it is there in every lane.
+    pub there: Option<T>,
+}
+
+impl<T: Number> Surprise<T> {
+    /// `1 / S`, or zero where the reading is missing.
+    #[inline(always)]
+    pub(crate) fn inverse(&self) -> T {
+        self.there.unwrap_or(self.s.like(1.0)) / self.s
+    }
+
+    /// What the row of `p` is multiplied by: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
+    #[inline(always)]
+    pub(crate) fn left(&self, R: T, i: T) -> T {
+        match self.there {
+            None => R * i,
+            Some(there) => R.times_plus(i, R.like(1.0) - there),
+        }
+    }
 }
 
 impl<V: Row, const M: usize> AciBlock<V, M> {
@@ -113,17 +132,15 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         let each = |x: f64| V::every(c(x));
         let (h, sixth) = (c(dt), c(dt / 6.0));
         let [q0, qm, q1] = [start, middle, end].map(|at| q * (at.slope * at.slope));
-        let (g0, gm, g1) = (start.g, middle.g, end.g);
         let two = each(2.0);
-        let gf = two.times_plus(gm, g0);
-        let gs = two.times_plus(gm, gf + g1);
-        let both = gm * (start.h + middle.h);
-        let early = gm * start.h;
-        let late = g1 * middle.h;
-        let dv = gs.times_plus(self.c2, each(dt) * (both + late));
-        let inner = each(0.5).times_plus(early + late, both);
-        let dp = gs.times_plus(self.c1, each(dt) * (gs + gf).times_plus(self.c2, each(dt) * inner));
-        let dd = gf.times_plus(self.c1, each(dt) * gf.times_plus(self.c2, each(0.75 * dt) * early));
+        let gf = two.times_plus(middle.g, start.g);
+        let gs = two.times_plus(middle.g, gf + end.g);
+        let c1 = self.c1.plus(h, self.c2);
+        let c2 = self.c2.plus(h, middle.h);
+        let shared = (middle.g * middle.h).scaled(c(-3.0 * dt));
+        let dv = gs.times_plus(c2, shared);
+        let dp = gs.times_plus(c1.plus(c(0.5 * dt * dt), middle.h), gf.times_plus(c2, shared).scaled(h));
+        let dd = gf.times_plus(c1, (start.g * middle.h).scaled(c(0.75 * dt * dt)));
         let (dv, dp, dd) = (dv.sum(), dp.sum(), dd.sum());
 
         let pushed = c(0.5 * dt).times_plus(q0 + qm, dd);
@@ -133,7 +150,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.pvv = sixth.times_plus(c(2.0).times_plus(dv, c(4.0).times_plus(qm, q0 + q1)), self.pvv);
 
         let hf = two.times_plus(middle.h, start.h);
-        self.c1 = self.c1.plus(h, self.c2).plus(c(dt * dt / 6.0), hf);
+        self.c1 = c1.plus(c(dt * dt / 6.0), hf);
         self.c2 = self.c2.plus(sixth, two.times_plus(middle.h, hf + end.h));
         let af = c(2.0).times_plus(middle.a, start.a);
         self.p = c(dt * dt / 6.0).times_plus(af, h.times_plus(self.v, self.p));
@@ -144,7 +161,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     #[inline(always)]
     #[must_use]
     pub fn innovate(&self, z: V::Number, R: V::Number) -> Surprise<V::Number> {
-        Surprise { e: z - self.p, s: self.ppp + R }
+        Surprise { e: z - self.p, s: self.ppp + R, there: None }
     }
 
     /// Takes the reading in: `x += P H' e / S`, `P -= P H' H P / S`, with one division.
@@ -152,8 +169,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     /// The row of `p` is multiplied by `f = R / S`, which keeps `ppp` positive whatever the rounding.
     #[inline(always)]
     pub fn correct(&mut self, R: V::Number, taken: &Surprise<V::Number>) {
-        let i = R.like(1.0) / taken.s;
-        let (ei, f) = (taken.e * i, R * i);
+        let i = taken.inverse();
+        let (ei, f) = (taken.e * i, taken.left(R, i));
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
@@ -173,7 +190,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     #[must_use]
     pub fn innovate_ahead(&self, tau: V::Number, z: V::Number, R: V::Number) -> Surprise<V::Number> {
         let (dp, dv) = self.ahead(tau);
-        Surprise { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R }
+        Surprise { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R, there: None }
     }
 
     /// Takes a reading of `p + tau v` in.
@@ -181,7 +198,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     pub fn correct_ahead(&mut self, tau: V::Number, taken: &Surprise<V::Number>) {
         let (dp, dv) = self.ahead(tau);
         let column = self.c1.plus(tau, self.c2);
-        let i = tau.like(1.0) / taken.s;
+        let i = taken.inverse();
         let ei = taken.e * i;
         self.p = dp.times_plus(ei, self.p);
         self.v = dv.times_plus(ei, self.v);

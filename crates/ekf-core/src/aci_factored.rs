@@ -114,7 +114,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         for j in 0..M {
             s = (self.up.0[j] * self.D.0[j]).times_plus(self.up.0[j], s);
         }
-        Surprise { e: z - self.p, s }
+        Surprise { e: z - self.p, s, there: None }
     }
 
     /// Bierman's update by a reading of position.

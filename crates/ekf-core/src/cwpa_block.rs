@@ -218,14 +218,14 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     #[inline(always)]
     #[must_use]
     pub fn innovate_position(&self, z: V::Number, R: V::Number) -> Surprise<V::Number> {
-        Surprise { e: z - self.p, s: self.ppp + R }
+        Surprise { e: z - self.p, s: self.ppp + R, there: None }
     }
 
     /// Takes a reading of position in; the row of `p` is multiplied by `R / S`.
     #[inline(always)]
     pub fn correct_position(&mut self, R: V::Number, taken: &Surprise<V::Number>) {
-        let i = R.like(1.0) / taken.s;
-        let f = R * i;
+        let i = taken.inverse();
+        let f = taken.left(R, i);
         let column = [self.ppp, self.ppv, self.ppa];
         let c = self.cp;
         self.correct(i, taken.e, column, c);
@@ -272,13 +272,13 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
             e = e - dPg;
             s = dPg.times_plus(dPg, dPd.times_plus(gPg, s));
         }
-        Ok(OutputSurprise { surprise: Surprise { e, s }, motion, theta })
+        Ok(OutputSurprise { surprise: Surprise { e, s, there: None }, motion, theta })
     }
 
     /// Takes a reading of the output in.
     #[inline(always)]
     pub fn correct_output(&mut self, taken: &OutputSurprise<V>) {
-        let i = taken.surprise.s.like(1.0) / taken.surprise.s;
+        let i = taken.surprise.inverse();
         let [kp, kv, ka] = taken.motion;
         let gain = taken.theta.scaled(-i);
         let minus = -(kp * i);

@@ -5,7 +5,7 @@
 use crate::accelerometer::{Form, Parameters};
 use crate::error::DomainError;
 use crate::number::Number;
-use crate::row::{Row, product};
+use crate::row::{Row, product, row};
 use crate::system::Order;
 
 /// The acceleration at one instant of a step over which the parameters stand still.
@@ -52,10 +52,10 @@ fn unit<V: Row>(kind: V::Number, i: usize, x: V::Number) -> V {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InverseLinear;
 
-/// What [`InverseLinear`] needs of the estimate.
+/// What [`InverseLinear`] needs of the estimate; `-(1 - k)` and, at an instant, `-w`, because both stand in `g`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearTable<V: Row> {
-    slope: V::Number,
+    minus_slope: V::Number,
     bias: V::Number,
     bend: V::Number,
     h: [V; 2],
@@ -68,28 +68,34 @@ impl<V: Row, const M: usize> Effect<V, M> for InverseLinear {
     #[inline(always)]
     fn table(&self, theta: &V, spread: &[V; M], order: Order) -> LinearTable<V> {
         let bias = theta.at(BIAS);
-        let slope = bias.like(1.0) - theta.at(SCALE);
+        let minus_slope = theta.at(SCALE) - bias.like(1.0);
         let bend = if order == Order::Second { spread[SCALE].at(BIAS) } else { bias.like(0.0) };
-        LinearTable { slope, bias, bend, h: [spread[BIAS].scaled(-slope), spread[SCALE]] }
+        LinearTable { minus_slope, bias, bend, h: [spread[BIAS].scaled(minus_slope), spread[SCALE]] }
     }
 
     #[inline(always)]
     fn at(&self, table: &LinearTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
-        let w = u - table.bias;
-        let slope = table.slope;
-        let g = V::from_fn(w, |i| match i {
-            SCALE => -w,
-            BIAS => -slope,
-            _ => w.like(0.0),
+        let minus_w = table.bias - u;
+        let slope = table.minus_slope;
+        let g = V::from_fn(u, |i| match i {
+            SCALE => minus_w,
+            BIAS => slope,
+            _ => u.like(0.0),
         });
-        Ok(Instant { a: slope.times_plus(w, table.bend), g, h: table.h[0].plus(-w, table.h[1]), slope })
+        Ok(Instant {
+            a: slope.times_plus(minus_w, table.bend),
+            g,
+            h: table.h[0].plus(minus_w, table.h[1]),
+            slope: -slope,
+        })
     }
 }
 
 /// The inverse cubic sensor (6), `a = (1 - k) w + K2 w^2 + K3 w^3`.
 ///
 /// `g` and `h = M g` are cubic polynomials in `w` with coefficients that only a reading changes: three multiplications per
-/// instant instead of a product with `M`.
+/// instant instead of a product with `M`. Where elements stand apart, `g = (-w, -slope, w^2, w^3)` is written down, with the
+/// same bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InverseCubic;
 
@@ -144,11 +150,12 @@ impl<V: Row, const M: usize> Effect<V, M> for InverseCubic {
         let [a0, a1, a2, a3] = table.a;
         let [s0, s1, s2] = table.slope;
         let (each, squared) = (V::every(w), V::every(w2));
+        let slope = w2.times_plus(s2, w.times_plus(s1, s0));
         Ok(Instant {
             a: w2.times_plus(w.times_plus(a3, a2), w.times_plus(a1, a0)),
-            g: cubic(each, squared, &table.g),
+            g: if V::APART { row([-w, -slope, w2, w2 * w]) } else { cubic(each, squared, &table.g) },
             h: cubic(each, squared, &table.h),
-            slope: w2.times_plus(s2, w.times_plus(s1, s0)),
+            slope,
         })
     }
 }

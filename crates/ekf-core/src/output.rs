@@ -3,7 +3,7 @@
 use crate::accelerometer::{Form, Parameters};
 use crate::error::DomainError;
 use crate::number::Number;
-use crate::row::Row;
+use crate::row::{Row, row};
 
 /// What the output is expected to say, and how it leans on `a` and the parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,11 +33,6 @@ const SCALE: usize = 0;
 const BIAS: usize = 1;
 const SECOND: usize = 2;
 const THIRD: usize = 3;
-
-#[inline(always)]
-fn row<V: Row>(values: [V::Number; 4]) -> V {
-    V::from_fn(values[0], |i| if i < 4 { values[i] } else { values[0].like(0.0) })
-}
 
 /// The forward linear sensor (3), `K0 + (1 + k) a`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

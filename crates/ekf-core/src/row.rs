@@ -12,6 +12,9 @@ pub trait Row: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Sel
     /// How many.
     const LENGTH: usize;
 
+    /// Whether every element is a number of its own, so that a known zero saves its operation.
+    const APART: bool;
+
     /// `f(i)` at place `i`; `kind` lends its kind.
     #[must_use]
     fn from_fn(kind: Self::Number, f: impl FnMut(usize) -> Self::Number) -> Self;
@@ -99,6 +102,7 @@ impl<T: Number, const M: usize> Row for Plain<T, M> {
     type Number = T;
 
     const LENGTH: usize = M;
+    const APART: bool = true;
 
     #[inline(always)]
     fn from_fn(_: T, f: impl FnMut(usize) -> T) -> Self {
@@ -139,18 +143,12 @@ impl<T: Number, const M: usize> Row for Plain<T, M> {
         }
         total
     }
+}
 
-    #[inline(always)]
-    fn dot(self, other: Self) -> T {
-        if M.is_multiple_of(4) {
-            return (self * other).sum();
-        }
-        let mut total = self.0[0] * other.0[0];
-        for (x, y) in self.0[1..].iter().zip(&other.0[1..]) {
-            total = x.times_plus(*y, total);
-        }
-        total
-    }
+/// The first elements, and zeros.
+#[inline(always)]
+pub(crate) fn row<V: Row>(first: [V::Number; 4]) -> V {
+    V::from_fn(first[0], |i| if i < 4 { first[i] } else { first[0].like(0.0) })
 }
 
 /// `rows a`, for symmetric rows: the combination of the rows with the weights `a`.

@@ -13,10 +13,9 @@ mod table {
 
     use cpu_time::ProcessTime;
     use criterion::{Criterion, Throughput};
-    use ekf_core::{Aci, Carrier, Filter, Form, Integrator, Interpolation, Order, Sensor, Wander};
-    use ekf_simd::{Batch, Path, Prior, run_aci};
+    use ekf_simd::Path;
 
-    use crate::workloads::{DT, Data, QV, R_OUTPUT, R_POSITION, apart, data, dense, portable, structured, variance};
+    use crate::workloads::{WIDTHS, apart, batch, data, dense, many, portable, structured, with_effects};
 
     const STEPS: usize = 20_000;
     const ROUNDS: usize = 11;
@@ -44,6 +43,39 @@ mod table {
             }
         }
         times
+    }
+
+    /// Time against the number of parameters: 8 of them against W2, and the exponent of a power law.
+    fn widths() {
+        let data = data(STEPS, 1);
+        let mut works: Vec<Work<'_>> = vec![Box::new(|| drop(black_box(structured(2, &data, false))))];
+        for parameters in WIDTHS {
+            let run = with_effects(parameters, &data);
+            works.push(Box::new(move || drop(black_box(run()))));
+        }
+        let times = rounds(&works, STEPS);
+        println!("\n| parameters, RK4 | ns per step | times W2 |\n|---|---|---|");
+        let points: Vec<(f64, f64)> = WIDTHS
+            .iter()
+            .zip(&times[1..])
+            .map(|(&parameters, each)| {
+                let ns = median(each.clone());
+                println!("| {parameters} | {ns:.1} | {:.2} |", ratio(each, &times[0]));
+                ((parameters as f64).ln(), ns.ln())
+            })
+            .collect();
+        let eight = ratio(&times[3], &times[0]);
+        let exponent = slope(&points);
+        println!("\n8 parameters: {eight:.2} times W2 (bar <= 4.5, {}).", verdict(eight <= 4.5));
+        println!("Cost grows as M^{exponent:.2} for M = 2..16 (bar <= 2, {}).", verdict(exponent <= 2.0));
+    }
+
+    /// Slope of the least-squares line.
+    fn slope(points: &[(f64, f64)]) -> f64 {
+        let n = points.len() as f64;
+        let (x, y) = points.iter().fold((0.0, 0.0), |(x, y), point| (x + point.0 / n, y + point.1 / n));
+        let part = |of: fn(f64, f64) -> f64| points.iter().map(|point| of(point.0 - x, point.1 - y)).sum::<f64>();
+        part(|x, y| x * y) / part(|x, _| x * x)
     }
 
     /// Median over rounds of the ratio within a round.
@@ -76,38 +108,10 @@ mod table {
         }
     }
 
-    /// Records of several runs, row by row.
-    fn many(runs: usize, steps: usize) -> Data {
-        let (mut u, mut z) = (Vec::new(), Vec::new());
-        for run in 0..runs {
-            let one = data(steps, 1 + run as u64);
-            u.extend(one.u);
-            z.extend(one.z);
-        }
-        Data { u, z }
-    }
-
     fn batches() {
-        let sensor = Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] };
-        let filter = Filter {
-            system: Aci { sensor, q: QV, tau: 0.0 },
-            interpolation: Interpolation::Linear,
-            integrator: Integrator::Rk4,
-            order: Order::Second,
-            carrier: Carrier::Dense,
-            R_position: R_POSITION,
-            R_output: R_OUTPUT,
-            gate: f64::INFINITY,
-        };
         let samples = 2_001;
         let data = many(RUNS, samples - 1);
-        let x = [0.0; 6];
-        let P: Vec<f64> = (0..36).map(|at| if at % 7 == 0 { variance(2, at / 7) } else { 0.0 }).collect();
-        let run = |path: Path, threads: usize| {
-            let batch = Batch { dt: DT, samples, runs: RUNS, output: &data.u, position: &data.z };
-            let prior = Prior { states: 6, x: &x, P: &P };
-            black_box(run_aci(&filter, prior, batch, false, path, threads)).expect("a batch")
-        };
+        let run = |path: Path, threads: usize| black_box(batch(&data, RUNS, path, threads));
         let bars = [(Path::Fused, 1.0), (Path::Four, 0.50), (Path::Eight, 0.30)];
         let open: Vec<(Path, f64)> = bars.into_iter().filter(|(path, _)| path.is_open()).collect();
         let works: Vec<Work<'_>> =
@@ -133,6 +137,7 @@ mod table {
 
     pub fn criterion() {
         sequential();
+        widths();
         batches();
         let mut criterion = Criterion::default()
             .warm_up_time(std::time::Duration::from_millis(300))

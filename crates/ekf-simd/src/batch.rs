@@ -19,7 +19,9 @@ use pulp::{NullaryFnOnce, Simd, WithSimd};
 use crate::fused::Fused;
 use crate::kernel::{AciWith, CwpaWith, Kernel, runner};
 use crate::lanes::Lanes;
-use crate::likelihood::Logarithm;
+use crate::likelihood::{Likelihood, NotAsked, Score};
+#[cfg(target_arch = "x86_64")]
+use crate::pair::Pair;
 use crate::path::Path;
 #[cfg(target_arch = "x86_64")]
 use crate::quads::Quads;
@@ -70,6 +72,14 @@ fn row(all: &[f64], width: usize, run: usize) -> &[f64] {
     if all.len() == width { all } else { &all[run * width..(run + 1) * width] }
 }
 
+/// Where the first value is that `unusable` names.
+fn first(values: &[f64], unusable: impl Fn(f64) -> bool) -> Option<usize> {
+    // A stretch is asked as a whole: what never leaves early runs in vectors.
+    let any = |stretch: &[f64]| stretch.iter().fold(false, |found, x| found | unusable(*x));
+    let stretch = values.chunks(STRETCH).position(any)?;
+    (stretch * STRETCH..values.len()).find(|&index| unusable(values[index]))
+}
+
 impl Batch<'_> {
     fn check(&self, driven: bool) -> Result<(), SetupError> {
         for (channel, values, needed) in [(Channel::Output, self.output, 2), (Channel::Position, self.position, 1)] {
@@ -80,9 +90,12 @@ impl Batch<'_> {
             if count != times && count != times * self.runs {
                 return Err(SetupError::Lengths { channel, times: times * self.runs, values: count });
             }
-            let unusable =
-                |x: &f64| if driven && channel == Channel::Output { !x.is_finite() } else { x.is_infinite() };
-            if let Some(index) = values.iter().position(unusable) {
+            let found = if driven && channel == Channel::Output {
+                first(values, |x| !x.is_finite())
+            } else {
+                first(values, f64::is_infinite)
+            };
+            if let Some(index) = found {
                 return Err(SetupError::NotFinite { channel, index });
             }
         }
@@ -112,7 +125,7 @@ struct Job<'a> {
     q: f64,
     tau: f64,
     wander: [Wander; 4],
-    driven: bool,
+    counted: bool,
 }
 
 impl Job<'_> {
@@ -150,24 +163,22 @@ impl Job<'_> {
         let N = self.prior.states;
         let fault = ekf_core::belief::plausible(N, &P).err();
         let P = (0..N * N).map(|at| P(at / N, at % N)).collect();
+        let log_likelihood = if self.counted { log_likelihood } else { 0.0 };
         Final { x: (0..N).map(x).collect(), P, log_likelihood, fault }
     }
 }
 
 /// One run in any arithmetic of one number.
 #[inline(always)]
-fn single<K: Kernel<V, M>, V: Row, const M: usize>(
+fn single<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     run: usize,
     kind: V::Number,
     value: impl Fn(V::Number) -> f64,
-) -> Final
-where
-    V::Number: Logarithm,
-{
+) -> Final {
     let settings = job.settings::<V, M>(kind);
-    let mut runner = runner::<K, V, M>(kind, |i| kind.like(job.x(run, i)), |i, j| kind.like(job.P(run, i, j)));
+    let mut runner = runner::<K, V, L, M>(kind, |i| kind.like(job.x(run, i)), |i, j| kind.like(job.P(run, i, j)));
     let (output, position) = job.rows(run);
     let record = Rows { output, position, kind };
     let mut went = kernel.begin(&mut runner, &settings, &record);
@@ -180,15 +191,14 @@ where
         from = to;
     }
     let block = &runner.block;
-    let mut ended =
-        job.ended(|i| value(K::x(block, i)), |i, j| value(K::P(block, i, j)), value(runner.likelihood.value()));
+    let mut ended = job.ended(|i| value(K::x(block, i)), |i, j| value(K::P(block, i, j)), value(runner.score.value()));
     ended.fault = went.err().map(StepError::from).or(fault).or(ended.fault);
     ended
 }
 
 /// A group of runs side by side, as many as `S` has lanes; the last run fills what is left over.
 #[inline(always)]
-fn together<K: Kernel<Plain<Lanes<S>, M>, M>, S: Simd, const M: usize>(
+fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     first: usize,
@@ -198,7 +208,7 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, S: Simd, const M: usize>(
     let kind = Lanes::from_fn(simd, |_| 0.0);
     let run = |lane: usize| (first + lane).min(job.batch.runs - 1);
     let settings = job.settings::<Plain<Lanes<S>, M>, M>(kind);
-    let mut runner = runner::<K, _, M>(
+    let mut runner = runner::<K, _, L, M>(
         kind,
         |i| Lanes::from_fn(simd, |lane| job.x(run(lane), i)),
         |i, j| Lanes::from_fn(simd, |lane| job.P(run(lane), i, j)),
@@ -209,7 +219,7 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, S: Simd, const M: usize>(
     let (mut from, mut begun) = (0, false);
     while from + 1 < job.batch.samples {
         let to = (from + STRETCH).min(job.batch.samples - 1);
-        stretch.turn(simd, &output, &position, job.driven, (from, to));
+        stretch.turn(&output, &position, (from, to));
         let mut went = if begun { Ok(()) } else { kernel.begin(&mut runner, &settings, &stretch) };
         begun = true;
         went = went.and_then(|()| kernel.follow(&mut runner, &settings, &stretch, (from, to)));
@@ -221,7 +231,7 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, S: Simd, const M: usize>(
         }
         from = to;
     }
-    let (block, likelihood) = (&runner.block, runner.likelihood.value());
+    let (block, likelihood) = (&runner.block, runner.score.value());
     (0..count)
         .map(|lane| {
             let mut ended =
@@ -245,27 +255,36 @@ macro_rules! everywhere {
         $(impl Everywhere<$M> for $kernel {
             #[inline(always)]
             fn together<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final> {
-                together::<Self, S, $M>(job, self, first, simd)
+                if job.counted {
+                    together::<Self, Likelihood<_>, S, $M>(job, self, first, simd)
+                } else {
+                    together::<Self, NotAsked<_>, S, $M>(job, self, first, simd)
+                }
             }
 
             #[cfg(target_arch = "x86_64")]
             #[inline(always)]
             fn fused(self, job: &Job<'_>, run: usize, simd: V3) -> Final {
-                single::<Self, $row, $M>(job, self, run, Fused { x: 0.0, simd }, |x| x.x)
+                let kind = Fused { x: 0.0, simd };
+                if job.counted {
+                    single::<Self, $row, Likelihood<_>, $M>(job, self, run, kind, |x| x.x)
+                } else {
+                    single::<Self, $row, NotAsked<_>, $M>(job, self, run, kind, |x| x.x)
+                }
             }
 
             fn alone(self, job: &Job<'_>, run: usize) -> Final {
-                single::<Self, Plain<f64, $M>, $M>(job, self, run, 0.0, |x| x)
+                single::<Self, Plain<f64, $M>, Likelihood<f64>, $M>(job, self, run, 0.0, |x| x)
             }
         })*
     };
 }
 
 everywhere!(
-    AciWith<InverseLinear>, 2, Plain<Fused<V3>, 2>;
+    AciWith<InverseLinear>, 2, Pair;
     AciWith<InverseCubic>, 4, Quads<1>;
-    AciWith<ForwardLinear>, 2, Plain<Fused<V3>, 2>;
-    CwpaWith<ReadLinear>, 2, Plain<Fused<V3>, 2>;
+    AciWith<ForwardLinear>, 2, Pair;
+    CwpaWith<ReadLinear>, 2, Pair;
     CwpaWith<ReadCubic>, 4, Quads<1>;
 );
 
@@ -365,7 +384,9 @@ fn one_by_one<K, const M: usize>(job: &Job<'_>, kernel: K, threads: usize) -> Ve
 where
     K: Kernel<Plain<f64, M>, M> + Sync,
 {
-    spread(job.batch.runs, 1, threads, |run| vec![single::<K, Plain<f64, M>, M>(job, kernel, run, 0.0, |x| x)])
+    spread(job.batch.runs, 1, threads, |run| {
+        vec![single::<K, Plain<f64, M>, Likelihood<f64>, M>(job, kernel, run, 0.0, |x| x)]
+    })
 }
 
 fn without<S>(filter: &Filter<S>) -> Filter<()> {
@@ -391,12 +412,12 @@ pub fn run_aci(
     batch.check(true)?;
     prior.check(batch.runs)?;
     let Aci { sensor, q, tau } = filter.system;
-    let job = Job { batch, prior, filter: without(filter), q, tau, wander: sensor.wander, driven: true };
+    let job = Job { batch, prior, filter: without(filter), q, tau, wander: sensor.wander, counted };
     match (sensor.form, prior.states) {
-        (Form::Inverse, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: InverseLinear, counted }, path, threads)),
-        (Form::Inverse, 6) => Ok(in_lanes::<_, 4>(&job, AciWith { effect: InverseCubic, counted }, path, threads)),
-        (Form::Forward, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: ForwardLinear, counted }, path, threads)),
-        (Form::Forward, 6) => Ok(one_by_one::<_, 4>(&job, AciWith { effect: ForwardCubic, counted }, threads)),
+        (Form::Inverse, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: InverseLinear }, path, threads)),
+        (Form::Inverse, 6) => Ok(in_lanes::<_, 4>(&job, AciWith { effect: InverseCubic }, path, threads)),
+        (Form::Forward, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: ForwardLinear }, path, threads)),
+        (Form::Forward, 6) => Ok(one_by_one::<_, 4>(&job, AciWith { effect: ForwardCubic }, threads)),
         (_, given) => Err(SetupError::Size { given }),
     }
 }
@@ -419,12 +440,12 @@ pub fn run_cwpa(
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
-    let job = Job { batch, prior, filter: without(filter), q, tau: 0.0, wander: sensor.wander, driven: false };
+    let job = Job { batch, prior, filter: without(filter), q, tau: 0.0, wander: sensor.wander, counted };
     match (sensor.form, prior.states) {
-        (Form::Forward, 5) => Ok(in_lanes::<_, 2>(&job, CwpaWith { sensor: ReadLinear, counted }, path, threads)),
-        (Form::Forward, 7) => Ok(in_lanes::<_, 4>(&job, CwpaWith { sensor: ReadCubic, counted }, path, threads)),
-        (Form::Inverse, 5) => Ok(one_by_one::<_, 2>(&job, CwpaWith { sensor: ReadInverse, counted }, threads)),
-        (Form::Inverse, 7) => Ok(one_by_one::<_, 4>(&job, CwpaWith { sensor: ReadInverse, counted }, threads)),
+        (Form::Forward, 5) => Ok(in_lanes::<_, 2>(&job, CwpaWith { sensor: ReadLinear }, path, threads)),
+        (Form::Forward, 7) => Ok(in_lanes::<_, 4>(&job, CwpaWith { sensor: ReadCubic }, path, threads)),
+        (Form::Inverse, 5) => Ok(one_by_one::<_, 2>(&job, CwpaWith { sensor: ReadInverse }, threads)),
+        (Form::Inverse, 7) => Ok(one_by_one::<_, 4>(&job, CwpaWith { sensor: ReadInverse }, threads)),
         (_, given) => Err(SetupError::Size { given }),
     }
 }

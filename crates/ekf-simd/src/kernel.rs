@@ -7,14 +7,11 @@ use ekf_core::error::DomainError;
 use ekf_core::output::Output;
 use ekf_core::row::Row;
 
-use crate::likelihood::{Likelihood, Logarithm};
+use crate::likelihood::Score;
 use crate::run::{Record, Runner, Settings};
 
 /// A filter with its sensor, over a uniform record.
-pub trait Kernel<V: Row, const M: usize>: Copy
-where
-    V::Number: Logarithm,
-{
+pub trait Kernel<V: Row, const M: usize>: Copy {
     /// Mean and covariance.
     type Block: Copy;
 
@@ -34,9 +31,9 @@ where
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn begin(
+    fn begin<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError>;
@@ -45,9 +42,9 @@ where
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn follow(
+    fn follow<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
@@ -56,15 +53,12 @@ where
 
 /// The runner of a prior.
 #[inline(always)]
-pub fn runner<K: Kernel<V, M>, V: Row, const M: usize>(
+pub fn runner<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
     kind: V::Number,
     x: impl Fn(usize) -> V::Number,
     P: impl Fn(usize, usize) -> V::Number,
-) -> Runner<K::Block, V::Number>
-where
-    V::Number: Logarithm,
-{
-    Runner { block: K::block(x, P), likelihood: Likelihood::new(kind) }
+) -> Runner<K::Block, L> {
+    Runner { block: K::block(x, P), score: L::new(kind) }
 }
 
 /// ACI with a sensor.
@@ -72,8 +66,6 @@ where
 pub struct AciWith<E> {
     /// How acceleration follows from the output.
     pub effect: E,
-    /// Whether the log-likelihood is wanted.
-    pub counted: bool,
 }
 
 /// CWPA with a sensor.
@@ -81,14 +73,9 @@ pub struct AciWith<E> {
 pub struct CwpaWith<O> {
     /// What the output says of the acceleration.
     pub sensor: O,
-    /// Whether the log-likelihood is wanted.
-    pub counted: bool,
 }
 
-impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E>
-where
-    V::Number: Logarithm,
-{
+impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
     type Block = AciBlock<V, M>;
 
     const MOTION: usize = 2;
@@ -109,35 +96,28 @@ where
     }
 
     #[inline(always)]
-    fn begin(
+    fn begin<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
-        runner.read_position(settings, record.position(0), self.counted).map(|_| ())
+        runner.read_position(settings, record.position(0))
     }
 
     #[inline(always)]
-    fn follow(
+    fn follow<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        // A copy that nobody else can see stays in registers.
-        let mut here = *runner;
-        let went = here.follow(&self.effect, settings, record, range, self.counted);
-        *runner = here;
-        went
+        runner.follow(&self.effect, settings, record, range)
     }
 }
 
-impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O>
-where
-    V::Number: Logarithm,
-{
+impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
     type Block = CwpaBlock<V, M>;
 
     const MOTION: usize = 3;
@@ -158,27 +138,23 @@ where
     }
 
     #[inline(always)]
-    fn begin(
+    fn begin<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
-        runner.read(&self.sensor, settings, record, 0, self.counted)
+        runner.read(&self.sensor, settings, record, 0)
     }
 
     #[inline(always)]
-    fn follow(
+    fn follow<L: Score<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, V::Number>,
+        runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        // A copy that nobody else can see stays in registers.
-        let mut here = *runner;
-        let went = here.follow(&self.sensor, settings, record, range, self.counted);
-        *runner = here;
-        went
+        runner.follow(&self.sensor, settings, record, range)
     }
 }

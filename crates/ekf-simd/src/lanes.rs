@@ -33,10 +33,32 @@ impl<S: Simd> Lanes<S> {
         self.simd
     }
 
+    /// As it is where it is a number and zero elsewhere; and one where it is a number, zero elsewhere.
+    #[inline(always)]
+    pub fn numbers(self) -> (Self, Self) {
+        let Self { values, simd } = self;
+        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
+        let is_number = simd.equal_f64s(values, values);
+        let only = |x| Self { values: simd.select_f64s(is_number, x, zero), simd };
+        (only(values), only(one))
+    }
+
+    /// The sum over the lanes.
+    #[inline(always)]
+    pub fn total(&self) -> f64 {
+        self.simd.reduce_sum_f64s(self.values)
+    }
+
     /// What one lane holds.
     #[inline(always)]
     pub fn lane(&self, lane: usize) -> f64 {
         bytemuck::cast_slice::<S::f64s, f64>(std::slice::from_ref(&self.values))[lane]
+    }
+
+    /// Puts `x` into one lane.
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, x: f64) {
+        bytemuck::cast_slice_mut::<S::f64s, f64>(std::slice::from_mut(&mut self.values))[lane] = x;
     }
 }
 

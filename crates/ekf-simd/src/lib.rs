@@ -12,6 +12,8 @@ pub mod fused;
 pub mod kernel;
 pub mod lanes;
 pub mod likelihood;
+#[cfg(target_arch = "x86_64")]
+pub mod pair;
 pub mod path;
 #[cfg(target_arch = "x86_64")]
 pub mod quads;

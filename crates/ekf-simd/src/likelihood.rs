@@ -49,49 +49,73 @@ impl<S: Simd> Logarithm for Lanes<S> {
     }
 }
 
-impl<T: Logarithm> Likelihood<T> {
+/// What is kept of the readings: their log-likelihood, or nothing.
+pub trait Score<T>: Copy {
     /// No reading yet.
+    #[must_use]
+    fn new(kind: T) -> Self;
+
+    /// One reading.
+    fn add(&mut self, taken: &Surprise<T>);
+
+    /// The log-likelihood of the readings so far; zero if it is not kept.
+    fn value(&self) -> T;
+}
+
+/// Nothing is kept.
+#[derive(Debug, Clone, Copy)]
+pub struct NotAsked<T>(T);
+
+impl<T: Number> Score<T> for NotAsked<T> {
     #[inline(always)]
-    pub fn new(kind: T) -> Self {
+    fn new(kind: T) -> Self {
+        Self(kind.like(0.0))
+    }
+
+    #[inline(always)]
+    fn add(&mut self, _: &Surprise<T>) {}
+
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.0
+    }
+}
+
+impl<T: Logarithm> Score<T> for Likelihood<T> {
+    #[inline(always)]
+    fn new(kind: T) -> Self {
         let zero = kind.like(0.0);
         Self { nis: zero, product: kind.like(1.0), logarithms: zero, waiting: 0 }
     }
 
-    /// One reading in every lane.
     #[inline(always)]
-    pub fn add(&mut self, taken: &Surprise<T>) {
-        let i = taken.e.like(1.0) / taken.s;
-        self.gather(taken.e * taken.e * i, taken.e.like(std::f64::consts::TAU) * taken.s);
-    }
-
-    /// One reading where `weight` is one, none where it is zero.
-    #[inline(always)]
-    pub fn add_some(&mut self, taken: &Surprise<T>, weight: T) {
-        let one = weight.like(1.0);
-        let s = weight.times_plus(weight.like(std::f64::consts::TAU) * taken.s, one - weight);
-        self.gather(weight * taken.e * taken.e / taken.s, s);
-    }
-
-    #[inline(always)]
-    fn gather(&mut self, nis: T, s: T) {
+    fn add(&mut self, taken: &Surprise<T>) {
+        let &Surprise { e, s, there } = taken;
+        let one = e.like(1.0);
+        let scaled = e.like(std::f64::consts::TAU) * s;
+        let (nis, s) = match there {
+            None => (e * e * (one / s), scaled),
+            Some(there) => (e * e * (there / s), there.times_plus(scaled, one - there)),
+        };
         self.nis = self.nis + nis;
         self.product = self.product * s;
         self.waiting += 1;
         if self.waiting == EVERY {
             self.logarithms = self.total();
-            self.product = s.like(1.0);
+            self.product = one;
             self.waiting = 0;
         }
     }
 
     #[inline(always)]
+    fn value(&self) -> T {
+        self.nis.like(-0.5) * (self.nis + self.total())
+    }
+}
+
+impl<T: Logarithm> Likelihood<T> {
+    #[inline(always)]
     fn total(&self) -> T {
         self.logarithms + self.product.ln()
-    }
-
-    /// The log-likelihood of the readings so far.
-    #[inline(always)]
-    pub fn value(&self) -> T {
-        self.nis.like(-0.5) * (self.nis + self.total())
     }
 }

@@ -56,6 +56,7 @@ impl<const Q: usize> Row for Quads<Q> {
     type Number = Fused<V3>;
 
     const LENGTH: usize = 4 * Q;
+    const APART: bool = false;
 
     #[inline(always)]
     fn from_fn(kind: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {

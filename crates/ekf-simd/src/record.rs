@@ -51,54 +51,37 @@ impl<T: Number> Record<T> for Rows<'_, T> {
     }
 }
 
-/// A stretch of the records of several runs.
+/// A stretch of the records of several runs, samples of all runs side by side; not a number where missing.
 pub struct Stretch<S: Simd> {
     first: usize,
     output: [Lanes<S>; STRETCH + 1 + 2 * HALO],
-    reading: [Sample<Lanes<S>>; STRETCH + 1 + 2 * HALO],
-    position: [Sample<Lanes<S>>; STRETCH + 1 + 2 * HALO],
+    position: [Lanes<S>; STRETCH + 1 + 2 * HALO],
 }
 
-/// The samples of one instant in all lanes.
+/// Where the runs have a number.
 #[inline(always)]
-fn across<S: Simd>(simd: S, rows: &[&[f64]], j: usize) -> Sample<Lanes<S>> {
-    let there = rows.iter().filter(|row| !row[j].is_nan()).count();
-    if there == 0 {
-        return Sample::None;
-    }
-    let value = Lanes::from_fn(simd, |lane| if rows[lane][j].is_nan() { 0.0 } else { rows[lane][j] });
-    if there == rows.len() {
-        return Sample::All(value);
-    }
-    Sample::Some(value, Lanes::from_fn(simd, |lane| if rows[lane][j].is_nan() { 0.0 } else { 1.0 }))
+fn sample<S: Simd>(values: Lanes<S>) -> Sample<Lanes<S>> {
+    let (values, there) = values.numbers();
+    if there.total() == 0.0 { Sample::None } else { Sample::Some(values, there) }
 }
 
 impl<S: Simd> Stretch<S> {
     /// Room for a stretch.
     pub fn new(simd: S) -> Self {
         let zero = Lanes::from_fn(simd, |_| 0.0);
-        Self {
-            first: 0,
-            output: [zero; STRETCH + 1 + 2 * HALO],
-            reading: [Sample::None; STRETCH + 1 + 2 * HALO],
-            position: [Sample::None; STRETCH + 1 + 2 * HALO],
-        }
+        Self { first: 0, output: [zero; STRETCH + 1 + 2 * HALO], position: [zero; STRETCH + 1 + 2 * HALO] }
     }
 
     /// Turns samples `from..=to` and their neighbours; one row per lane and channel.
     #[inline(always)]
-    pub fn turn(&mut self, simd: S, output: &[&[f64]], position: &[&[f64]], driven: bool, (from, to): (usize, usize)) {
+    pub fn turn(&mut self, output: &[&[f64]], position: &[&[f64]], (from, to): (usize, usize)) {
         self.first = from.saturating_sub(HALO);
         let last = (to + HALO).min(output[0].len() - 1);
-        for j in self.first..=last {
-            let slot = j - self.first;
-            if driven {
-                self.output[slot] = Lanes::from_fn(simd, |lane| output[lane][j]);
-            } else {
-                self.reading[slot] = across(simd, output, j);
-            }
-            if from <= j && j <= to {
-                self.position[slot] = across(simd, position, j);
+        for (slots, rows) in [(&mut self.output, output), (&mut self.position, position)] {
+            for (lane, row) in rows.iter().enumerate() {
+                for (slot, x) in slots.iter_mut().zip(&row[self.first..=last]) {
+                    slot.set(lane, *x);
+                }
             }
         }
     }
@@ -117,11 +100,11 @@ impl<S: Simd> Record<Lanes<S>> for Stretch<S> {
 
     #[inline(always)]
     fn reading(&self, j: usize) -> Sample<Lanes<S>> {
-        self.reading[j - self.first]
+        sample(self.output[j - self.first])
     }
 
     #[inline(always)]
     fn position(&self, j: usize) -> Sample<Lanes<S>> {
-        self.position[j - self.first]
+        sample(self.position[j - self.first])
     }
 }

@@ -6,7 +6,7 @@
 use ekf_core::aci_block::{AciBlock, Surprise};
 use ekf_core::aci_staged::Course;
 use ekf_core::cwpa_block::CwpaBlock;
-use ekf_core::effect::{Effect, Instant};
+use ekf_core::effect::Effect;
 use ekf_core::error::DomainError;
 use ekf_core::number::Number;
 use ekf_core::output::Output;
@@ -14,7 +14,7 @@ use ekf_core::row::Row;
 use ekf_core::wandering::Wandering;
 use ekf_core::{Integrator, Interpolation, Order};
 
-use crate::likelihood::{Likelihood, Logarithm};
+use crate::likelihood::Score;
 
 /// One sample of one channel, in every lane.
 #[derive(Debug, Clone, Copy)]
@@ -23,8 +23,16 @@ pub enum Sample<T> {
     None,
     /// There in all lanes.
     All(T),
-    /// There where the weight is one, missing where it is zero (the value is then any finite number).
+    /// There where the second number is one, missing where it is zero (the first is then any finite number).
     Some(T, T),
+}
+
+impl<T> Sample<T> {
+    /// Whether any lane has it.
+    #[inline(always)]
+    fn is_there(&self) -> bool {
+        !matches!(self, Self::None)
+    }
 }
 
 /// A uniform record as a run sees it.
@@ -66,11 +74,11 @@ pub struct Settings<V: Row, const M: usize> {
 
 /// A filter on its way through its record.
 #[derive(Debug, Clone, Copy)]
-pub struct Runner<B, T> {
+pub struct Runner<B, L> {
     /// Mean and covariance.
     pub block: B,
-    /// Of the readings so far.
-    pub likelihood: Likelihood<T>,
+    /// What is kept of the readings so far.
+    pub score: L,
 }
 
 /// The output between samples `j` and `j + 1`, at `f` of the way.
@@ -97,65 +105,9 @@ fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolatio
     }
 }
 
-/// Whole blocks mixed.
-pub trait Blend<T> {
-    /// `weight self + (1 - weight) old`.
-    #[must_use]
-    fn blended(&self, old: &Self, weight: T) -> Self;
-}
-
-#[inline(always)]
-fn mix<T: Number>(weight: T, new: T, old: T) -> T {
-    weight.times_plus(new, (weight.like(1.0) - weight) * old)
-}
-
-#[inline(always)]
-fn mix_row<V: Row>(weight: V::Number, new: V, old: V) -> V {
-    new.scaled(weight).plus(weight.like(1.0) - weight, old)
-}
-
-impl<V: Row, const M: usize> Blend<V::Number> for AciBlock<V, M> {
-    #[inline(always)]
-    fn blended(&self, old: &Self, w: V::Number) -> Self {
-        Self {
-            p: mix(w, self.p, old.p),
-            v: mix(w, self.v, old.v),
-            theta: mix_row(w, self.theta, old.theta),
-            ppp: mix(w, self.ppp, old.ppp),
-            ppv: mix(w, self.ppv, old.ppv),
-            pvv: mix(w, self.pvv, old.pvv),
-            c1: mix_row(w, self.c1, old.c1),
-            c2: mix_row(w, self.c2, old.c2),
-            spread: std::array::from_fn(|i| mix_row(w, self.spread[i], old.spread[i])),
-        }
-    }
-}
-
-impl<V: Row, const M: usize> Blend<V::Number> for CwpaBlock<V, M> {
-    #[inline(always)]
-    fn blended(&self, old: &Self, w: V::Number) -> Self {
-        Self {
-            p: mix(w, self.p, old.p),
-            v: mix(w, self.v, old.v),
-            a: mix(w, self.a, old.a),
-            theta: mix_row(w, self.theta, old.theta),
-            ppp: mix(w, self.ppp, old.ppp),
-            ppv: mix(w, self.ppv, old.ppv),
-            ppa: mix(w, self.ppa, old.ppa),
-            pvv: mix(w, self.pvv, old.pvv),
-            pva: mix(w, self.pva, old.pva),
-            paa: mix(w, self.paa, old.paa),
-            cp: mix_row(w, self.cp, old.cp),
-            cv: mix_row(w, self.cv, old.cv),
-            ca: mix_row(w, self.ca, old.ca),
-            spread: std::array::from_fn(|i| mix_row(w, self.spread[i], old.spread[i])),
-        }
-    }
-}
-
 /// How a block takes a number in; a type, because a closure would be compiled without the run's instructions.
 trait Reading<B, T> {
-    fn take(&self, block: &mut B, z: T) -> Result<Surprise<T>, DomainError>;
+    fn take(&self, block: &mut B, z: T, there: Option<T>) -> Result<Surprise<T>, DomainError>;
 }
 
 /// Of position, variance `R`.
@@ -178,8 +130,13 @@ struct OfOutput<'a, O, T> {
 
 impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Position<V::Number> {
     #[inline(always)]
-    fn take(&self, block: &mut AciBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = block.innovate(z, self.R);
+    fn take(
+        &self,
+        block: &mut AciBlock<V, M>,
+        z: V::Number,
+        there: Option<V::Number>,
+    ) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = Surprise { there, ..block.innovate(z, self.R) };
         block.correct(self.R, &taken);
         Ok(taken)
     }
@@ -187,8 +144,13 @@ impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Position<V::
 
 impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Ahead<V::Number> {
     #[inline(always)]
-    fn take(&self, block: &mut AciBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = block.innovate_ahead(self.tau, z, self.R);
+    fn take(
+        &self,
+        block: &mut AciBlock<V, M>,
+        z: V::Number,
+        there: Option<V::Number>,
+    ) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = Surprise { there, ..block.innovate_ahead(self.tau, z, self.R) };
         block.correct_ahead(self.tau, &taken);
         Ok(taken)
     }
@@ -196,8 +158,13 @@ impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Ahead<V::Num
 
 impl<V: Row, const M: usize> Reading<CwpaBlock<V, M>, V::Number> for Position<V::Number> {
     #[inline(always)]
-    fn take(&self, block: &mut CwpaBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = block.innovate_position(z, self.R);
+    fn take(
+        &self,
+        block: &mut CwpaBlock<V, M>,
+        z: V::Number,
+        there: Option<V::Number>,
+    ) -> Result<Surprise<V::Number>, DomainError> {
+        let taken = Surprise { there, ..block.innovate_position(z, self.R) };
         block.correct_position(self.R, &taken);
         Ok(taken)
     }
@@ -205,44 +172,49 @@ impl<V: Row, const M: usize> Reading<CwpaBlock<V, M>, V::Number> for Position<V:
 
 impl<V: Row, const M: usize, O: Output<V>> Reading<CwpaBlock<V, M>, V::Number> for OfOutput<'_, O, V::Number> {
     #[inline(always)]
-    fn take(&self, block: &mut CwpaBlock<V, M>, z: V::Number) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = block.innovate_output(self.sensor, self.order, z, self.R)?;
+    fn take(
+        &self,
+        block: &mut CwpaBlock<V, M>,
+        z: V::Number,
+        there: Option<V::Number>,
+    ) -> Result<Surprise<V::Number>, DomainError> {
+        let mut taken = block.innovate_output(self.sensor, self.order, z, self.R)?;
+        taken.surprise.there = there;
         block.correct_output(&taken);
         Ok(taken.surprise)
     }
 }
 
-impl<B: Copy + Blend<T>, T: Logarithm> Runner<B, T> {
-    /// Takes a sample in where it is there; whether there was any.
+impl<B, L> Runner<B, L> {
+    /// Takes a sample in where it is there.
     #[inline(always)]
-    fn take(&mut self, sample: Sample<T>, counted: bool, reading: &impl Reading<B, T>) -> Result<bool, DomainError> {
-        match sample {
-            Sample::None => return Ok(false),
-            Sample::All(z) => {
-                let taken = reading.take(&mut self.block, z)?;
-                if counted {
-                    self.likelihood.add(&taken);
-                }
-            }
-            Sample::Some(z, weight) => {
-                let old = self.block;
-                let taken = reading.take(&mut self.block, z)?;
-                self.block = self.block.blended(&old, weight);
-                if counted {
-                    self.likelihood.add_some(&taken, weight);
-                }
-            }
-        }
-        Ok(true)
+    fn take<T>(&mut self, sample: Sample<T>, reading: &impl Reading<B, T>) -> Result<(), DomainError>
+    where
+        L: Score<T>,
+    {
+        let taken = match sample {
+            Sample::None => return Ok(()),
+            Sample::All(z) => reading.take(&mut self.block, z, None)?,
+            Sample::Some(z, there) => reading.take(&mut self.block, z, Some(there))?,
+        };
+        self.score.add(&taken);
+        Ok(())
     }
 }
 
-impl<V: Row, const M: usize> Runner<AciBlock<V, M>, V::Number>
-where
-    V::Number: Logarithm,
-{
-    /// Goes from sample `from` to sample `to`, reading positions after `from` up to `to`; with `counted` the log-likelihood
-    /// is gathered.
+/// The output at start, middle and end of the step from sample `j`.
+#[inline(always)]
+fn during<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize) -> [T; 3] {
+    let (start, end) = (record.output(j), record.output(j + 1));
+    match how {
+        Interpolation::Hold => [start; 3],
+        Interpolation::Linear => [start, start.like(0.5).times_plus(end - start, start), end],
+        Interpolation::Cubic => [start, between(record, samples, how, j, 0.5), end],
+    }
+}
+
+impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
+    /// Goes from sample `from` to sample `to`, reading positions after `from` up to `to`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
@@ -253,7 +225,6 @@ where
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         (from, to): (usize, usize),
-        counted: bool,
     ) -> Result<(), DomainError> {
         let &Settings { dt, samples, interpolation, integrator, order, q, .. } = settings;
         if !record.reaches(to) {
@@ -268,39 +239,50 @@ where
                     dt,
                 };
                 self.block.step(integrator, q, &settings.wandering, &course)?;
-                self.read_position(settings, record.position(j + 1), counted)?;
+                self.read_position(settings, record.position(j + 1))?;
             }
             return Ok(());
         }
-        let mut table = effect.table(&self.block.theta, &self.block.spread, order);
-        if integrator == Integrator::Rk2 {
-            for j in from..to {
-                let start = effect.at(&table, between(record, samples, interpolation, j, 0.0))?;
-                let middle = effect.at(&table, between(record, samples, interpolation, j, 0.5))?;
-                self.block.rk2(dt, q, &start, &middle);
-                if self.read_position(settings, record.position(j + 1), counted)? {
-                    table = effect.table(&self.block.theta, &self.block.spread, order);
+        // A copy that nobody else can see stays in registers.
+        let mut here = *self;
+        // Between two readings the parameters stand still, and so does all that follows from them.
+        let mut reached = from;
+        while reached < to {
+            let from = reached;
+            let table = effect.table(&here.block.theta, &here.block.spread, order);
+            let mut sample = Sample::None;
+            if integrator == Integrator::Rk2 {
+                for j in from..to {
+                    let [start, middle, _] = during(record, samples, interpolation, j);
+                    here.block.rk2(dt, q, &effect.at(&table, start)?, &effect.at(&table, middle)?);
+                    reached = j + 1;
+                    sample = record.position(reached);
+                    if sample.is_there() {
+                        break;
+                    }
+                }
+            } else {
+                let mut first = effect.at(&table, record.output(from))?;
+                for j in from..to {
+                    let [_, middle, end] = during(record, samples, interpolation, j);
+                    let end = effect.at(&table, end)?;
+                    here.block.rk4(dt, q, &first, &effect.at(&table, middle)?, &end);
+                    reached = j + 1;
+                    sample = record.position(reached);
+                    if sample.is_there() {
+                        break;
+                    }
+                    // Neighbouring steps share an instant, unless the output jumps.
+                    first = if interpolation == Interpolation::Hold {
+                        effect.at(&table, record.output(reached))?
+                    } else {
+                        end
+                    };
                 }
             }
-            return Ok(());
+            here.read_position(settings, sample)?;
         }
-        // Neighbouring steps share an instant, unless a reading between them moved the parameters or the output jumps.
-        let shared = interpolation != Interpolation::Hold;
-        let mut start: Option<Instant<V>> = None;
-        for j in from..to {
-            let first = match start {
-                Some(first) => first,
-                None => effect.at(&table, between(record, samples, interpolation, j, 0.0))?,
-            };
-            let middle = effect.at(&table, between(record, samples, interpolation, j, 0.5))?;
-            let end = effect.at(&table, between(record, samples, interpolation, j, 1.0))?;
-            self.block.rk4(dt, q, &first, &middle, &end);
-            start = shared.then_some(end);
-            if self.read_position(settings, record.position(j + 1), counted)? {
-                table = effect.table(&self.block.theta, &self.block.spread, order);
-                start = None;
-            }
-        }
+        *self = here;
         Ok(())
     }
 
@@ -309,24 +291,16 @@ where
     /// # Errors
     /// None of its own.
     #[inline(always)]
-    pub fn read_position(
-        &mut self,
-        settings: &Settings<V, M>,
-        sample: Sample<V::Number>,
-        counted: bool,
-    ) -> Result<bool, DomainError> {
+    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) -> Result<(), DomainError> {
         let R = settings.R_position;
         if settings.tau == 0.0 {
-            return self.take(sample, counted, &Position { R });
+            return self.take(sample, &Position { R });
         }
-        self.take(sample, counted, &Ahead { tau: R.like(settings.tau), R })
+        self.take(sample, &Ahead { tau: R.like(settings.tau), R })
     }
 }
 
-impl<V: Row, const M: usize> Runner<CwpaBlock<V, M>, V::Number>
-where
-    V::Number: Logarithm,
-{
+impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
     /// Goes from sample `from` to sample `to`, reading both channels after `from` up to `to`.
     ///
     /// # Errors
@@ -338,22 +312,36 @@ where
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         (from, to): (usize, usize),
-        counted: bool,
     ) -> Result<(), DomainError> {
         if !record.reaches(to) {
             return Ok(());
         }
-        if settings.integrator == Integrator::Exact && settings.wandering.still() {
+        let &Settings { dt, integrator, order, q, R_output, .. } = settings;
+        if integrator != Integrator::Exact || !settings.wandering.still() {
             for j in from..to {
-                self.block.exact(settings.dt, settings.q);
-                self.read(sensor, settings, record, j + 1, counted)?;
+                self.block.step(integrator, dt, q, &settings.wandering);
+                self.read(sensor, settings, record, j + 1)?;
             }
             return Ok(());
         }
-        for j in from..to {
-            self.block.step(settings.integrator, settings.dt, settings.q, &settings.wandering);
-            self.read(sensor, settings, record, j + 1, counted)?;
+        let output = OfOutput { sensor, order, R: R_output };
+        let mut here = *self;
+        let mut reached = from;
+        while reached < to {
+            let from = reached;
+            let mut sample = Sample::None;
+            for j in from..to {
+                here.block.exact(dt, q);
+                reached = j + 1;
+                here.take(record.reading(reached), &output)?;
+                sample = record.position(reached);
+                if sample.is_there() {
+                    break;
+                }
+            }
+            here.take(sample, &Position { R: settings.R_position })?;
         }
+        *self = here;
         Ok(())
     }
 
@@ -368,11 +356,10 @@ where
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         j: usize,
-        counted: bool,
     ) -> Result<(), DomainError> {
         let &Settings { order, R_output, R_position, .. } = settings;
-        self.take(record.reading(j), counted, &OfOutput { sensor, order, R: R_output })?;
-        self.take(record.position(j), counted, &Position { R: R_position })?;
+        self.take(record.reading(j), &OfOutput { sensor, order, R: R_output })?;
+        self.take(record.position(j), &Position { R: R_position })?;
         Ok(())
     }
 }

@@ -4,7 +4,10 @@
 //! order. The noise stands at the acceleration, not at the output: `q` alone, whatever the slope.
 #![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
 
-use ekf_core::effect::{Effect, Instant, InverseCubic, InverseLinear};
+use std::marker::PhantomData;
+
+use ekf_core::aci_block::AciBlock;
+use ekf_core::effect::{Columns, Driven, Effect, Instant, InverseCubic, InverseLinear};
 use ekf_core::error::{DomainError, SetupError, StepError};
 use ekf_core::number::Number;
 use ekf_core::output::{ReadCubic, ReadLinear};
@@ -12,13 +15,15 @@ use ekf_core::row::{Plain, Row};
 use ekf_core::system::{Drive, Rates, System, Transition};
 use ekf_core::update::{Reading, correct, innovate};
 use ekf_core::wandering::Wandering;
-use ekf_core::{Aci, Belief, Cwpa, Form, Integrator, Interpolation, Order, Segment, Sensor, Wander};
+use ekf_core::{Aci, Belief, Carrier, Cwpa, Filter, Form, Integrator, Interpolation, Order, Segment, Sensor, Wander};
 use ekf_simd::fused::Fused;
 use ekf_simd::kernel::{AciWith, CwpaWith, Kernel, runner};
-use ekf_simd::likelihood::Logarithm;
+use ekf_simd::likelihood::{Likelihood, NotAsked, Score};
+use ekf_simd::pair::Pair;
 use ekf_simd::quads::Quads;
 use ekf_simd::record::Rows;
 use ekf_simd::run::Settings;
+use ekf_simd::{Batch, Final, Path, Prior, run_aci};
 use nalgebra::{SMatrix, SVector};
 use pulp::NullaryFnOnce;
 use pulp::x86::V3;
@@ -59,6 +64,36 @@ pub fn data(steps: usize, seed: u64) -> Data {
     Data { u, z }
 }
 
+/// Records of several runs, row by row.
+pub fn many(runs: usize, steps: usize) -> Data {
+    let (mut u, mut z) = (Vec::new(), Vec::new());
+    for run in 0..runs {
+        let one = data(steps, 1 + run as u64);
+        u.extend(one.u);
+        z.extend(one.z);
+    }
+    Data { u, z }
+}
+
+/// `W2` over the records of several runs.
+pub fn batch(data: &Data, runs: usize, path: Path, threads: usize) -> Vec<Final> {
+    let sensor = Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] };
+    let filter = Filter {
+        system: Aci { sensor, q: QV, tau: 0.0 },
+        interpolation: Interpolation::Linear,
+        integrator: Integrator::Rk4,
+        order: Order::Second,
+        carrier: Carrier::Dense,
+        R_position: R_POSITION,
+        R_output: R_OUTPUT,
+        gate: f64::INFINITY,
+    };
+    let P: Vec<f64> = (0..36).map(|at| if at % 7 == 0 { variance(2, at / 7) } else { 0.0 }).collect();
+    let prior = Prior { states: 6, x: &[0.0; 6], P: &P };
+    let batch = Batch { dt: DT, samples: data.u.len() / runs, runs, output: &data.u, position: &data.z };
+    run_aci(&filter, prior, batch, false, path, threads).expect("a batch")
+}
+
 pub fn variance(motion: usize, i: usize) -> f64 {
     match i {
         0 => 1e-10,
@@ -89,26 +124,24 @@ impl<V: Row, const M: usize, E: Effect<V, M>> Effect<V, M> for AtAcceleration<E>
 }
 
 /// One structured run, to be compiled for the instructions it is given.
-struct Run<'a, K, V, const M: usize> {
+struct Run<'a, K, V, L, const M: usize> {
     kernel: K,
     integrator: Integrator,
     order: Order,
     data: &'a Data,
-    kind: V,
+    simd: V3,
+    kinds: PhantomData<(V, L)>,
 }
 
 #[inline(always)]
-fn go<K: Kernel<V, M>, V: Row, const M: usize>(
+fn go<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
     kernel: K,
     integrator: Integrator,
     order: Order,
     data: &Data,
     kind: V::Number,
     value: impl Fn(V::Number) -> f64,
-) -> Vec<f64>
-where
-    V::Number: Logarithm,
-{
+) -> Vec<f64> {
     let c = |x: f64| kind.like(x);
     let settings = Settings::<V, M> {
         dt: DT,
@@ -122,74 +155,132 @@ where
         tau: 0.0,
         wandering: Wandering::new(kind, [Wander::CONSTANT; M]),
     };
-    let mut runner = runner::<K, V, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::MOTION, i) } else { 0.0 }));
+    let mut runner =
+        runner::<K, V, L, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::MOTION, i) } else { 0.0 }));
     let record = Rows { output: &data.u, position: &data.z, kind };
     let went = kernel.follow(&mut runner, &settings, &record, (0, data.u.len() - 1));
     assert!(went.is_ok());
     (0..K::MOTION + M)
         .map(|i| value(K::x(&runner.block, i)))
         .chain((0..K::MOTION + M).map(|i| value(K::P(&runner.block, i, i))))
-        .chain([value(runner.likelihood.value())])
+        .chain([value(runner.score.value())])
         .collect()
 }
 
-impl<K: Kernel<Plain<Fused<V3>, M>, M>, const M: usize> NullaryFnOnce for Run<'_, K, Plain<V3, M>, M> {
+impl<K, V, L, const M: usize> NullaryFnOnce for Run<'_, K, V, L, M>
+where
+    K: Kernel<V, M>,
+    V: Row<Number = Fused<V3>>,
+    L: Score<Fused<V3>>,
+{
     type Output = Vec<f64>;
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let kind = Fused { x: 0.0, simd: self.kind.0[0] };
-        go::<K, Plain<Fused<V3>, M>, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
+        let kind = Fused { x: 0.0, simd: self.simd };
+        go::<K, V, L, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
     }
 }
 
-impl<K: Kernel<Quads<Q>, M>, const M: usize, const Q: usize> NullaryFnOnce for Run<'_, K, [V3; Q], M> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn call(self) -> Vec<f64> {
-        let kind = Fused { x: 0.0, simd: self.kind[0] };
-        go::<K, Quads<Q>, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
+fn fused<K, V, const M: usize>(kernel: K, integrator: Integrator, order: Order, data: &Data, counted: bool) -> Vec<f64>
+where
+    K: Kernel<V, M>,
+    V: Row<Number = Fused<V3>>,
+{
+    let simd = V3::try_new().expect("AVX2 and FMA");
+    if counted {
+        let kinds = PhantomData;
+        return simd.vectorize(Run::<K, V, Likelihood<_>, M> { kernel, integrator, order, data, simd, kinds });
     }
+    simd.vectorize(Run::<K, V, NotAsked<_>, M> { kernel, integrator, order, data, simd, kinds: PhantomData })
 }
 
 /// `W1`..`W4` structured, with the processor's own instructions.
 pub fn structured(workload: u32, data: &Data, counted: bool) -> Vec<f64> {
-    let simd = V3::try_new().expect("AVX2 and FMA");
-    let (rk2, rk4, exact) = (Integrator::Rk2, Integrator::Rk4, Integrator::Exact);
     let (first, second) = (Order::First, Order::Second);
     match workload {
         1 => {
-            let kernel = AciWith { effect: AtAcceleration(InverseLinear), counted };
-            simd.vectorize(Run::<_, _, 2> { kernel, integrator: rk2, order: first, data, kind: Plain([simd; 2]) })
+            let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
+            fused::<_, Pair, 2>(kernel, Integrator::Rk2, first, data, counted)
         }
         2 => {
-            let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted };
-            simd.vectorize(Run::<_, _, 4> { kernel, integrator: rk4, order: second, data, kind: [simd; 1] })
+            let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
+            fused::<_, Quads<1>, 4>(kernel, Integrator::Rk4, second, data, counted)
         }
-        3 => {
-            let kernel = CwpaWith { sensor: ReadLinear, counted };
-            simd.vectorize(Run::<_, _, 2> { kernel, integrator: exact, order: first, data, kind: Plain([simd; 2]) })
-        }
-        _ => {
-            let kernel = CwpaWith { sensor: ReadCubic, counted };
-            simd.vectorize(Run::<_, _, 4> { kernel, integrator: exact, order: second, data, kind: [simd; 1] })
-        }
+        3 => fused::<_, Pair, 2>(CwpaWith { sensor: ReadLinear }, Integrator::Exact, first, data, counted),
+        _ => fused::<_, Quads<1>, 4>(CwpaWith { sensor: ReadCubic }, Integrator::Exact, second, data, counted),
     }
 }
 
 /// The same with rows in plain arrays: what any number of parameters costs.
 pub fn arrays(workload: u32, data: &Data) -> Vec<f64> {
-    let simd = V3::try_new().expect("AVX2 and FMA");
     let second = Order::Second;
     if workload == 2 {
-        let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted: false };
-        let kind = Plain([simd; 4]);
-        simd.vectorize(Run::<_, _, 4> { kernel, integrator: Integrator::Rk4, order: second, data, kind })
+        let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
+        fused::<_, Plain<Fused<V3>, 4>, 4>(kernel, Integrator::Rk4, second, data, false)
     } else {
-        let kernel = CwpaWith { sensor: ReadCubic, counted: false };
-        let kind = Plain([simd; 4]);
-        simd.vectorize(Run::<_, _, 4> { kernel, integrator: Integrator::Exact, order: second, data, kind })
+        let kernel = CwpaWith { sensor: ReadCubic };
+        fused::<_, Plain<Fused<V3>, 4>, 4>(kernel, Integrator::Exact, second, data, false)
+    }
+}
+
+/// ACI with effects beside its sensor, second order, RK4, over a record whose columns are given with it.
+struct Wide<'a, V, const M: usize> {
+    data: &'a Data,
+    columns: &'a [[f64; M]],
+    simd: V3,
+    row: PhantomData<V>,
+}
+
+impl<V: Row<Number = Fused<V3>>, const M: usize> NullaryFnOnce for Wide<'_, V, M> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let kind = Fused { x: 0.0, simd: self.simd };
+        let c = |x: f64| kind.like(x);
+        let effect = Columns(AtAcceleration(InverseLinear));
+        let mut block = AciBlock::<V, M>::new(|_| c(0.0), |i, j| c(if i == j { spread(i) } else { 0.0 }));
+        let mut table = effect.table(&block.theta, &block.spread, Order::Second);
+        for ((u, z), columns) in self.data.u.windows(2).zip(&self.data.z[1..]).zip(self.columns.windows(2)) {
+            let given = |f: f64| Driven {
+                u: c(u[0] + f * (u[1] - u[0])),
+                columns: V::from_fn(kind, |i| c(columns[0][i] + f * (columns[1][i] - columns[0][i]))),
+            };
+            let [start, middle, end] = [0.0, 0.5, 1.0].map(|f| effect.at(&table, given(f)).expect("a sensor"));
+            block.rk4(DT, c(QV), &start, &middle, &end);
+            if !z.is_nan() {
+                block.correct(c(R_POSITION), &block.innovate(c(*z), c(R_POSITION)));
+                table = effect.table(&block.theta, &block.spread, Order::Second);
+            }
+        }
+        (0..M).map(|i| block.theta.at(i).x).collect()
+    }
+}
+
+/// Variance of state `i` of a model with any number of parameters.
+fn spread(i: usize) -> f64 {
+    if i < 4 { variance(2, i) } else { 1e-6 }
+}
+
+fn wide<V: Row<Number = Fused<V3>>, const M: usize>(data: &Data) -> impl Fn() -> Vec<f64> {
+    let column = |u: f64, i: usize| if i < 2 { 0.0 } else { (u * (i as f64 - 1.0)).sin() };
+    let columns: Vec<[f64; M]> = data.u.iter().map(|u| std::array::from_fn(|i| column(*u, i))).collect();
+    let simd = V3::try_new().expect("AVX2 and FMA");
+    move || simd.vectorize(Wide::<V, M> { data, columns: &columns, simd, row: PhantomData })
+}
+
+/// Numbers of parameters whose cost is measured.
+pub const WIDTHS: [usize; 5] = [2, 4, 8, 12, 16];
+
+/// RK4 with `parameters` parameters, two of the sensor and one for each further effect.
+pub fn with_effects(parameters: usize, data: &Data) -> Box<dyn Fn() -> Vec<f64> + '_> {
+    match parameters {
+        2 => Box::new(wide::<Pair, 2>(data)),
+        4 => Box::new(wide::<Quads<1>, 4>(data)),
+        8 => Box::new(wide::<Quads<2>, 8>(data)),
+        12 => Box::new(wide::<Quads<3>, 12>(data)),
+        _ => Box::new(wide::<Quads<4>, 16>(data)),
     }
 }
 
@@ -199,20 +290,20 @@ pub fn portable(workload: u32, data: &Data) -> Vec<f64> {
     let id = |x: f64| x;
     match workload {
         1 => {
-            let kernel = AciWith { effect: AtAcceleration(InverseLinear), counted: false };
-            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
+            let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
+            go::<_, Plain<f64, 2>, NotAsked<f64>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
         }
         2 => {
-            let kernel = AciWith { effect: AtAcceleration(InverseCubic), counted: false };
-            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
+            let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
+            go::<_, Plain<f64, 4>, NotAsked<f64>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
         }
         3 => {
-            let kernel = CwpaWith { sensor: ReadLinear, counted: false };
-            go::<_, Plain<f64, 2>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
+            let kernel = CwpaWith { sensor: ReadLinear };
+            go::<_, Plain<f64, 2>, NotAsked<f64>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
         }
         _ => {
-            let kernel = CwpaWith { sensor: ReadCubic, counted: false };
-            go::<_, Plain<f64, 4>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
+            let kernel = CwpaWith { sensor: ReadCubic };
+            go::<_, Plain<f64, 4>, NotAsked<f64>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
         }
     }
 }
