@@ -197,7 +197,30 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     #[inline(always)]
     pub fn correct_ahead(&mut self, tau: V::Number, taken: &Surprise<V::Number>) {
         let (dp, dv) = self.ahead(tau);
-        let column = self.c1.plus(tau, self.c2);
+        self.correct_along(&Along { dp, dv, column: self.c1.plus(tau, self.c2) }, taken);
+    }
+
+    /// `e` and `S` of a reading of `p + tau v + b'theta`: an encoder with effects `b` of its own; and `P H'`.
+    #[inline(always)]
+    #[must_use]
+    pub fn innovate_along(&self, tau: V::Number, b: &V, z: V::Number, R: V::Number) -> (Surprise<V::Number>, Along<V>) {
+        let (dp, dv) = self.ahead(tau);
+        let along = Along {
+            dp: dp + b.dot(self.c1),
+            dv: dv + b.dot(self.c2),
+            column: self.c1.plus(tau, self.c2) + product(&self.spread, b),
+        };
+        let expected = tau.times_plus(self.v, self.p) + b.dot(self.theta);
+        (
+            Surprise { e: z - expected, s: tau.times_plus(along.dv, along.dp) + b.dot(along.column) + R, there: None },
+            along,
+        )
+    }
+
+    /// Takes a reading in along its `P H'`.
+    #[inline(always)]
+    pub fn correct_along(&mut self, along: &Along<V>, taken: &Surprise<V::Number>) {
+        let &Along { dp, dv, column } = along;
         let i = taken.inverse();
         let ei = taken.e * i;
         self.p = dp.times_plus(ei, self.p);
@@ -236,6 +259,17 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.p = dt.times_plus(self.v, self.p) + push.dp;
         self.v = self.v + push.dv;
     }
+}
+
+/// `P H'` of a reading, by blocks.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Along<V: Row> {
+    /// In the row of `p`.
+    pub dp: V::Number,
+    /// In the row of `v`.
+    pub dv: V::Number,
+    /// In the rows of the parameters.
+    pub column: V,
 }
 
 /// What the acceleration does to the motion over one step, with parameters that stand still.

@@ -47,17 +47,41 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         if integrator == Integrator::Exact {
             return self.exact(q, wandering, course);
         }
+        if integrator == Integrator::Rk4 {
+            return self.fourth_order(q, wandering, course);
+        }
         if !wandering.still() {
             return self.staged(integrator, q, wandering, course);
         }
         let table = effect.table(&self.theta, &self.spread, *order);
         let start = effect.at(&table, input(0.0))?;
-        let middle = effect.at(&table, input(0.5 * dt))?;
-        if integrator == Integrator::Rk2 {
-            self.rk2(dt, q, &start, &middle);
-        } else {
-            self.rk4(dt, q, &start, &middle, &effect.at(&table, input(dt))?);
+        self.rk2(dt, q, &start, &effect.at(&table, input(0.5 * dt))?);
+        Ok(())
+    }
+
+    /// One step of RK4, any order, wandering parameters or none.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse; the block is then as it was.
+    #[inline(always)]
+    pub fn fourth_order<E, I>(
+        &mut self,
+        q: V::Number,
+        wandering: &Wandering<V, M>,
+        course: &Course<E, I>,
+    ) -> Result<(), DomainError>
+    where
+        E: Effect<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        if !wandering.still() {
+            return self.staged(Integrator::Rk4, q, wandering, course);
         }
+        let &Course { effect, order, ref input, dt } = course;
+        let table = effect.table(&self.theta, &self.spread, order);
+        let start = effect.at(&table, input(0.0))?;
+        let middle = effect.at(&table, input(0.5 * dt))?;
+        self.rk4(dt, q, &start, &middle, &effect.at(&table, input(dt))?);
         Ok(())
     }
 

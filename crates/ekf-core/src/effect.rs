@@ -239,36 +239,55 @@ impl<V: Row<Number = f64>, const M: usize> Effect<V, M> for ForwardCubic {
     }
 }
 
-/// A sensor with further effects: each adds `e_j c_j(t)` to the acceleration, its column `c_j` given at every instant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Columns<E>(pub E);
+/// The forward linear sensor with further effects that add to its output, `u = K0 + (1 + k) f + sum c_j e_j`.
+///
+/// `f` is the specific force along the input axis, the acceleration `f - rest`. The effects `e_j` are given at every instant
+/// and stand behind `k, K0` among the parameters; how they lean on the state is left out of the gradient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WithEffects {
+    /// Specific force while the stage stands still, m/s^2.
+    pub rest: f64,
+}
 
-/// The output, and the columns of all parameters; zero in the places of the sensor's own.
+/// The output, and the effects in the places of their coefficients; zero in the places of the sensor's own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Driven<V: Row> {
     /// `u`, m/s^2.
     pub u: V::Number,
-    /// `c_j`, m/s^2 per unit of the parameter.
+    /// `e_j`, m/s^2 per unit of the coefficient.
     pub columns: V,
 }
 
-impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Effect<V, M> for Columns<E> {
+/// What [`WithEffects`] needs of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectsTable<V: Row, const M: usize> {
+    slope: V::Number,
+    theta: V,
+    spread: [V; M],
+    order: Order,
+}
+
+impl<V: Row, const M: usize> Effect<V, M> for WithEffects {
     type Input = Driven<V>;
-    type Table = (E::Table, V, [V; M]);
+    type Table = EffectsTable<V, M>;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> Self::Table {
-        (self.0.table(theta, spread, order), *theta, *spread)
+    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> EffectsTable<V, M> {
+        let one = theta.at(SCALE).like(1.0);
+        EffectsTable { slope: one / (one + theta.at(SCALE)), theta: *theta, spread: *spread, order }
     }
 
+    /// `g = -(f, 1, e) / (1 + k)`; with `h = M g`, `1/2 tr(a_theta,theta M) = -h_k / (1 + k)`.
     #[inline(always)]
-    fn at(&self, (table, theta, spread): &Self::Table, input: Driven<V>) -> Result<Instant<V>, DomainError> {
-        let sensor = self.0.at(table, input.u)?;
-        Ok(Instant {
-            a: sensor.a + theta.dot(input.columns),
-            g: sensor.g + input.columns,
-            h: sensor.h + product(spread, &input.columns),
-            slope: sensor.slope,
-        })
+    fn at(&self, table: &EffectsTable<V, M>, input: Driven<V>) -> Result<Instant<V>, DomainError> {
+        let EffectsTable { slope, theta, spread, order } = table;
+        let force = *slope * (input.u - theta.at(BIAS) - theta.dot(input.columns));
+        let g = (unit::<V>(force, SCALE, force) + unit(force, BIAS, force.like(1.0)) + input.columns).scaled(-*slope);
+        let h = product(spread, &g);
+        let mut a = force - force.like(self.rest);
+        if *order == Order::Second {
+            a = a - *slope * h.at(SCALE);
+        }
+        Ok(Instant { a, g, h, slope: *slope })
     }
 }
