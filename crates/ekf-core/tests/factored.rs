@@ -3,14 +3,16 @@
 
 mod common;
 
-use common::{DT, Draw, distance, orders, prior, read};
-use ekf_core::aci_block::Push;
+use common::{DT, Draw, cases, distance, orders, prior, read};
+use ekf_core::aci_block::{AciBlock, Push};
 use ekf_core::aci_factored::AciFactored;
-use ekf_core::effect::{Effect, InverseCubic};
+use ekf_core::aci_staged::Course;
+use ekf_core::effect::{Driven, Effect, InverseCubic, WithEffects};
 use ekf_core::factored::factorise;
 use ekf_core::number::Real;
 use ekf_core::row::Plain;
 use ekf_core::system::Drive;
+use ekf_core::wandering::Wandering;
 use ekf_core::{Aci, Belief, Form, Integrator, Order, Segment, Sensor, Wander};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
@@ -18,7 +20,10 @@ use proptest::prelude::*;
 const R: f64 = 1e-12;
 const Q: f64 = 1e-6;
 
-fn from_belief<T: Real>(belief: &Belief<6>, of: impl Fn(f64) -> T) -> AciFactored<T, 6, 4> {
+fn from_belief<T: Real, const N: usize, const M: usize>(
+    belief: &Belief<N>,
+    of: impl Fn(f64) -> T,
+) -> AciFactored<T, N, M> {
     let (U, D) = factorise(&belief.P).unwrap();
     AciFactored::new(|i| of(belief.x[i]), |i, j| of(U[(i, j)]), |i| of(D[i]))
 }
@@ -33,7 +38,7 @@ fn step<T: Real>(filter: &mut AciFactored<T, 6, 4>, integrator: Integrator, orde
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(64) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases()) })]
 
     #[test]
     fn the_portable_filter_equals_the_dense_factored_one(
@@ -45,7 +50,7 @@ proptest! {
         let system = Aci { sensor: Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] }, q: Q, tau: 0.0 };
         let sigma = [1e-5, 3e-3, 1e-2, 0.1, 1e-3, 1e-4];
         let mut dense = prior::<6>(&mut draw, sigma, [0.0; 6]);
-        let mut filter = from_belief(&dense, |x| x);
+        let mut filter = from_belief::<f64, 6, 4>(&dense, |x| x);
         for _ in 0..60 {
             let c = [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0];
             let drive = Drive { segment: Segment { c }, from: 0.0, to: DT };
@@ -94,41 +99,84 @@ fn a_held_push_is_the_exact_one_and_lacks_the_lever_of_a_slope() {
     assert!((lever / expected - 1.0).abs() < 1e-3, "{lever} {expected}"); // the sensor bends by 1e-4 over the step
 }
 
-/// Runs both precisions side by side over a motion of two tones; the worst distance in sigma after the first tenth.
-#[allow(clippy::cast_possible_truncation)] // single precision is the subject
-fn worst_distance(steps: usize, variance: f64) -> f64 {
-    let mut P = SMatrix::<f64, 6, 6>::zeros();
-    let scale = [1.0, 1.0, 1e-2, 1e-4];
-    P[(0, 0)] = 1e-10;
-    P[(1, 1)] = 1e-2;
-    for (i, scale) in scale.iter().enumerate() {
-        P[(i + 2, i + 2)] = variance * scale;
+/// The motion of the long runs: two tones, seen by a sensor with a bias, a scale error and noise.
+struct Motion;
+
+impl Motion {
+    const TONES: [(f64, f64); 2] = [(5.0, 2.0 * core::f64::consts::PI * 1.3), (3.0, 2.0 * core::f64::consts::PI * 3.1)];
+
+    fn acceleration(t: f64) -> f64 {
+        Self::TONES.iter().map(|(a, w)| a * (w * t).sin()).sum()
     }
-    let belief = Belief { x: SVector::zeros(), P };
-    let mut double = from_belief(&belief, |x| x);
-    let mut single = from_belief(&belief, |x| x as f32);
+
+    fn velocity(t: f64) -> f64 {
+        Self::TONES.iter().map(|(a, w)| -a / w * (w * t).cos()).sum()
+    }
+
+    fn position(t: f64) -> f64 {
+        Self::TONES.iter().map(|(a, w)| -a / (w * w) * (w * t).sin()).sum()
+    }
+
+    fn output(t: f64) -> f64 {
+        0.05 + Self::acceleration(t) / 0.99
+    }
+
+    /// What up to four effects add per unit: `a^2`, `a^3`, `10 v`, and a slow drift.
+    fn effect(i: usize, t: f64) -> f64 {
+        let a = Self::acceleration(t);
+        [a * a, a * a * a, 10.0 * Self::velocity(t), (0.01 * t).sin()][i]
+    }
+}
+
+/// Diagonal prior whose parameters have variances around `variance`.
+fn diagonal<const N: usize>(variance: f64) -> Belief<N> {
+    let scale = [1.0, 1.0, 1e-2, 1e-4, 1e-2, 1.0];
+    let P = SMatrix::from_fn(|i, j| match i {
+        _ if i != j => 0.0,
+        0 => 1e-10,
+        1 => 1e-2,
+        i => variance * scale[i - 2],
+    });
+    Belief { x: SVector::from_fn(|i, _| if i == 1 { Motion::velocity(0.0) } else { 0.0 }), P }
+}
+
+/// One precision of a filter with `M - 2` effects.
+fn stepped<T: Real, const N: usize, const M: usize>(filter: &mut AciFactored<T, N, M>, i: usize, u: [f64; 2]) {
+    let kind = filter.p;
+    let spread: [_; M] = core::array::from_fn(|i| Plain(core::array::from_fn(|j| filter.P(i + 2, j + 2))));
+    let sensor = WithEffects { rest: 0.0 };
+    let table = Effect::<_, M>::table(&sensor, &filter.theta, &spread, Order::First);
+    let input = |s: f64| {
+        let t = i as f64 * DT + s;
+        let effect = |i: usize| kind.like(if i < 2 { 0.0 } else { Motion::effect(i - 2, t) });
+        Driven { u: kind.like(u[0] + (u[1] - u[0]) / DT * s), columns: Plain(core::array::from_fn(effect)) }
+    };
+    let push = Push::over::<_, M>(Integrator::Rk4, DT, kind.like(Q), &sensor, &table, input).unwrap();
+    filter.predict(kind.like(DT), &push);
+}
+
+/// Runs both precisions side by side; the worst distance in sigma after the first tenth.
+#[allow(clippy::cast_possible_truncation)] // single precision is the subject
+fn worst_distance<const N: usize, const M: usize>(steps: usize, variance: f64) -> f64 {
+    let belief = diagonal::<N>(variance);
+    let mut double = from_belief::<f64, N, M>(&belief, |x| x);
+    let mut single = from_belief::<f32, N, M>(&belief, |x| x as f32);
     let mut draw = Draw(7);
-    let tones = [(5.0, 2.0 * core::f64::consts::PI * 1.3), (3.0, 2.0 * core::f64::consts::PI * 3.1)];
-    let acceleration = |t: f64| tones.iter().map(|(a, w)| a * (w * t).sin()).sum::<f64>();
-    let position = |t: f64| tones.iter().map(|(a, w)| -a / (w * w) * (w * t).sin()).sum::<f64>();
-    let output = |t: f64| 0.05 + acceleration(t) / 0.99;
-    double.v = tones.iter().map(|(a, w)| -a / w).sum();
-    single.v = double.v as f32;
     let mut worst = 0.0_f64;
     for i in 0..steps {
         let (now, then) = (i as f64 * DT, (i + 1) as f64 * DT);
-        let (from, to) = (output(now) + 0.01 * draw.next(), output(then));
-        let slope = (to - from) / DT;
-        step(&mut double, Integrator::Rk4, Order::First, from, slope);
-        step(&mut single, Integrator::Rk4, Order::First, from as f32, slope as f32);
+        let u = [Motion::output(now) + 0.01 * draw.next(), Motion::output(then)];
+        stepped(&mut double, i, u);
+        stepped(&mut single, i, u);
         if i % 2 == 1 {
-            let z = position(then) + 1e-6 * draw.next();
+            let z = Motion::position(then) + 1e-6 * draw.next();
             double.correct(R, &double.innovate(z, R));
             single.correct(R as f32, &single.innovate(z as f32, R as f32));
         }
         assert!(single.d.iter().chain(&single.D.0).all(|pivot| *pivot > 0.0));
+        assert!(double.d.iter().chain(&double.D.0).all(|pivot| *pivot > 0.0));
         if i > steps / 10 {
-            for j in 0..4 {
+            for j in 0..M {
                 let off = (f64::from(single.theta.0[j]) - double.theta.0[j]).abs();
                 worst = worst.max(off / double.P(j + 2, j + 2).sqrt());
             }
@@ -137,21 +185,70 @@ fn worst_distance(steps: usize, variance: f64) -> f64 {
     worst
 }
 
+/// Four to eight states, priors from diffuse to sharp.
+fn single_precision_stays_near(steps: usize) {
+    for variance in [1.0, 1e-2, 1e-4] {
+        let found = [
+            worst_distance::<4, 2>(steps, variance),
+            worst_distance::<5, 3>(steps, variance),
+            worst_distance::<6, 4>(steps, variance),
+            worst_distance::<7, 5>(steps, variance),
+            worst_distance::<8, 6>(steps, variance),
+        ];
+        println!("prior {variance:e}, 4 to 8 states: {found:.3?} sigma over {steps} steps");
+        assert!(found.iter().all(|worst| *worst < 0.15), "{found:?}"); // a seventh of what the filter does not know
+    }
+}
+
+/// The covariance form in double precision, the same motion: every step must leave a covariance.
+fn variances_stay_positive<const N: usize, const M: usize>(steps: usize) {
+    let wandering = Wandering::new(0.0, [Wander::CONSTANT; M]);
+    for integrator in [Integrator::Rk4, Integrator::Exact] {
+        for variance in [1.0, 1e-2, 1e-4] {
+            let belief = diagonal::<N>(variance);
+            let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| belief.x[i], |i, j| belief.P[(i, j)]);
+            let mut draw = Draw(7);
+            for i in 0..steps {
+                let (now, then) = (i as f64 * DT, (i + 1) as f64 * DT);
+                let (from, to) = (Motion::output(now) + 0.01 * draw.next(), Motion::output(then));
+                let input = |s: f64| {
+                    let effect = |i: usize| if i < 2 { 0.0 } else { Motion::effect(i - 2, now + s) };
+                    Driven { u: from + (to - from) / DT * s, columns: Plain(core::array::from_fn(effect)) }
+                };
+                let course = Course { effect: WithEffects { rest: 0.0 }, order: Order::First, input, dt: DT };
+                block.step(integrator, Q, &wandering, &course).unwrap();
+                if i % 2 == 1 {
+                    let z = Motion::position(then) + 1e-6 * draw.next();
+                    block.correct(R, &block.innovate(z, R));
+                }
+                assert_eq!(block.checked(), Ok(()), "{integrator:?}, prior {variance:e}, step {i}");
+                assert!((0..N).all(|i| block.P(i, i) > 0.0), "{integrator:?}, prior {variance:e}, step {i}");
+            }
+        }
+    }
+}
+
 #[test]
 fn single_precision_stays_near_double_precision() {
-    for variance in [1.0, 1e-2, 1e-4] {
-        let worst = worst_distance(100_000, variance);
-        println!("prior {variance:e}: {worst:.3} sigma over 1e5 steps");
-        assert!(worst < 0.15); // a seventh of what the filter does not know
-    }
+    single_precision_stays_near(30_000);
+}
+
+#[test]
+fn variances_stay_positive_in_double_precision() {
+    variances_stay_positive::<4, 2>(30_000);
+    variances_stay_positive::<8, 6>(30_000);
 }
 
 #[test]
 #[ignore = "ten minutes of record; make test-long"]
 fn single_precision_stays_near_double_precision_over_ten_minutes() {
-    for variance in [1.0, 1e-2, 1e-4] {
-        let worst = worst_distance(1_000_000, variance);
-        println!("prior {variance:e}: {worst:.3} sigma over 1e6 steps");
-        assert!(worst < 0.15);
-    }
+    single_precision_stays_near(1_000_000);
+}
+
+#[test]
+#[ignore = "ten minutes of record; make test-long"]
+fn variances_stay_positive_in_double_precision_over_ten_minutes() {
+    variances_stay_positive::<4, 2>(1_000_000);
+    variances_stay_positive::<6, 4>(1_000_000);
+    variances_stay_positive::<8, 6>(1_000_000);
 }
