@@ -15,10 +15,12 @@ __all__ = [
     "FilterRows",
     "FilterSetup",
     "FilterStream",
+    "FixedRateFilter",
     "Parts",
     "ReplayTrack",
     "__version__",
     "drive",
+    "empty_call",
     "innovations",
     "play",
     "run_filter",
@@ -84,6 +86,47 @@ class FilterStream:
     @property
     def waiting(self) -> int: ...
 
+@final
+class FixedRateFilter:
+    def __new__(
+        cls,
+        setup: FilterSetup,
+        x0: _Array,
+        P0: _Array,
+        dt: float,
+        effects: tuple[float, list[tuple[float, float]]] | None = None,
+    ) -> FixedRateFilter: ...
+    def step(self, u: float, z: float | None = None) -> float | None: ...
+    def step_with_effects(self, u: float, z: float | None, columns: _Array, leaning: _Array) -> float | None: ...
+    def run(
+        self,
+        u: _Array,
+        z: _Array,
+        *,
+        states: _Array | None = None,
+        variances: _Array | None = None,
+        innovations: _Array | None = None,
+        innovation_variances: _Array | None = None,
+    ) -> None: ...
+    def read(self, into: _Array, variances: _Array | None) -> None: ...
+    @property
+    def x(self) -> _Array: ...
+    @property
+    def covariance(self) -> _Array: ...
+    @property
+    def innovation(self) -> float | None: ...
+    @property
+    def innovation_variance(self) -> float | None: ...
+    @property
+    def nis(self) -> float | None: ...
+    @property
+    def samples(self) -> int: ...
+    @property
+    def rejected(self) -> int: ...
+    @property
+    def log_likelihood(self) -> float: ...
+
+def empty_call(first: float, second: float) -> None: ...
 def run_filter(
     setup: FilterSetup,
     x0: _Array,

@@ -19,7 +19,7 @@ pyo3::create_exception!(
     "A filter or record is unusable, or a step failed; see `kind`, `event` and `t`."
 );
 
-fn raise(py: Python<'_>, error: RunError) -> PyErr {
+pub(crate) fn raise(py: Python<'_>, error: RunError) -> PyErr {
     let raised = FilterError::new_err(error.to_string());
     let (event, t) = match error {
         RunError::Step { event, t, .. } => (Some(event), Some(t)),
@@ -34,7 +34,7 @@ fn raise(py: Python<'_>, error: RunError) -> PyErr {
 }
 
 #[derive(Clone, Copy)]
-enum AnySystem {
+pub(crate) enum AnySystem {
     Aci(Aci),
     Cwpa(Cwpa),
 }
@@ -42,13 +42,13 @@ enum AnySystem {
 /// A filter whose number of states is not chosen yet.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct FilterSetup {
-    system: AnySystem,
+    pub(crate) system: AnySystem,
     choices: Filter<()>,
     structured: bool,
 }
 
 impl FilterSetup {
-    fn with<S>(&self, system: S) -> Filter<S> {
+    pub(crate) fn with<S>(&self, system: S) -> Filter<S> {
         let Filter { system: (), interpolation, integrator, order, carrier, R_position, R_output, gate } = self.choices;
         Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
     }
@@ -156,7 +156,7 @@ fn belief<const N: usize>(x: &[f64], P: &[f64]) -> Belief<N> {
 }
 
 /// Contiguous views of a prior, and the number of states it has.
-fn prior<'a>(
+pub(crate) fn prior<'a>(
     x0: &'a PyReadonlyArray1<'_, f64>,
     P0: &'a PyReadonlyArray2<'_, f64>,
 ) -> PyResult<(usize, &'a [f64], &'a [f64])> {
@@ -250,7 +250,7 @@ fn run_sized<S: System<N>, const N: usize>(
     Ok(rows)
 }
 
-type Matrix = Py<PyArray2<f64>>;
+pub(crate) type Matrix = Py<PyArray2<f64>>;
 
 /// What a run over a record gave, as arrays.
 #[pyclass(frozen, get_all, module = "accelcal._core")]
@@ -268,7 +268,7 @@ pub struct FilterRows {
 }
 
 /// A vector of rows as a matrix.
-fn matrix(py: Python<'_>, rows: Vec<f64>, width: usize) -> PyResult<Matrix> {
+pub(crate) fn matrix(py: Python<'_>, rows: Vec<f64>, width: usize) -> PyResult<Matrix> {
     let height = rows.len() / width;
     Ok(rows.into_pyarray(py).reshape([height, width])?.unbind())
 }

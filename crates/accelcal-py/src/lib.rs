@@ -12,6 +12,8 @@ mod effects;
 
 mod filters;
 
+mod fixed_rate;
+
 mod replay;
 
 /// The compiled core of accelcal.
@@ -32,6 +34,9 @@ mod _core {
 
     #[pymodule_export]
     use super::filters::{FilterError, FilterRows, FilterSetup, FilterStream, run_filter, run_filter_batch, swap_form};
+
+    #[pymodule_export]
+    use super::fixed_rate::{FixedRateFilter, empty_call};
 
     #[pymodule_init]
     fn init(m: &Bound<'_, PyModule>) -> PyResult<()> {

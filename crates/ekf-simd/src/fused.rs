@@ -5,6 +5,28 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 use ekf_core::number::Number;
 use pulp::Simd;
 
+use crate::likelihood::Logarithm;
+
+/// One number, whatever it is computed with.
+pub trait One: Logarithm + Send + Sync {
+    /// The number.
+    fn value(self) -> f64;
+}
+
+impl One for f64 {
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self
+    }
+}
+
+impl<S: Simd> One for Fused<S> {
+    #[inline(always)]
+    fn value(self) -> f64 {
+        self.x
+    }
+}
+
 /// An `f64` inside a run that was compiled for `S`; anywhere else its multiply-add is a library call.
 #[derive(Debug, Clone, Copy)]
 pub struct Fused<S> {

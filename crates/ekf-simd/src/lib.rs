@@ -8,10 +8,12 @@
 #![allow(clippy::float_cmp)] // 0.0 and 1.0 are written down, not computed
 
 pub mod batch;
+pub mod fixed_rate;
 pub mod fused;
 pub mod kernel;
 pub mod lanes;
 pub mod likelihood;
+pub mod paced;
 #[cfg(target_arch = "x86_64")]
 pub mod pair;
 pub mod path;

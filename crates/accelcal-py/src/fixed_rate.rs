@@ -1,0 +1,246 @@
+//! A filter at a fixed rate for Python: a sample per call, or a record per call into the caller's arrays.
+
+use ekf_core::{RunError, Wander};
+use ekf_simd::fixed_rate::{self, FixedRate, Histories};
+use ekf_simd::paced::Arrival;
+use numpy::{
+    Element, IntoPyArray, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::filters::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
+
+/// A filter fed sample by sample, `dt` apart.
+#[pyclass(module = "accelcal._core")]
+pub struct FixedRateFilter {
+    filter: Box<dyn FixedRate>,
+    dt: f64,
+    effects: usize,
+}
+
+impl FixedRateFilter {
+    fn failed(&self, py: Python<'_>, event: usize, error: ekf_core::StepError) -> PyErr {
+        raise(py, RunError::Step { event, t: event as f64 * self.dt, error })
+    }
+}
+
+#[pymethods]
+impl FixedRateFilter {
+    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects stand behind `k, K0`.
+    #[new]
+    #[pyo3(signature = (setup, x0, P0, dt, effects=None))]
+    fn new(
+        py: Python<'_>,
+        setup: &FilterSetup,
+        x0: PyReadonlyArray1<'_, f64>,
+        P0: PyReadonlyArray2<'_, f64>,
+        dt: f64,
+        effects: Option<(f64, Vec<(f64, f64)>)>,
+    ) -> PyResult<Self> {
+        let (states, x, P) = prior(&x0, &P0)?;
+        let prior = ekf_simd::Prior { states, x, P };
+        let count = effects.as_ref().map_or(0, |_| states.saturating_sub(4));
+        let filter = match (setup.system, effects) {
+            (AnySystem::Aci(system), Some((rest, wander))) => {
+                let wander: Vec<Wander> = wander.into_iter().map(|(rate, q)| Wander { rate, q }).collect();
+                fixed_rate::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
+            }
+            (AnySystem::Aci(system), None) => fixed_rate::aci(&setup.with(system), dt, prior),
+            (AnySystem::Cwpa(system), _) => fixed_rate::cwpa(&setup.with(system), dt, prior),
+        };
+        Ok(Self { filter: filter.map_err(|error| raise(py, error.into()))?, dt, effects: count })
+    }
+
+    /// Takes in the output `u` (m/s^2) and, where it was read, the position `z` (m) of the next sample.
+    ///
+    /// Returns the innovation of the newest reading, or None where nothing was read.
+    #[pyo3(signature = (u, z=None))]
+    fn step(&mut self, py: Python<'_>, u: f64, z: Option<f64>) -> PyResult<Option<f64>> {
+        if self.effects > 0 {
+            return Err(PyValueError::new_err(format!(
+                "this filter tracks {} effects; give their columns with step_with_effects",
+                self.effects
+            )));
+        }
+        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), ..Arrival::default() };
+        match self.filter.step(&arrival) {
+            Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
+            Err(error) => Err(self.failed(py, self.filter.samples(), error)),
+        }
+    }
+
+    /// The same with effects: `columns` (3, m) holds them per unit of their coefficients at the sample before, half-way and
+    /// at this one, m/s^2; `leaning` (m,) what a unit of each adds to the position read, m.
+    fn step_with_effects(
+        &mut self,
+        py: Python<'_>,
+        u: f64,
+        z: Option<f64>,
+        columns: PyReadonlyArray2<'_, f64>,
+        leaning: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Option<f64>> {
+        if columns.shape() != [3, self.effects] || leaning.len() != self.effects {
+            return Err(PyValueError::new_err(format!(
+                "this filter tracks {} effects; found columns of shape {:?} and {} leanings",
+                self.effects,
+                columns.shape(),
+                leaning.len()
+            )));
+        }
+        let (before, rest) = columns.as_slice()?.split_at(self.effects);
+        let (middle, here) = rest.split_at(self.effects);
+        let effects = [before, middle, here];
+        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), effects, leaning: leaning.as_slice()? };
+        match self.filter.step(&arrival) {
+            Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
+            Err(error) => Err(self.failed(py, self.filter.samples(), error)),
+        }
+    }
+
+    /// Takes in a record, `u` and `z` (n,), NaN where not read; histories go into arrays of the caller's.
+    #[pyo3(signature = (u, z, *, states=None, variances=None, innovations=None, innovation_variances=None))]
+    #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
+    fn run(
+        &mut self,
+        py: Python<'_>,
+        u: PyReadonlyArray1<'_, f64>,
+        z: PyReadonlyArray1<'_, f64>,
+        states: Option<Bound<'_, PyAny>>,
+        variances: Option<Bound<'_, PyAny>>,
+        innovations: Option<Bound<'_, PyAny>>,
+        innovation_variances: Option<Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        if self.effects > 0 {
+            return Err(PyValueError::new_err("effects follow from the state at every step; use step_with_effects"));
+        }
+        let (u, z) = (u.as_slice()?, z.as_slice()?);
+        if u.len() != z.len() {
+            let text = format!("u has {} samples, z {}; give NaN where position was not read", u.len(), z.len());
+            return Err(PyValueError::new_err(text));
+        }
+        let (n, N) = (u.len(), self.filter.states());
+        let mut states = given(states.as_ref(), "states", [n, N])?;
+        let mut variances = given(variances.as_ref(), "variances", [n, N])?;
+        let mut innovations = given(innovations.as_ref(), "innovations", [n])?;
+        let mut innovation_variances = given(innovation_variances.as_ref(), "innovation_variances", [n])?;
+        let mut histories = Histories {
+            states: slice(&mut states)?,
+            variances: slice(&mut variances)?,
+            innovations: slice(&mut innovations)?,
+            innovation_variances: slice(&mut innovation_variances)?,
+        };
+        let before = self.filter.samples();
+        let filter = &mut self.filter;
+        let ran = py.detach(|| filter.over(u, z, &mut histories));
+        ran.map_err(|(index, error)| self.failed(py, before + index, error))
+    }
+
+    /// States (N,), a copy.
+    #[getter]
+    fn x(&self, py: Python<'_>) -> Py<PyArray1<f64>> {
+        let x: Vec<f64> = (0..self.filter.states()).map(|i| self.filter.x(i)).collect();
+        x.into_pyarray(py).unbind()
+    }
+
+    /// Covariance (N, N), a copy.
+    #[getter]
+    fn covariance(&self, py: Python<'_>) -> PyResult<Matrix> {
+        let N = self.filter.states();
+        matrix(py, (0..N * N).map(|at| self.filter.P(at / N, at % N)).collect(), N)
+    }
+
+    /// Writes the states into `into` (N,) and their variances into `variances` (N,).
+    #[pyo3(signature = (into, variances))]
+    fn read(&self, into: Bound<'_, PyAny>, variances: Option<Bound<'_, PyAny>>) -> PyResult<()> {
+        let N = self.filter.states();
+        let mut into = given(Some(&into), "into", [N])?;
+        for (i, x) in slice(&mut into)?.unwrap_or_default().iter_mut().enumerate() {
+            *x = self.filter.x(i);
+        }
+        let mut variances = given(variances.as_ref(), "variances", [N])?;
+        for (i, P) in slice(&mut variances)?.unwrap_or_default().iter_mut().enumerate() {
+            *P = self.filter.P(i, i);
+        }
+        Ok(())
+    }
+
+    /// Innovation of the newest reading, in its unit.
+    #[getter]
+    fn innovation(&self) -> Option<f64> {
+        self.filter.innovation().map(|innovation| innovation.e)
+    }
+
+    /// Its variance `S`.
+    #[getter]
+    fn innovation_variance(&self) -> Option<f64> {
+        self.filter.innovation().map(|innovation| innovation.s)
+    }
+
+    /// Its normalised square `e^2 / S`.
+    #[getter]
+    fn nis(&self) -> Option<f64> {
+        self.filter.innovation().map(|innovation| innovation.nis())
+    }
+
+    /// Samples taken in.
+    #[getter]
+    fn samples(&self) -> usize {
+        self.filter.samples()
+    }
+
+    /// Readings that the gate rejected.
+    #[getter]
+    fn rejected(&self) -> usize {
+        self.filter.rejected()
+    }
+
+    /// Of the readings taken in.
+    #[getter]
+    fn log_likelihood(&self) -> f64 {
+        self.filter.log_likelihood()
+    }
+}
+
+/// A call with two floats that does nothing: the least that any call costs.
+#[pyfunction]
+pub fn empty_call(first: f64, second: f64) {
+    let _ = (first, second);
+}
+
+/// An array of the caller's that can be written into, of one shape.
+fn given<'py, const D: usize>(
+    array: Option<&Bound<'py, PyAny>>,
+    name: &str,
+    shape: [usize; D],
+) -> PyResult<Option<PyReadwriteArray<'py, f64, numpy::ndarray::Dim<[usize; D]>>>>
+where
+    numpy::ndarray::Dim<[usize; D]>: numpy::ndarray::Dimension,
+{
+    let Some(array) = array else {
+        return Ok(None);
+    };
+    let refused = |found: String| {
+        PyValueError::new_err(format!(
+            "{name}: give a writable, C-contiguous float64 array of shape {shape:?}; found {found}"
+        ))
+    };
+    let untyped = array.cast::<numpy::PyUntypedArray>().map_err(|_| refused(array.get_type().to_string()))?;
+    let found = format!("dtype {}, shape {:?}", untyped.dtype(), untyped.shape());
+    if untyped.shape() != shape {
+        return Err(refused(found));
+    }
+    let typed = array.cast::<PyArray<f64, numpy::ndarray::Dim<[usize; D]>>>().map_err(|_| refused(found.clone()))?;
+    let writable = typed.try_readwrite().map_err(|_| refused(format!("{found}, read-only or in use")))?;
+    if writable.is_c_contiguous() { Ok(Some(writable)) } else { Err(refused(format!("{found}, not contiguous"))) }
+}
+
+fn slice<'a, T: Element, D: numpy::ndarray::Dimension>(
+    array: &'a mut Option<PyReadwriteArray<'_, T, D>>,
+) -> PyResult<Option<&'a mut [T]>> {
+    Ok(match array {
+        Some(array) => Some(array.as_slice_mut()?),
+        None => None,
+    })
+}

@@ -1,0 +1,253 @@
+//! Filters at a fixed rate against runs of the core's filters over the same samples.
+#![allow(non_snake_case)] // as in the crates
+
+use ekf_core::aci_block::AciBlock;
+use ekf_core::aci_staged::Course;
+use ekf_core::effect::{Driven, WithEffects};
+use ekf_core::row::Plain;
+use ekf_core::wandering::Wandering;
+use ekf_core::{
+    Aci, Belief, Carrier, Cwpa, Engine, Filter, Form, InBlocks, Integrator, Interpolation, Order, Samples, Segment,
+    Sensor, StepError, Structured, Wander, system::System,
+};
+use ekf_simd::Prior;
+use ekf_simd::fixed_rate::{FixedRate, Histories, aci, aci_with_effects, cwpa};
+use ekf_simd::paced::Arrival;
+use nalgebra::{SMatrix, SVector};
+use proptest::prelude::*;
+
+const DT: f64 = 1.0 / 1667.0;
+const STEPS: usize = 200;
+/// State in sigma, covariance in `sigma_i sigma_j`: fused and plain arithmetic over 200 steps.
+const TOLERANCE: f64 = 1e-10;
+
+fn sigma(motion: usize, i: usize) -> f64 {
+    match i {
+        0 => 1e-5,
+        1 => 3e-3,
+        2 if motion == 3 => 10.0,
+        i => [1e-2, 0.1, 1e-3, 1e-4].get(i - motion).copied().unwrap_or(1e-3),
+    }
+}
+
+fn record(phase: f64) -> (Vec<f64>, Vec<f64>) {
+    let noise = |j: usize| ((j as f64 * 12.9898 + phase).sin() * 43_758.545_3).fract() - 0.5;
+    let w = 30.0;
+    let at = |j: usize| w * j as f64 * DT + phase;
+    let u = (0..STEPS).map(|j| 0.05 + 1.01 * 8.0 * at(j).sin() + 0.02 * noise(j)).collect();
+    let z = (0..STEPS)
+        .map(|j| if j % 2 == 0 { -8.0 / (w * w) * (at(j).sin() - phase.sin()) + 2e-6 * noise(j + 7) } else { f64::NAN })
+        .collect();
+    (u, z)
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Choice {
+    phase: f64,
+    form: Form,
+    integrator: Integrator,
+    order: Order,
+    interpolation: Interpolation,
+    wander: Wander,
+    gate: f64,
+}
+
+fn choices() -> impl Strategy<Value = Choice> {
+    (
+        0.0..6.0,
+        prop_oneof![Just(Form::Inverse), Just(Form::Forward)],
+        prop_oneof![Just(Integrator::Rk4), Just(Integrator::Exact)],
+        prop_oneof![Just(Order::First), Just(Order::Second)],
+        prop_oneof![Just(Interpolation::Hold), Just(Interpolation::Linear), Just(Interpolation::Cubic)],
+        prop_oneof![Just(Wander::CONSTANT), Just(Wander { rate: 0.5, q: 1e-8 })],
+        prop_oneof![Just(f64::INFINITY), Just(4.0)],
+    )
+        .prop_map(|(phase, form, integrator, order, interpolation, wander, gate)| Choice {
+            phase,
+            form,
+            integrator,
+            order,
+            interpolation,
+            wander,
+            gate,
+        })
+}
+
+impl Choice {
+    fn filter<S>(&self, system: S) -> Filter<S> {
+        Filter {
+            system,
+            interpolation: self.interpolation,
+            integrator: self.integrator,
+            order: self.order,
+            carrier: Carrier::Dense,
+            R_position: 1e-12,
+            R_output: 1e-4,
+            gate: self.gate,
+        }
+    }
+
+    fn sensor(&self) -> Sensor {
+        Sensor { form: self.form, wander: [self.wander, Wander::CONSTANT, Wander::CONSTANT, self.wander] }
+    }
+}
+
+fn agrees<S: System<N>, const N: usize>(
+    filter: &Filter<S>,
+    motion: usize,
+    phase: f64,
+    make: impl Fn(Prior<'_>) -> Box<dyn FixedRate>,
+) where
+    Filter<S>: Structured<N>,
+    Filter<S>: Copy,
+{
+    let (u, z) = record(phase);
+    let variance = SVector::<f64, N>::from_fn(|i, _| sigma(motion, i).powi(2));
+    let prior = Belief { x: SVector::zeros(), P: SMatrix::from_diagonal(&variance) };
+    let times: Vec<f64> = (0..STEPS).map(|j| j as f64 * DT).collect();
+    let (stamps, readings): (Vec<f64>, Vec<f64>) =
+        times.iter().zip(&z).filter(|(_, z)| !z.is_nan()).map(|(t, z)| (*t, *z)).unzip();
+    let track = InBlocks(*filter)
+        .over(&prior, Samples { t: &times, y: &u }, Samples { t: &stamps, y: &readings }, |_, _| ())
+        .unwrap();
+    let expected = filter.belief(&track.block);
+
+    let (x, P) = (prior.x.as_slice(), prior.P.as_slice());
+    let mut steps = make(Prior { states: N, x, P });
+    let mut one = make(Prior { states: N, x, P });
+    let (mut states, mut innovations) = (vec![0.0; N * STEPS], vec![0.0; STEPS]);
+    let mut histories =
+        Histories { states: Some(&mut states), innovations: Some(&mut innovations), ..Histories::default() };
+    one.over(&u, &z, &mut histories).unwrap();
+    for j in 0..STEPS {
+        let found = steps.step(&Arrival { u: u[j], z: z[j], ..Arrival::default() }).unwrap();
+        assert_eq!(found.map_or(f64::NAN, |found| found.e).to_bits(), innovations[j].to_bits());
+        for i in 0..N {
+            assert_eq!(steps.x(i).to_bits(), states[N * j + i].to_bits());
+        }
+    }
+    assert_eq!((steps.samples(), steps.rejected()), (STEPS, track.rejected));
+    let off = steps.log_likelihood() / track.log_likelihood - 1.0;
+    assert!(off.abs() < TOLERANCE, "{off}");
+    for i in 0..N {
+        let deviation = |i: usize| expected.P[(i, i)].sqrt();
+        assert!((steps.x(i) - expected.x[i]).abs() < TOLERANCE * deviation(i));
+        for j in 0..N {
+            let off = (steps.P(i, j) - expected.P[(i, j)]) / (deviation(i) * deviation(j));
+            assert!(off.abs() < TOLERANCE, "{off}");
+        }
+    }
+}
+
+/// The padded, fused kernel with effects against the core's own row of exactly as many parameters.
+fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
+    let (u, z) = record(choice.phase);
+    let (rest, tau) = (0.3, if choice.phase < 3.0 { 0.0 } else { 1e-3 });
+    let wander: [Wander; M] = std::array::from_fn(|i| if i % 2 == 0 { choice.wander } else { Wander::CONSTANT });
+    let x = [0.0; N];
+    let P: Vec<f64> = (0..N * N).map(|at| if at / N == at % N { sigma(2, at / N).powi(2) } else { 0.0 }).collect();
+    let system = Aci { sensor: choice.sensor(), q: 1e-6, tau };
+    let prior = Prior { states: N, x: &x, P: &P };
+    let mut steps = aci_with_effects(&choice.filter(system), DT, rest, &wander, prior).unwrap();
+    let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| x[i], |i, j| P[i * N + j]);
+    let wandering = Wandering::new(0.0, wander);
+    let column = |i: usize, j: usize| ((i + 1) as f64 * 0.3 * j as f64).cos();
+    let lean = |i: usize, j: usize| if i % 2 == 0 { 1e-2 * column(i, j + 3) } else { 0.0 };
+    let mut rejected = 0;
+    for j in 0..STEPS {
+        let at = |j: usize| -> Vec<f64> { (0..M - 2).map(|i| column(i, j)).collect() };
+        let (before, middle, here) = (at(j.saturating_sub(1)), at(j + STEPS), at(j));
+        let leaning: Vec<f64> = (0..M - 2).map(|i| lean(i, j)).collect();
+        steps.step(&Arrival { u: u[j], z: z[j], effects: [&before, &middle, &here], leaning: &leaning }).unwrap();
+
+        if j > 0 {
+            // The last four samples on a clock of their own; too few are a line.
+            let first = j.saturating_sub(3);
+            let stamps: Vec<f64> = (first..=j).map(|j| j as f64 * DT).collect();
+            let segment = Segment::between(&stamps, &u[first..=j], j - 1 - first, choice.interpolation);
+            let input = |s: f64| {
+                // Lagrange on 0, 1/2, 1.
+                let x = s / DT;
+                let parabola = |[a, b, c]: [f64; 3]| {
+                    a * (x - 0.5) * (x - 1.0) * 2.0 - b * x * (x - 1.0) * 4.0 + c * x * (x - 0.5) * 2.0
+                };
+                let between =
+                    |i: usize| if i < 2 { 0.0 } else { parabola([before[i - 2], middle[i - 2], here[i - 2]]) };
+                Driven { u: segment.value(s), columns: Plain(std::array::from_fn(between)) }
+            };
+            let course = Course { effect: WithEffects { rest }, order: choice.order, input, dt: DT };
+            block.step(Integrator::Rk4, 1e-6, &wandering, &course).unwrap();
+        }
+        if !z[j].is_nan() {
+            let b = Plain(std::array::from_fn(|i| if i < 2 { 0.0 } else { leaning[i - 2] }));
+            let (surprise, along) = block.innovate_along(tau, &b, z[j], 1e-12);
+            if surprise.e * surprise.e / surprise.s <= choice.gate {
+                block.correct_along(&along, &surprise);
+            } else {
+                rejected += 1;
+            }
+        }
+    }
+    assert_eq!(steps.rejected(), rejected);
+    for i in 0..N {
+        let deviation = |i: usize| block.P(i, i).sqrt();
+        let off = (steps.x(i) - block.x(i)) / deviation(i);
+        assert!(off.abs() < TOLERANCE, "{off}");
+        for j in 0..N {
+            let off = (steps.P(i, j) - block.P(i, j)) / (deviation(i) * deviation(j));
+            assert!(off.abs() < TOLERANCE, "{off}");
+        }
+    }
+}
+
+fn cases() -> u32 {
+    if std::env::var("ACCELCAL_HYPOTHESIS").is_ok_and(|value| value == "long") { 600 } else { 32 }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases()) })]
+
+    #[test]
+    fn a_fixed_rate_gives_what_a_record_gives(choice in choices()) {
+        // A cubic of a record looks ahead; at a fixed rate it looks back, as the test below does.
+        prop_assume!(choice.interpolation != Interpolation::Cubic);
+        let driven = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
+        agrees::<_, 4>(&driven, 2, choice.phase, |prior| aci(&driven, DT, prior).unwrap());
+        agrees::<_, 6>(&driven, 2, choice.phase, |prior| aci(&driven, DT, prior).unwrap());
+        let read = choice.filter(Cwpa { sensor: choice.sensor(), q: 1e3, low_pass: None });
+        agrees::<_, 5>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
+        agrees::<_, 7>(&read, 3, choice.phase, |prior| cwpa(&read, DT, prior).unwrap());
+    }
+
+    #[test]
+    fn effects_at_a_fixed_rate_equal_the_core_s(choice in choices()) {
+        effects_agree::<5, 3>(choice);
+        effects_agree::<8, 6>(choice);
+        effects_agree::<11, 9>(choice);
+        effects_agree::<17, 15>(choice);
+    }
+}
+
+#[test]
+fn a_step_that_fails_leaves_the_filter_as_it_was() {
+    let choice = Choice {
+        phase: 0.0,
+        form: Form::Inverse,
+        integrator: Integrator::Rk4,
+        order: Order::First,
+        interpolation: Interpolation::Linear,
+        wander: Wander::CONSTANT,
+        gate: f64::INFINITY,
+    };
+    let filter = choice.filter(Aci { sensor: choice.sensor(), q: 1e-6, tau: 0.0 });
+    let P: Vec<f64> = (0..16).map(|at| if at % 5 == 0 { 1e-4 } else { 0.0 }).collect();
+    let mut live = aci(&filter, DT, Prior { states: 4, x: &[0.0; 4], P: &P }).unwrap();
+    live.step(&Arrival { u: 1.0, z: 0.0, ..Arrival::default() }).unwrap();
+    let before: Vec<u64> = (0..4).map(|i| live.x(i).to_bits()).collect();
+    let failed = live.step(&Arrival { u: f64::INFINITY, z: 0.0, ..Arrival::default() });
+    assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
+    let failed = live.step(&Arrival { u: 1.0, z: f64::INFINITY, ..Arrival::default() });
+    assert_eq!(failed, Err(StepError::Innovation { e: f64::INFINITY }));
+    assert_eq!(before, (0..4).map(|i| live.x(i).to_bits()).collect::<Vec<_>>());
+    assert_eq!(live.samples(), 1);
+}

@@ -1,0 +1,141 @@
+"""Filters at a fixed rate from Python: records against steps, histories, errors, and what a call costs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from accelcal import filters
+from accelcal.filters import FilterChoice, FilterError
+from accelcal.recording import Channel
+from tests.twin.workloads import DT, WORKLOADS, cost, record, settings
+
+N = 800
+
+
+def made(choice: FilterChoice, **more: Any) -> Any:
+    return filters.fixed_rate(choice, dt=DT, **settings(choice) | more)
+
+
+@pytest.mark.parametrize("name", sorted(WORKLOADS))
+def test_steps_give_the_bits_of_a_record_and_both_what_stamps_give(name: str) -> None:
+    choice = WORKLOADS[name]
+    u, z = record(N)
+    one, many = made(choice), made(choice)
+    n = len(choice.states())
+    states, variances = np.empty((N, n)), np.empty((N, n))
+    innovations, spreads = np.empty(N), np.empty(N)
+    one.run(u, z, states=states, variances=variances, innovations=innovations, innovation_variances=spreads)
+    row = np.empty(n)
+    for j in range(N):
+        e = many.step(u[j], None if np.isnan(z[j]) else z[j])
+        many.read(row, None)
+        assert row.tobytes() == states[j].tobytes()
+        assert (e is None) == np.isnan(innovations[j])
+        if e is not None:
+            assert (e, many.innovation_variance) == (innovations[j], spreads[j])
+            assert many.nis == e * e / spreads[j]
+    assert (one.x.tobytes(), one.covariance.tobytes()) == (many.x.tobytes(), many.covariance.tobytes())
+    assert (one.samples, one.rejected) == (N, 0)
+
+    t = np.arange(N) * DT
+    read = ~np.isnan(z)
+    stamped = filters.run(
+        choice, Channel("accel", t, u, "m/s²"), Channel("position", t[read], z[read], "m"), **settings(choice)
+    )
+    sigma = np.sqrt(np.diag(stamped.covariance))
+    # Stamps j dt and steps dt differ in the last bit of t; fused and plain arithmetic round apart.
+    assert np.max(np.abs(one.x - stamped.states[-1]) / sigma) < 1e-9
+    assert np.max(np.abs(one.covariance - stamped.covariance) / np.outer(sigma, sigma)) < 1e-9
+    assert np.max(np.abs(variances[-1] - np.diag(one.covariance))) == 0.0
+    assert one.log_likelihood == pytest.approx(stamped.log_likelihood, rel=1e-9)
+
+
+def test_a_record_may_come_in_parts() -> None:
+    u, z = record(N)
+    whole, parts = made(WORKLOADS["W2"]), made(WORKLOADS["W2"])
+    whole.run(u, z)
+    for begin in range(0, N, 123):
+        parts.run(u[begin : begin + 123], z[begin : begin + 123])
+    assert whole.x.tobytes() == parts.x.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("array", "found"),
+    [
+        (np.empty((N, 5)), r"shape \[800, 5\]"),
+        (np.empty((N, 6), dtype=np.float32), "dtype float32"),
+        (np.empty((6, N)).T, "not contiguous"),
+        (np.broadcast_to(0.0, (N, 6)), "read-only"),
+        ([0.0], "list"),
+    ],
+)
+def test_an_array_that_cannot_take_a_history_is_refused_in_a_sentence(array: Any, found: str) -> None:
+    u, z = record(N)
+    expected = rf"states: give a writable, C-contiguous float64 array of shape \[800, 6\]; found .*{found}"
+    with pytest.raises(ValueError, match=expected):
+        made(WORKLOADS["W2"]).run(u, z, states=array)
+
+
+def test_channels_of_different_length_are_refused() -> None:
+    u, z = record(N)
+    with pytest.raises(ValueError, match="u has 800 samples, z 799; give NaN"):
+        made(WORKLOADS["W1"]).run(u, z[1:])
+
+
+def test_a_sample_that_is_not_finite_is_refused_and_changes_nothing() -> None:
+    u, z = record(N)
+    live, same = made(WORKLOADS["W2"]), made(WORKLOADS["W2"])
+    u[100], z[100] = np.nan, 0.0
+    with pytest.raises(FilterError, match="not finite") as raised:
+        live.run(u, z)
+    assert (raised.value.kind, raised.value.event) == ("Innovation", 100)
+    same.run(u[:100], z[:100])
+    assert live.x.tobytes() == same.x.tobytes()
+    live.step(1.0, z[98])
+
+
+def test_a_filter_whose_numbers_failed_says_so_ever_after() -> None:
+    u, z = record(N)
+    choice = FilterChoice("aci", "cubic", "inverse", integrator="rk2")
+    live = made(choice, P0=np.eye(6), q=0.0)
+    with pytest.raises(FilterError) as first:
+        live.run(8.0 * u, z)
+    with pytest.raises(FilterError) as again:
+        live.step(0.0, 0.0)
+    assert first.value.kind == again.value.kind in {"Variance", "Correlation", "InnovationVariance"}
+
+
+@pytest.mark.parametrize(
+    ("choice", "more", "sentence"),
+    [
+        (FilterChoice("aci", carrier="factored"), {}, "use LiveFilter"),
+        (FilterChoice("cwpa"), {"tau": 1e-3}, "no structured kernel|needs q_accel"),
+        (FilterChoice("aci"), {"dt": -1.0}, "dt"),
+        (FilterChoice("aci"), {"P0": -np.eye(4)}, "P0|prior"),
+    ],
+)
+def test_what_a_fixed_rate_cannot_do_is_refused(choice: FilterChoice, more: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        filters.fixed_rate(choice, **{"dt": DT} | settings(choice) | more)
+
+
+def test_effects_come_with_their_columns() -> None:
+    live = filters.fixed_rate_with_effects(dt=DT, q=1e-6, r_position=1e-12, x0=np.zeros(6), P0=np.eye(6))
+    with pytest.raises(ValueError, match="tracks 2 effects"):
+        live.step(0.0, 0.0)
+    with pytest.raises(ValueError, match="step_with_effects"):
+        live.run(np.zeros(2), np.zeros(2))
+    with pytest.raises(ValueError, match=r"tracks 2 effects; found columns of shape \[2, 2\]"):
+        live.step_with_effects(0.0, 0.0, np.zeros((2, 2)), np.zeros(2))
+    assert live.step_with_effects(0.0, 0.0, np.zeros((3, 2)), np.zeros(2)) == 0.0
+    with pytest.raises(ValueError, match="up to 14 effects"):
+        filters.fixed_rate_with_effects(dt=DT, q=1e-6, r_position=1e-12, x0=np.zeros(19), P0=np.eye(19))
+
+
+def test_a_step_of_w2_costs_few_empty_calls() -> None:
+    found = cost(WORKLOADS["W2"], rounds=5)
+    print(f"\nW2 step: {found.step:.0f} ns, {found.ratio:.2f} empty calls of {found.empty:.0f} ns")
+    assert found.ratio <= 3.5  # least of five rounds; the loop's own time is taken off both
