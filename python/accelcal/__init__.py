@@ -18,6 +18,7 @@ from accelcal.filters import FilterChoice, FilterRun, LiveFilter
 from accelcal.fit import Fit, fit
 from accelcal.gauss_newton import Estimate, NotIdentifiable
 from accelcal.io import load
+from accelcal.live import LiveModel
 from accelcal.model import Model, Prior
 from accelcal.recording import Channel, Recording, RecordingError
 from accelcal.recursive import fit_recursive
@@ -37,6 +38,7 @@ __all__ = [
     "FilterRun",
     "Fit",
     "LiveFilter",
+    "LiveModel",
     "LowPass",
     "Model",
     "NotIdentifiable",

@@ -30,7 +30,7 @@ LAYERS = (
     ("shaping",),
     ("fit",),
     ("predict", "characteristic"),
-    ("compare", "recursive", "tracks", "budget", "applied", "recovered"),
+    ("compare", "recursive", "live", "tracks", "budget", "applied", "recovered"),
     ("store",),
     ("power", "diagnose", "breaks", "channels", "detectable"),
     ("gating", "importance"),

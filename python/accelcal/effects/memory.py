@@ -26,11 +26,16 @@ def lagged(y: Array, tau: float, step: float, start: float) -> Array:
     tau, step : time constant and spacing, s.
     start : x at the first sample.
     """
-    decay = float(np.exp(-step / tau))
-    mean = -float(np.expm1(-step / tau)) * tau / step
-    new, old = 1.0 - mean, mean - decay
+    decay, old, new = lag_weights(tau, step)
     x, _ = scipy.signal.lfilter([new, old], [1.0, -decay], y, zi=[start - new * y[0]])
     return np.asarray(x, dtype=np.float64)
+
+
+def lag_weights(tau: float, step: float) -> tuple[float, float, float]:
+    """Weights of x, of y before and of y now in the low-pass one `step` on (both s); y is straight in between."""
+    decay = float(np.exp(-step / tau))
+    mean = -float(np.expm1(-step / tau)) * tau / step
+    return decay, mean - decay, 1.0 - mean
 
 
 def play(x: Array, width: float, start: float) -> Array:
