@@ -23,7 +23,8 @@ test: $(STAMP) ## Run every test: Rust, then Python.
 	cargo build -p ekf-core --no-default-features --quiet
 	$(BIN)/python -m pytest -n auto --dist worksteal -q
 
-test-long: $(STAMP) ## Compare the filters with their NumPy twin on ten times as many records.
+test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
+	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
 
 embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, flash, stack. Installs Debian packages.
@@ -45,6 +46,8 @@ check: $(STAMP) ## Format, lints, types, stubs.
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	cargo bench --quiet -p ekf-simd --bench kernels
 	$(BIN)/python -m benches.start
+	$(BIN)/python -m benches.streaming
+	$(BIN)/python -m benches.replay
 	$(BIN)/python -m benches.fit
 	$(BIN)/python -m benches.diagnose
 	$(BIN)/python -m benches.consistency
