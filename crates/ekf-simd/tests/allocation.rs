@@ -164,12 +164,12 @@ fn no_step_at_a_fixed_rate_allocates() {
 }
 
 #[test]
+#[allow(clippy::cast_possible_truncation)] // single precision is what runs there
 fn no_step_of_the_portable_factored_filter_allocates() {
     let mut factored = AciFactored::<f32, 6, 4>::new(|_| 0.0, |_, _| 0.0, |i| if i == 0 { 1e-10 } else { 1e-4 });
     let count = allocations(|| {
         for j in 0..STEPS {
             let table = Effect::<_, 4>::table(&InverseCubic, &factored.theta, &[Plain([0.0; 4]); 4], Order::First);
-            #[allow(clippy::cast_possible_truncation)] // single precision is what runs there
             let at = Effect::<_, 4>::at(&InverseCubic, &table, output(j) as f32).unwrap();
             factored.predict(DT as f32, &Push::held(DT, 1e-6, &at));
             factored.correct(1e-12, &factored.innovate(0.0, 1e-12));
