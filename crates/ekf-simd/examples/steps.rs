@@ -39,7 +39,7 @@ fn main() {
         "effects" => workloads::with_effects(workload as usize, &data)(),
         // What making the columns of effects costs, to be taken off.
         "columns" => {
-            black_box(workloads::with_effects(workload as usize, &data));
+            drop(black_box(workloads::with_effects(workload as usize, &data)));
             Vec::new()
         }
         "alone" => in_runs(Path::Fused, steps),
