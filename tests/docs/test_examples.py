@@ -17,6 +17,8 @@ from .pages import DOCS, examples
 ENVIRONMENT = os.environ | {"COLUMNS": "160"}
 PAGES = ("quick-start", "loop", "your-data", "own-effect")
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
+ELSEWHERE = {"campaign": "campaign/test_docs.py", "export": "export/test_command.py"}
+"""Pages whose examples are run by a test of what they are about."""
 BY_HAND = {
     "quick-start": ["make demo", "make test"],
     "embedded": [
@@ -80,7 +82,9 @@ def test_every_command_on_a_page_runs_or_is_known_to_be_for_a_person():
         ]
         assert by_hand == BY_HAND.get(path.stem, []), path.name
         runs = {example.language for example in examples(path.stem)} & {"sh", "python"}
-        assert not runs or path.stem in PAGES, f"{path.name} has examples that no test runs"
+        assert not runs or path.stem in (*PAGES, *ELSEWHERE), f"{path.name} has examples that no test runs"
+    for page, test in ELSEWHERE.items():
+        assert f"{page}.md" in (DOCS.parent / "tests" / test).read_text(encoding="utf-8")
 
 
 def test_an_example_that_fails_is_seen(tmp_path):
