@@ -16,6 +16,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 PUBLIC = (
     "accelcal",
     "accelcal.power",
+    "accelcal.campaign",
     "accelcal.io",
     "accelcal.plots",
     "accelcal.plots.interactive",
