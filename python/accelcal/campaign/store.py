@@ -49,7 +49,7 @@ class Results:
     runs: NDArray[np.intp]
     """(n,) positions in the list of items."""
     items: tuple[str, ...]
-    """(n,) seeds as `entropy:key`, paths as given."""
+    """(n,) as `label` names them."""
     values: dict[str, NDArray[np.float64]]
     """By name, (n,); NaN where the run failed or did not return this value."""
     errors: dict[str, str]
