@@ -21,7 +21,7 @@ TEMPERATURE_OUTSIDE = 2
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One polynomial in x = (y - centre) per_half, |x| <= 1, and tau, |tau| <= 1."""
+    """One polynomial in x = (y - centre) per_half and tau, both within -1 and 1."""
 
     low: float
     """First y that belongs to it."""

@@ -1,10 +1,10 @@
 """A proven bound on the error of an exported inverse: exact arithmetic for polynomials, a running bound for rounding.
 
 Approximation. With the model's output G strictly rising in acceleration, slope at least m on the range widened by a
-margin d, the residual R = G(P) - y of a polynomial P bounds its error: |P - a| <= max|R|/m, provided that max|R| < m d
-and that P lies in the widened range at one point; for P cannot leave it without |R| reaching m d first. R is a
-polynomial with rational coefficients, so its Chebyshev coefficients are found without any rounding, and the sum of
-their absolute values is at least max|R| (a Chebyshev polynomial never exceeds 1).
+margin d, the residual R = G(P) - y of a polynomial P bounds its error: `|P - a| <= max|R|/m`, provided that
+`max|R| < m d` and that P lies in the widened range at one point; for P cannot leave it without R reaching m d first. R
+is a polynomial with rational coefficients, so its Chebyshev coefficients are found without any rounding, and the sum of
+their absolute values is at least the largest R (a Chebyshev polynomial never exceeds 1).
 
 Rounding. The steps of `inverse.evaluate` are run once more on bounds: every operation carries the largest value that it
 can have and the largest error that it can have gathered (Higham 2002, section 3.3). A fused multiplication and addition
@@ -47,7 +47,7 @@ class Branch:
         return self.linear + self.warm * t + (2 * self.quadratic + 3 * self.cubic * a) * a
 
     def least_slope(self, low: Fraction, high: Fraction, half: Fraction) -> Fraction:
-        """Smallest |dy/da| on [low, high] and |t| <= half, negative where the sign changes."""
+        """Smallest size of the slope on [low, high] with t up to half either way, negative where its sign changes."""
         at = [low, high]
         if self.cubic:
             turn = -self.quadratic / (3 * self.cubic)
@@ -58,7 +58,7 @@ class Branch:
 
 
 def approximation(segment: Segment, branch: Branch, margin: Fraction, half: Fraction, per_half: Fraction) -> Fraction:
-    """Bound on |P - a| over a segment, m/s²; raises ArithmeticError where none can be proven.
+    """Bound on the error of P over a segment, m/s²; raises ArithmeticError where none can be proven.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def rounding(inverse: Inverse, true_shift: Fraction, least: Fraction) -> Fractio
     ----------
     inverse : as exported.
     true_shift : the model's own change of the reading with temperature, of which the exported one is a neighbour.
-    least : smallest |dy/da| of the model on the widened range; carries an error of y to acceleration.
+    least : smallest size of the slope dy/da on the widened range; carries an error of y to acceleration.
     """
     fmt, u = inverse.format, inverse.format.roundoff
 
