@@ -12,7 +12,7 @@ import numpy as np
 from accelcal.effects import HOUSE, Effect, is_local
 from accelcal.effects.memory import lag_weights
 from accelcal.filters import MOST_EFFECTS, Wander, fixed_rate_with_effects
-from accelcal.fit import Estimate
+from accelcal.gauss_newton import Estimate
 from accelcal.model import Model, Prior, Term, evaluate
 from accelcal.recording import Array
 from accelcal.rig import Rig

@@ -20,7 +20,7 @@ use crate::batch::Prior;
 use crate::fused::Fused;
 use crate::fused::One;
 use crate::kernel::{AciWith, CwpaWith};
-use crate::likelihood::Likelihood;
+use crate::likelihood::{Likelihood, Score};
 use crate::paced::{AciWithEffects, Arrival, Paced, Past, Taking};
 #[cfg(target_arch = "x86_64")]
 use crate::quads::Quads;
@@ -358,12 +358,11 @@ fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Re
 pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { sensor, q, tau } = filter.system;
     let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander: &sensor.wander, prior };
-    let counted = true;
     match (sensor.form, prior.states) {
-        (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear, counted }, Plain<Fused<V3>, 2>, 2),
-        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic, counted }, Quads<1>, 4),
-        (Form::Forward, 4) => fastest!(plan, AciWith { effect: ForwardLinear, counted }, Plain<Fused<V3>, 2>, 2),
-        (Form::Forward, 6) => Ok(portable::<_, 4>(&plan, AciWith { effect: ForwardCubic, counted })),
+        (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Quads<1>, 4),
+        (Form::Forward, 4) => fastest!(plan, AciWith { effect: ForwardLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 6) => Ok(portable::<_, 4>(&plan, AciWith { effect: ForwardCubic })),
         (_, given) => Err(SetupError::Size { given }),
     }
 }
@@ -383,9 +382,9 @@ pub fn aci_with_effects(
     let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander, prior };
     let kernel = AciWithEffects { rest };
     match prior.states - 2 {
-        ..=4 => fastest!(plan, kernel, Quads<1>, 4),
-        ..=8 => fastest!(plan, kernel, Quads<2>, 8),
-        ..=16 => fastest!(plan, kernel, Quads<4>, 16),
+        0..=4 => fastest!(plan, kernel, Quads<1>, 4),
+        5..=8 => fastest!(plan, kernel, Quads<2>, 8),
+        9..=16 => fastest!(plan, kernel, Quads<4>, 16),
         _ => Err(SetupError::Size { given: prior.states }),
     }
 }
@@ -400,12 +399,11 @@ pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn 
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
     let plan = Plan { filter: checked(filter, dt, prior, 5)?, dt, q, tau: 0.0, wander: &sensor.wander, prior };
-    let counted = true;
     match (sensor.form, prior.states) {
-        (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear, counted }, Plain<Fused<V3>, 2>, 2),
-        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic, counted }, Quads<1>, 4),
-        (Form::Inverse, 5) => Ok(portable::<_, 2>(&plan, CwpaWith { sensor: ReadInverse, counted })),
-        (Form::Inverse, 7) => Ok(portable::<_, 4>(&plan, CwpaWith { sensor: ReadInverse, counted })),
+        (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Quads<1>, 4),
+        (Form::Inverse, 5) => Ok(portable::<_, 2>(&plan, CwpaWith { sensor: ReadInverse })),
+        (Form::Inverse, 7) => Ok(portable::<_, 4>(&plan, CwpaWith { sensor: ReadInverse })),
         (_, given) => Err(SetupError::Size { given }),
     }
 }

@@ -13,7 +13,7 @@ use ekf_core::{Integrator, Interpolation};
 
 use crate::fused::One;
 use crate::kernel::{AciWith, CwpaWith};
-use crate::likelihood::Likelihood;
+use crate::likelihood::{Likelihood, Score};
 use crate::run::Settings;
 
 /// What stands at one sample.

@@ -7,7 +7,7 @@
 use std::marker::PhantomData;
 
 use ekf_core::aci_block::AciBlock;
-use ekf_core::effect::{Columns, Driven, Effect, Instant, InverseCubic, InverseLinear};
+use ekf_core::effect::{Driven, Effect, Instant, InverseCubic, InverseLinear, WithEffects};
 use ekf_core::error::{DomainError, SetupError, StepError};
 use ekf_core::number::Number;
 use ekf_core::output::{ReadCubic, ReadLinear};
@@ -239,7 +239,7 @@ impl<V: Row<Number = Fused<V3>>, const M: usize> NullaryFnOnce for Wide<'_, V, M
     fn call(self) -> Vec<f64> {
         let kind = Fused { x: 0.0, simd: self.simd };
         let c = |x: f64| kind.like(x);
-        let effect = Columns(AtAcceleration(InverseLinear));
+        let effect = WithEffects { rest: 0.0 };
         let mut block = AciBlock::<V, M>::new(|_| c(0.0), |i, j| c(if i == j { spread(i) } else { 0.0 }));
         let mut table = effect.table(&block.theta, &block.spread, Order::Second);
         for ((u, z), columns) in self.data.u.windows(2).zip(&self.data.z[1..]).zip(self.columns.windows(2)) {
