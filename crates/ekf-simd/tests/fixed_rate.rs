@@ -152,7 +152,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
     let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| x[i], |i, j| P[i * N + j]);
     let wandering = Wandering::new(0.0, wander);
     let column = |i: usize, j: usize| ((i + 1) as f64 * 0.3 * j as f64).cos();
-    let lean = |i: usize, j: usize| if i % 2 == 0 { 1e-2 * column(i, j + 3) } else { 0.0 };
+    let lean = |i: usize, j: usize| if i.is_multiple_of(2) { 1e-2 * column(i, j + 3) } else { 0.0 };
     let mut rejected = 0;
     for j in 0..STEPS {
         let at = |j: usize| -> Vec<f64> { (0..M - 2).map(|i| column(i, j)).collect() };
