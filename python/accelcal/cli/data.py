@@ -1,0 +1,131 @@
+"""Commands on recordings: describe, check, cut, simulate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from accelcal.cli.frame import Json, Rig, RunFile, Usage, app, emit, reported, say, stretch
+
+if TYPE_CHECKING:
+    from accelcal.recording import Recording
+
+
+@app.command()
+@reported
+def init(run: RunFile) -> None:
+    """Write a commented sidecar for a recording from what can be read in it.
+
+    Example: [bold]accelcal init run12.csv[/bold] writes run12.toml.
+    """
+    from accelcal import io
+
+    say(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
+
+
+@app.command()
+@reported
+def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
+    """Say what was understood of a recording: rates, spans, gaps, ranges, findings.
+
+    Example: [bold]accelcal check run12.csv[/bold]
+    """
+    from accelcal import io, overview
+
+    recording = io.load(run, rig)
+    if json:
+        emit(overview.describe(recording))
+    else:
+        print(overview.summarise(recording))
+
+
+@app.command()
+@reported
+def cut(
+    run: RunFile,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
+    only: Annotated[list[str] | None, typer.Option("--only", help="Keep FROM:TO in s.")] = None,
+    without: Annotated[list[str] | None, typer.Option("--without", help="Leave out FROM:TO in s.")] = None,
+    rig: Rig = None,
+) -> None:
+    """Write a part of a recording, or all but some stretches of it, with its sidecar.
+
+    Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
+    """
+    from accelcal import io
+
+    recording = io.load(run, rig)
+    for text in only or ():
+        recording = recording.part(*stretch(text, "--only"))
+    recording = recording.without(*(stretch(text, "--without") for text in without or ()))
+    say(f"wrote {output} and {write_recording(recording, output)}")
+
+
+@app.command()
+@reported
+def simulate(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
+    motion: Annotated[str, typer.Option("--motion", help="tones, interleaved, moves, bursts, fast, chirp, rests.")] = (
+        "interleaved"
+    ),
+    seconds: Annotated[float, typer.Option("--seconds", help="Length, s.")] = 60.0,
+    sensor: Annotated[str, typer.Option("--sensor", help="ADXL105 or CXL02.")] = "ADXL105",
+    a_rms: Annotated[float | None, typer.Option("--a-rms", help="Rms acceleration, m/s².")] = None,
+    bias: Annotated[float, typer.Option("--bias", help="K0, m/s².")] = 0.05,
+    scale_factor: Annotated[float, typer.Option("--scale-factor", help="k.")] = 0.01,
+    time_offset: Annotated[float, typer.Option("--time-offset", help="s, positive = output late.")] = 0.0,
+    quadratic: Annotated[float, typer.Option("--quadratic", help="K2, (m/s²)⁻¹.")] = 0.0,
+    cubic: Annotated[float, typer.Option("--cubic", help="K3, (m/s²)⁻².")] = 0.0,
+    missing: Annotated[float, typer.Option("--missing", help="Share of samples lost.")] = 0.0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 1,
+    json: Json = False,
+) -> None:
+    """Simulate a recording of the paper's rig, with its sidecar.
+
+    Example: [bold]accelcal simulate -o run.csv --motion interleaved --cubic 1e-3 --seed 4[/bold]
+    """
+    import numpy as np
+
+    from accelcal.simulate import ADXL105_RIG, CXL02_RIG
+    from accelcal.simulate import simulate as simulate_rig
+
+    rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+    if sensor not in rigs:
+        raise Usage(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+    truth = {
+        "bias": bias,
+        "scale_factor": scale_factor,
+        "time_offset": time_offset,
+        "quadratic": quadratic,
+        "cubic": cubic,
+    }
+    made = simulate_rig(
+        motion,
+        seconds=seconds,
+        rig=rigs[sensor],
+        parameters=truth,
+        rng=np.random.default_rng(seed),
+        a_rms=a_rms,
+        missing=missing,
+    )
+    sidecar = write_recording(made.recording, output)
+    if json:
+        emit({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
+    else:
+        say(f"wrote {output} and {sidecar}; the truth is {truth}")
+
+
+def write_recording(recording: Recording, path: Path) -> Path:
+    """Write a recording and the sidecar beside it; return the sidecar's path."""
+    from accelcal import io
+
+    write = {".csv": io.write_csv, ".parquet": io.write_parquet}.get(path.suffix)
+    if write is None:
+        raise Usage(f"--output {path}: expected a name that ends in .csv or .parquet")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    columns = write(recording, path)
+    sidecar = io.sidecar_of(path)
+    io.write_sidecar(recording.rig, columns, sidecar)
+    return sidecar

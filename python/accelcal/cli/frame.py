@@ -1,0 +1,141 @@
+"""What all commands share: the application, its options, errors as sentences, progress."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+if TYPE_CHECKING:
+    pass
+
+USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERRUPTED = 2, 3, 4, 130
+app = typer.Typer(
+    name="accelcal",
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Estimate an accelerometer from position, see where the model fails, learn which physical effect is missing.",
+)
+Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
+Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
+Band = Annotated[str | None, typer.Option("--band", help='Trust the encoder up to this frequency, e.g. "300 Hz".')]
+From = Annotated[str | None, typer.Option("--from", help="Begin here on the position clock, s.")]
+To = Annotated[str | None, typer.Option("--to", help="End here on the position clock, s.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random; stored in what is written.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="Write the result here.")]
+Holdout = Annotated[Path | None, typer.Option("--holdout", help="Recording that is not fitted.")]
+EffectsFile = Annotated[Path | None, typer.Option("--effects-file", help="Python file with effects of your own.")]
+RunFile = Annotated[Path, typer.Argument(help="Recording: CSV, Parquet, MAT, npz or HDF5.", show_default=False)]
+ModelFile = Annotated[Path, typer.Argument(help="Model file written by fit.", show_default=False)]
+
+
+def main() -> None:
+    """Run the command line."""
+    app()
+
+
+def reported(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn what the library raises into one sentence and an exit code."""
+
+    @functools.wraps(command)
+    def run(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except KeyboardInterrupt:
+            fail("interrupted; nothing was left half-written", INTERRUPTED)
+        except (ValueError, OSError, ImportError) as error:
+            fail(str(error), code_of(error))
+
+    # typer reads options from evaluated annotations.
+    signature = inspect.signature(command, eval_str=True)
+    run.__signature__ = signature  # type: ignore[attr-defined]
+    run.__annotations__ = {name: p.annotation for name, p in signature.parameters.items()} | {"return": None}
+    return run
+
+
+def code_of(error: Exception) -> int:
+    """Exit code that suits an error."""
+    from accelcal.gauss_newton import NotIdentifiable
+
+    if isinstance(error, NotIdentifiable):
+        return NOT_IDENTIFIABLE
+    return USAGE if isinstance(error, Usage) else BAD_DATA
+
+
+class Usage(ValueError):
+    """An option whose text cannot be understood."""
+
+
+def fail(text: str, code: int) -> NoReturn:
+    """Say what is wrong and leave."""
+    print(f"accelcal: {text}", file=sys.stderr)
+    raise SystemExit(code)
+
+
+def say(text: str) -> None:
+    """Talk, on stderr."""
+    print(text, file=sys.stderr)
+
+
+def emit(content: dict[str, Any]) -> None:
+    """Print JSON on stdout."""
+    from accelcal import store
+
+    print(store.dumps(content), end="")
+
+
+def amount(text: str | None, kind: str, option: str) -> float | None:
+    """Read an option with a unit; a bare number is taken in SI."""
+    from accelcal.units import UnitError, quantity
+
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:
+        return quantity(text, kind)
+    except UnitError as error:
+        raise Usage(f"{option} {text!r}: {error}") from None
+
+
+@contextmanager
+def progress(title: str) -> Iterator[Callable[[float], None]]:
+    """A bar with the time left on stderr; silent when stderr is not a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield lambda share: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda share: bar.update(task, completed=share)
+
+
+def stretch(text: str, option: str) -> tuple[float, float]:
+    """Read FROM:TO."""
+    try:
+        start, end = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise Usage(f"{option} {text!r}: expected two times in s with a colon between, such as 42:60") from None
+    return start, end
+
+
+def own_effects(path: Path | None) -> Any:
+    """Load a user's file of effects, if one is given."""
+    from accelcal.effects import load_effects
+
+    return load_effects(path) if path is not None else ()

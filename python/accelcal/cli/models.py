@@ -1,0 +1,295 @@
+"""Commands on models: fit, compare, add, drop, hold."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from accelcal.cli.frame import (
+    Band,
+    EffectsFile,
+    From,
+    Json,
+    ModelFile,
+    Output,
+    Rig,
+    RunFile,
+    Seed,
+    To,
+    Usage,
+    amount,
+    app,
+    emit,
+    own_effects,
+    progress,
+    reported,
+    say,
+)
+from accelcal.cli.printing import show_comparison, show_fit, show_steps
+
+if TYPE_CHECKING:
+    from accelcal.fit import Fit
+    from accelcal.recording import Recording
+
+
+@app.command()
+@reported
+def fit(
+    runs: Annotated[list[Path], typer.Argument(help="One or several recordings of the same sensor.", metavar="RUN...")],
+    rig: Rig = None,
+    model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
+    start: From = None,
+    end: To = None,
+    band: Band = None,
+    method: Annotated[str, typer.Option("--method", help="replay, aci or cwpa.")] = "replay",
+    form: Annotated[str, typer.Option("--form", help="aci: forward or inverse.")] = "forward",
+    interpolation: Annotated[str, typer.Option("--interpolation", help="aci: hold, linear or cubic.")] = "cubic",
+    integrator: Annotated[str, typer.Option("--integrator", help="aci: rk2, rk4 or exact.")] = "exact",
+    order: Annotated[int, typer.Option("--order", help="aci, cwpa: 1 or 2.")] = 1,
+    carrier: Annotated[str, typer.Option("--carrier", help="aci, cwpa: dense or factored.")] = "dense",
+    output: Output = None,
+    json: Json = False,
+    seed: Seed = None,
+) -> None:
+    """Estimate bias, scale factor and time offset (and K2, K3) with their uncertainty.
+
+    Several recordings share the sensor's parameters; with a reversed or rolled mount among them, tilt or the
+    cross-axis product is separated.
+
+    Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
+    """
+    from accelcal import io, store
+    from accelcal.fit import fit as fit_replay
+    from accelcal.model import Model
+
+    chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
+    if chosen is None:
+        raise Usage(f"--model {model!r}: expected linear or cubic")
+    begin, stop = amount(start, "time", "--from"), amount(end, "time", "--to")
+    width = amount(band, "frequency", "--band")
+    recordings = [io.load(path, rig) for path in runs]
+    if method == "replay":
+        with progress("fit") as report:
+            found = fit_replay(chosen(), recordings, start=begin, end=stop, band=width, report=report)
+    else:
+        choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
+        if len(recordings) != 1 or band is not None:
+            raise Usage(f"--method {method} takes one recording and no --band; the replay takes several")
+        from accelcal.recursive import fit_recursive
+
+        found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
+    if output is not None:
+        store.save(found, output, seed=seed)
+    if json:
+        emit(store.to_dict(found, seed=seed))
+    else:
+        show_fit(found, recordings[0])
+    if output is not None:
+        say(f"wrote {output}")
+
+
+def filter_choice(
+    method: str, model: str, form: str, interpolation: str, integrator: str, order: int, carrier: str
+) -> Any:
+    """Check the five choices of a live filter."""
+    from accelcal.filters import FilterChoice
+
+    allowed: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
+        ("--method", method, ("aci", "cwpa")),
+        ("--form", form, ("forward", "inverse")),
+        ("--interpolation", interpolation, ("hold", "linear", "cubic")),
+        ("--integrator", integrator, ("rk2", "rk4", "exact")),
+        ("--order", order, (1, 2)),
+        ("--carrier", carrier, ("dense", "factored")),
+    )
+    for option, value, known in allowed:
+        if value not in known:
+            expected = ", ".join(str(k) for k in (*(("replay",) if option == "--method" else ()), *known))
+            raise Usage(f"{option} {value!r}: expected one of {expected}")
+    return FilterChoice(
+        system=method,  # type: ignore[arg-type]
+        model=model,  # type: ignore[arg-type]
+        form=form,  # type: ignore[arg-type]
+        interpolation=interpolation,  # type: ignore[arg-type]
+        integrator=integrator,  # type: ignore[arg-type]
+        order=order,  # type: ignore[arg-type]
+        carrier=carrier,  # type: ignore[arg-type]
+    )
+
+
+@app.command()
+@reported
+def compare(
+    model: ModelFile,
+    run: RunFile,
+    rig: Rig = None,
+    band: Band = None,
+    start: From = None,
+    end: To = None,
+    plots: Annotated[Path | None, typer.Option("--plots", help="Write pictures into this folder.")] = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Compare a fitted model with a recording: unaided drift, one-step residuals, where it fails.
+
+    Example: [bold]accelcal compare m.json run13.csv[/bold]
+    """
+    from accelcal import store
+    from accelcal.compare import compare as compare_with
+    from accelcal.io import atomic_write
+
+    own_effects(effects_file)
+    fitted = store.load(model)
+    recording = load_like(fitted, run, rig)
+    seen = compare_with(
+        fitted,
+        recording,
+        band=amount(band, "frequency", "--band"),
+        start=amount(start, "time", "--from"),
+        end=amount(end, "time", "--to"),
+    )
+    content = store.comparison_to_dict(seen)
+    if output is not None:
+        atomic_write(output, store.dumps(content))
+        say(f"wrote {output}")
+    if plots is not None:
+        from accelcal.plots.compare import write
+
+        for path in write(fitted, seen, plots):
+            say(f"wrote {path}")
+    if json:
+        emit(content)
+    else:
+        show_comparison(content)
+
+
+@app.command()
+@reported
+def add(
+    model: ModelFile,
+    run: RunFile,
+    effects: Annotated[list[str], typer.Option("--effect", help="Effect to add; may be given several times.")],
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Add effects to a model and fit it again; shape parameters are found by likelihood.
+
+    Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
+    """
+    from accelcal import store
+    from accelcal.loop import add as add_to
+
+    extra = own_effects(effects_file)
+    fitted = store.load(model)
+    recording = load_like(fitted, run, rig)
+    finish_fit(add_to(fitted, recording, *effects, extra=extra), recording, output, json)
+
+
+@app.command()
+@reported
+def drop(
+    model: ModelFile,
+    run: RunFile,
+    effects: Annotated[list[str], typer.Option("--effect", help="Effect to drop; may be given several times.")],
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Drop effects from a model and fit it again.
+
+    Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
+    """
+    from accelcal import store
+    from accelcal.loop import drop as drop_from
+
+    own_effects(effects_file)
+    fitted = store.load(model)
+    recording = load_like(fitted, run, rig)
+    finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
+
+
+@app.command()
+@reported
+def history(
+    models: Annotated[list[Path], typer.Argument(help="Model files, in the order of the story.", metavar="MODEL...")],
+    on: Annotated[Path, typer.Option("--on", help="Recording that none of them was fitted to.")],
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    json: Json = False,
+) -> None:
+    """Compare several models with one recording: the falling error.
+
+    Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
+    """
+    from accelcal import findings, store
+    from accelcal.loop import history as history_of
+
+    own_effects(effects_file)
+    fits = [store.load(path) for path in models]
+    content = findings.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps)
+    if json:
+        emit(content)
+    else:
+        show_steps([(step["model"], step["heldout"]) for step in content["steps"]])
+
+
+@app.command()
+@reported
+def freeze(
+    model: ModelFile,
+    run: RunFile,
+    at: Annotated[list[str] | None, typer.Option("--at", help="Hold NAME=VALUE (SI).")] = None,
+    release: Annotated[list[str] | None, typer.Option("--release", help="Let NAME be estimated again.")] = None,
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Hold parameters at given values, or release them, and fit the model again.
+
+    Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
+    """
+    from accelcal import store
+    from accelcal.fit import fit as fit_replay
+
+    own_effects(effects_file)
+    fitted = store.load(model)
+    recording = load_like(fitted, run, rig)
+    held: dict[str, float] = {}
+    for text in at or ():
+        name, _, value = text.partition("=")
+        try:
+            held[name] = float(value)
+        except ValueError:
+            raise Usage(f"--at {text!r}: expected NAME=VALUE in SI, such as bias=0.05") from None
+    chosen = fitted.model.release(*(release or ())).freeze(**held)
+    finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
+
+
+def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool) -> None:
+    """Write and print a fit."""
+    from accelcal import store
+
+    if output is not None:
+        store.save(found, output)
+        say(f"wrote {output}")
+    if json:
+        emit(store.to_dict(found))
+    else:
+        show_fit(found, recording)
+
+
+def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
+    """Read a recording; without a sidecar of its own, under the rig of the model."""
+    from accelcal import io
+
+    if rig is None and not io.sidecar_of(run).exists():
+        say(f"{run}: no sidecar; the rig stored in the model is assumed")
+        return io.load(run, fitted.rig)
+    return io.load(run, rig)

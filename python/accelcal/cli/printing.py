@@ -1,0 +1,305 @@
+"""Results as text for a terminal."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Any
+
+from accelcal.cli.frame import Usage, amount
+
+if TYPE_CHECKING:
+    from accelcal.fit import Fit
+    from accelcal.recording import Recording
+
+
+def show_export(content: dict[str, Any]) -> None:
+    """Print what was exported: where it holds, how good it is, what is not in it."""
+    from accelcal.export.words import upwards
+
+    low, high = content["validity"]["acceleration_m_per_s2"]
+    print(content["model"])
+    print(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
+    warm = content["validity"]["temperature_degC"]
+    print("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
+    for kind in ("double", "float"):
+        code = content[kind]
+        terms = sum(len(row) for s in code["segments"] for row in s["coefficients"])
+        print(f"{kind}: within {upwards(code['bound_m_per_s2'])} m/s² of the exact inverse, {terms} coefficients")
+    least, most = content["std_m_per_s2"]
+    print(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
+    for one in content["left_out"]:
+        print(f"not exported: {one['effect']} {one['why']}")
+    for text in content["remarks"]:
+        print(f"note: {text}")
+
+
+def limit(text: str, kind: str, option: str) -> float:
+    """A limit of the stage in SI; a bare number is refused, because 20 cm and 20 m are both stages."""
+    if text.strip().replace(".", "", 1).replace("e", "", 1).lstrip("+-").isdigit():
+        example = {"length": "0.2 m", "speed": "0.1 m/s", "acceleration": "20 m/s^2"}[kind]
+        raise Usage(f'{option} {text!r} has no unit; expected a {kind} with one, as in {option} "{example}"')
+    return amount(text, kind, option) or 0.0
+
+
+def show_power(content: dict[str, Any]) -> None:
+    """Print the smallest detectable size of every effect, then what could not be told apart."""
+    from rich.console import Console
+    from rich.table import Column, Table
+
+    console = Console()
+    share = f"{100 * content['probability']:.0f} %"
+    console.print(
+        f"{content['name'] or 'recording'}: what would be found with {share} probability among "
+        f"{content['candidates_examined']} candidates, false alarms {100 * content['alpha']:.2g} % per record",
+        style="bold",
+        highlight=False,
+    )
+    whole, folded = functools.partial(Column, no_wrap=True), functools.partial(Column, overflow="fold")
+    columns = (whole("effect"), whole("smallest size"), whole("unit"), folded("largest contribution"))
+    table = Table(*columns, folded("cannot be told from"), box=None)
+    for each in content["effects"]:
+        sizes = each["smallest_detectable"]
+        every = sizes if isinstance(sizes, list) else [sizes]
+        known = [v for v in every if v is not None]
+        # Two parts are told one by one; of the many pieces of a shape the one that is seen best speaks for all.
+        sized = every if len(every) <= 2 else [min(known, default=None)]
+        largest = each["largest_contribution"]
+        table.add_row(
+            each["effect"],
+            " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not visible",
+            each["unit"],
+            f"{largest:.2g} {each['largest_contribution_unit']}" if largest is not None else "",
+            ", ".join(each["class"][1:]),
+        )
+    console.print(table)
+    if any(not each["class"][1:] and each["smallest_detectable"] is None for each in content["effects"]):
+        console.print("not visible: the base model takes it up, or it would have to be as large as the motion itself")
+    for tie in content["ties"]:
+        console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
+
+
+def show_plan(content: dict[str, Any]) -> None:
+    """Print what a planned motion would see, and whether it separates what it should."""
+    from rich.console import Console
+
+    console = Console()
+    names = ", ".join(each["effect"] for each in content["effects"])
+    limits = content["limits"]
+    verdict = "can be told apart" if content["separated"] else "cannot all be told apart within these limits"
+    console.print(
+        f"{names} {verdict}; {content['motions_tried']} motions of {content['seconds']:g} s tried within "
+        f"{limits['stroke_m']:g} m, {limits['speed_m_per_s']:g} m/s, {limits['acceleration_m_per_s2']:g} m/s²",
+        style="bold",
+        highlight=False,
+    )
+    show_power({**content, "name": "this motion", "probability": 0.95, "ties": []})
+    for pair in content["correlations"]:
+        console.print(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}", highlight=False)
+
+
+def show_diagnosis(content: dict[str, Any]) -> None:
+    """Print a sentence first, then the candidates and what cannot be told apart."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    for text in content["suspect_data"]:
+        console.print(f"suspect data: {text}", style="bold red", highlight=False)
+    console.print(content["sentence"], style="bold", highlight=False)
+    if content.get("candidates"):
+        table = Table("candidate", "estimate", "unit", "sigma", "p", "largest, m/s²", "cannot be told from", box=None)
+        for c in content["candidates"][:8]:
+            single = isinstance(c["estimate"], float)
+            rivals = [m for m in c["class"] if m != c["effect"]]
+            table.add_row(
+                c["effect"],
+                f"{c['estimate']:.4g} ± {c['std']:.2g}" if single else f"{len(c['estimate'])} coefficients",
+                c["unit"],
+                f"{c['snr']:.1f}",
+                f"{c['p_value']:.2g}" if c["p_value"] > 0.0 else "<1e-300",
+                contribution(c["largest_contribution"]).split(" m/s²")[0],
+                ", ".join(rivals[:3]) + (f" and {len(rivals) - 3} more" if len(rivals) > 3 else ""),
+            )
+        console.print(table)
+        console.print(
+            f"p is family-wise over {content['candidates_examined']} candidates; largest is the largest contribution "
+            "over the used range",
+            highlight=False,
+        )
+    for text in effect_lines(content):
+        console.print(text, highlight=False)
+    for one in content["dropped"]:
+        console.print(f"note: {one['sentence']}", highlight=False)
+    if "where" in content:
+        console.print(f"where it fails: {content['where']['worst']}", highlight=False)
+    for tie in content["classes"]:
+        if len(tie["members"]) > 1:
+            console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
+    for tie in content["inseparable"]:
+        console.print(f"never apart on this rig: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
+
+
+def contribution(size: dict[str, float | None]) -> str:
+    """A largest contribution in m/s², mg and percent of full scale, or in um at the encoder."""
+    if size["m_per_s2"] is None:
+        return f"{1e6 * (size['m'] or 0.0):.3g} um"
+    share = size["percent_of_full_scale"]
+    full = "" if share is None else f", {share:.3g} %FS"
+    return f"{size['m_per_s2']:.3g} m/s², {size['mg']:.3g} mg{full}"
+
+
+def effect_lines(content: dict[str, Any]) -> list[str]:
+    """One line for each effect that was named: how large it is over the used range, and whether that matters."""
+    from accelcal.rig import STANDARD_GRAVITY
+
+    judged, lines = content["tolerance"], []
+    for name in content["effects"]:
+        size = content["largest_contributions"].get(name)
+        text = f"{name}: " + ("no size of its own" if size is None else f"at most {contribution(size)}")
+        if judged is not None:
+            limit = f"{1e3 * judged['m_per_s2'] / STANDARD_GRAVITY:.3g} mg"
+            kind = next(kind for kind in ("matters", "below", "not_comparable") if name in judged[kind])
+            text += {
+                "matters": f"; matters (tolerance {limit})",
+                "below": f"; below tolerance ({limit})",
+                "not_comparable": "; not comparable with the tolerance, which is of the output",
+            }[kind]
+        lines.append(text)
+    return lines
+
+
+def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
+    """Print the falling error on held-out data; the least floor, since a model takes what it lacks for noise."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um", box=None)
+    for name, seen in steps:
+        drift = [seen["coast_rms_m"][h] for h in ("1", "5", "10")]
+        cells = ["-" if v is None else f"{1e3 * v:.4g}" for v in drift]
+        table.add_row(name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}")
+    floors = [[one["coast_floor_m"][h] for _, one in steps if one["coast_floor_m"][h]] for h in ("1", "5", "10")]
+    table.add_row("noise alone", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), "")
+    console = Console()
+    console.print("unaided drift on held-out data (rezeroed)")
+    console.print(table)
+    for text in outside_lines(steps[-1][1]):
+        console.print(f"held out: {text}", highlight=False)
+
+
+def show_fit(found: Fit, recording: Recording) -> None:
+    """Print a fit as a table with what must be read beside it."""
+    from rich.console import Console
+    from rich.table import Table
+    from uncertainties import ufloat
+
+    from accelcal.fit import tied_sum
+    from accelcal.store import electrical
+    from accelcal.units import display
+
+    console = Console()
+    table = Table("parameter", "value (std)", "unit", "95 % interval", "usual unit", "what it really is here", box=None)
+    for e in (*found.estimates, *found.shapes):
+        name = e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]"
+        value = f"{ufloat(e.value, e.std):.2uS}" if e.std > 0.0 else f"{e.value:.6g} (held)"
+        interval = f"{e.value - 1.96 * e.std:.6g} .. {e.value + 1.96 * e.std:.6g}" if e.std > 0.0 else ""
+        shown = f"{e.symbol} = {value}"
+        table.add_row(name, shown, e.unit, interval, display(e.unit, e.value, e.std) or "", tied_sum(found, e.name))
+    console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
+    console.print(table)
+    volts = electrical(found, recording.rig)
+    if volts is not None:
+        for key, one in volts.items():
+            console.print(f"{key.replace('_', ' ')}: {ufloat(one['value'], one['std']):.2uS} {one['unit']}")
+    for run in found.runs:
+        for line in noise_lines(run.noise):
+            console.print(line, highlight=False)
+    for text in (*recording.rig.assumptions, *found.remarks):
+        console.print(f"note: {text}", highlight=False)
+
+
+def noise_lines(report: Any) -> list[str]:
+    """Noise of one run in words: all of it, rest, motion, and the data sheet."""
+    from accelcal.units import MICRO_G
+
+    lines = []
+    for label, one in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
+        if one is not None:
+            lines.append(
+                f"{label}: {one.density / MICRO_G:.4g} ± {one.density_std / MICRO_G:.2g} ug/sqrt(Hz), "
+                f"encoder {1e6 * one.reading:.4g} um, {one.count} readings"
+            )
+    if report.declared is not None:
+        lines.append(
+            f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); fitted is {report.ratio:.3g} times that"
+        )
+    edge = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
+    lines.append(f"  {edge}: below it the encoder, above it the accelerometer knows acceleration better")
+    return lines
+
+
+def show_comparison(content: dict[str, Any]) -> None:
+    """Print a comparison: unaided drift first."""
+    from rich.console import Console
+    from rich.table import Table
+
+    def millimetres(value: float | None) -> str:
+        return "-" if value is None else f"{1e3 * value:.4g}"
+
+    console = Console()
+    console.print(f"{content['recording'] or 'recording'}", style="bold")
+    table = Table("unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points", box=None)
+    for horizon, value in content["coast_rms_m"].items():
+        table.add_row(
+            f"{horizon} s",
+            millimetres(value),
+            millimetres(content["coast_frozen_rms_m"][horizon]),
+            millimetres(content["coast_floor_m"][horizon]),
+            str(content["coast_starts"][horizon]),
+        )
+    console.print(table)
+    setup = content["setup_bias_m_per_s2"]
+    if setup["std"] is not None:
+        console.print(f"set-up or turn-on bias: {setup['value']:+.4g} ± {setup['std']:.2g} m/s²", highlight=False)
+    nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
+    console.print(f"one step ahead: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}", highlight=False)
+    steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
+    console.print(f"readings ahead: {steps}", highlight=False)
+    console.print(
+        f"accelerometer side, up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
+        highlight=False,
+    )
+    console.print(f"worst: {content['worst']}", highlight=False)
+    for text in (*outside_lines(content), *content["remarks"]):
+        console.print(f"note: {text}", highlight=False)
+
+
+def outside_lines(content: dict[str, Any]) -> list[str]:
+    """One line for each variable that leaves the range which the fit has seen: how often, and the errors apart."""
+    lines = []
+    for one in content["outside"]:
+        if one["readings_outside"] == 0 or one["range"] is None:
+            continue
+        low, high = one["range"]
+        text = (
+            f"{one['readings_outside']} of {one['readings']} readings lie outside the trained range of "
+            f"{one['variable']} [{low:.4g}, {high:.4g}] {one['unit']}".rstrip()
+            + ": "
+        )
+        one_step = [millionths(one["one_step_rms_m"][side]) for side in ("inside", "outside")]
+        text += f"one step {one_step[0]} inside, {one_step[1]} outside"
+        for horizon, drift in one["coast_rms_m"].items():
+            windows = one["coast_starts"][horizon]
+            if windows["outside"]:
+                sides = [
+                    f"{1e3 * drift[side]:.4g} mm {side} ({windows[side]})" if windows[side] else f"none {side}"
+                    for side in ("inside", "outside")
+                ]
+                text += f"; drift after {horizon} s {', '.join(sides)}"
+        lines.append(text)
+    return lines
+
+
+def millionths(value: float | None) -> str:
+    """A length in um, or that there is none."""
+    return "-" if value is None else f"{1e6 * value:.4g} um"
