@@ -30,8 +30,15 @@ if [ -n "$missing" ]; then
     command -v apt-get >/dev/null || { echo "no apt-get here: see docs/embedded.md for rustup" >&2; exit 1; }
     echo "installing$missing"
     root apt-get update -qq
+    # Nothing of the machine's own is removed, unless it says that it may be: a newer qemu-utils, say, is in the way.
+    keep=--no-remove
+    [ "${ACCELCAL_MAY_REMOVE_PACKAGES:-}" = 1 ] && keep=
     # shellcheck disable=SC2086 # a list of words
-    root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-remove --no-install-recommends $missing >/dev/null
+    root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq $keep --no-install-recommends $missing >/dev/null || {
+        echo "apt-get did not install$missing; if packages are in the way that this machine can spare, run again with" >&2
+        echo "ACCELCAL_MAY_REMOVE_PACKAGES=1" >&2
+        exit 1
+    }
 fi
 if has_target /usr/bin/rustc; then exit 0; fi
 

@@ -1,0 +1,104 @@
+"""The loop in Chromium on records of the independent worlds: an effect drawn at random, and nothing at all."""
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import loop
+from accelcal.app.words import title
+from tests.hidden.trials import DELAYS, allowed, coasting
+from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
+
+from .test_browser import LONG, drop, fit, number, tab  # noqa: F401  (the fixture that opens a fresh workbench)
+from .test_server import server  # noqa: F401  (the fixture that runs it)
+
+STRENGTH = 36.0
+"""d on the whole record: above 30 on the part that is fitted."""
+SEEDS = (3, 8)
+MEANS = [name for name, effect in CATALOGUE.items() if effect.kind == "mean" and name not in DELAYS]
+MOTIONS = ("interleaved", "bursts", "moves")
+
+
+def drawn(seed: int) -> World:
+    """A world with an effect that this motion can show, drawn at random."""
+    rng = np.random.default_rng([51, seed])
+    quiet = Nuisances(clock_offset=float(rng.uniform(-2e-5, 2e-5)), clock_tolerance=2e-5)
+    while True:
+        hidden = (Hidden(str(rng.choice(MEANS)), 0.0),)
+        hidden = (Hidden(hidden[0].name, abs(CATALOGUE[hidden[0].name].typical)),)
+        motion, sensor = str(rng.choice(MOTIONS)), str(rng.choice(["CXL02", "ADXL105"]))
+        try:
+            return at_d(World(motion, sensor, hidden, seed=int(rng.integers(2**31)), nuisances=quiet), STRENGTH, 0)
+        except ValueError:
+            continue
+
+
+def parts(path):
+    """The part that the workbench fits, and the part that it holds out."""
+    data = ac.load(path)
+    begin, end = data.position.t[0], data.position.t[-1]
+    split = round(end - loop.HELD_OUT * (end - begin), 3)
+    return data.without((split, max(data.accel.t[-1], end))), data.part(split, max(data.accel.t[-1], end))
+
+
+def load(page, path):
+    drop(page, path, path.with_suffix(".toml"))
+    page.get_by_role("button", name="Fit the linear model").wait_for(timeout=LONG)
+
+
+def last(drifts):
+    """Drift over the longest horizon that the held-out part allows."""
+    return [value for key, value in drifts.items() if value is not None and key != "one_step"][-1]
+
+
+def shows(page, value):
+    """Wait until the page shows an error, to the last digit."""
+    page.wait_for_function(
+        "v => document.querySelector('[data-number=error]')?.dataset.value === v", arg=repr(value), timeout=LONG
+    )
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_path):  # noqa: F811
+    world = drawn(seed)
+    path = world.record().write(tmp_path)
+    load(tab, path)
+    fit(tab)
+    before = number(tab, "error")
+    train, unseen = parts(path)
+    model = ac.fit(ac.Model.linear(), train)
+    told = loop.add(model, train, world.hidden[0].name)
+    print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
+    for _ in range(loop.MOST_EFFECTS):
+        missing = loop.diagnose(model, train).scan.found
+        if not missing:
+            break
+        tab.get_by_role("button", name=f"Add {title(missing[0].effect)}", exact=True).click()
+        model = loop.add(model, train, missing[0].effect)
+        shows(tab, last(coasting(loop.compare(model, unseen))))
+    tab.get_by_text("Nothing missing larger than").wait_for(timeout=LONG)
+    found, oracle, more = (
+        coasting(loop.compare(model, unseen)),
+        coasting(loop.compare(told, unseen)),
+        allowed(model, unseen),
+    )
+    base = coasting(loop.compare(ac.fit(ac.Model.linear(), train), unseen))
+    assert before == last(base)
+    assert found["one_step"] < base["one_step"]
+    if before >= 2.5 * last(oracle):  # unaided, a model that knows sgn v may drift more than one that does not
+        assert before >= 2.0 * last(found)
+    horizon = next(key for key, value in found.items() if value == last(found))
+    for key in ("one_step", horizon):
+        assert found[key] <= 1.05 * np.hypot(oracle[key], more[key])
+    tab.get_by_role("tab", name="Take away").click()
+    with tab.expect_download(timeout=LONG) as report:
+        tab.get_by_role("button", name="Report (.html)").click()
+    assert report.value.suggested_filename.endswith(".html")
+
+
+def test_a_world_in_which_nothing_is_hidden_offers_nothing(tab, tmp_path):  # noqa: F811
+    path = World("interleaved", "CXL02", (), seed=5, nuisances=Nuisances()).record().write(tmp_path)
+    load(tab, path)
+    fit(tab)
+    assert tab.locator("[data-verdict]").get_attribute("data-verdict") == "adequate"
+    assert tab.get_by_role("button", name="Nothing to add").is_disabled()
