@@ -204,7 +204,8 @@ def show_fit(found: Fit, recording: Recording) -> None:
         value = f"{ufloat(e.value, e.std):.2uS}" if e.std > 0.0 else f"{e.value:.6g} (held)"
         interval = f"{e.value - 1.96 * e.std:.6g} .. {e.value + 1.96 * e.std:.6g}" if e.std > 0.0 else ""
         shown = f"{e.symbol} = {value}"
-        table.add_row(name, shown, e.unit, interval, display(e.unit, e.value, e.std) or "", tied_sum(found, e.name))
+        usual = "" if e in found.shapes else display(e.unit, e.value, e.std) or ""
+        table.add_row(name, shown, e.unit, interval, usual, tied_sum(found, e.name))
     console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
     console.print(table)
     volts = electrical(found, recording.rig)

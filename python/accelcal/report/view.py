@@ -262,7 +262,7 @@ def parameter(content: Content, e: Estimate) -> dict[str, Any]:
         "shown": amount(e.value, e.std, e.unit),
         "shown_std": with_unit(number(e.std, 2), e.unit) if e.std > 0.0 else "held",
         "shown_expanded": with_unit(number(COVERAGE_FACTOR * e.std, 2), e.unit) if e.std > 0.0 else "",
-        "usual": usual(e.unit, e.value, e.std),
+        "usual": "" if e in content.fit.shapes else usual(e.unit, e.value, e.std),
         "owner": e.owner,
         "stands_for": tied_sum(content.fit, e.name),
         "contribution": contribution(content, size),
