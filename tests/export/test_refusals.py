@@ -18,11 +18,10 @@ EXPORTED = {"bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadrat
 
 def named(effect):
     """A fit whose model has one more effect, with all its columns and shapes."""
-    shapes = {name: 1.0 for name in effect.shapes}
-    SHAPES.setdefault(effect.name, shapes)
+    shapes = {**dict.fromkeys(effect.shapes, 1.0), **SHAPES.get(effect.name, {})}
     names = [effect.name] if effect.width == 1 else [f"{effect.name}.{part}" for part in effect.parts]
     base = fit_of(BASE, temperature=(15.0, 40.0))
-    model = base.model.add(effect.name, shapes={effect.name: SHAPES[effect.name]})
+    model = base.model.add(effect.name, shapes={effect.name: shapes})
     more = tuple(replace(base.estimates[0], name=n, owner=effect.owner, value=1e-4) for n in names)
     return replace(base, model=model, estimates=base.estimates + more, covariance=1e-12 * np.eye(3 + len(more)))
 
