@@ -17,7 +17,12 @@ from accelcal.signals import Origins
 
 VOLTS = Sensor(model="ADXL105", serial="12", scale=0.0255, scale_unit="V", zero=2.5)
 REFERENCE = 23.0
-SHAPES = {"hysteresis": {"width": 0.1}, "creep": {"tau": 2.0}, "saturation": {"level": 12.0}, "warm_up": {"tau": 9.0}}
+SHAPES = {
+    "hysteresis": {"width": 0.1},
+    "creep": {"tau": 2.0, "start": 0.0},
+    "saturation": {"level": 12.0},
+    "warm_up": {"tau": 9.0},
+}
 SENSORS = (
     Sensor(),
     VOLTS,
