@@ -114,7 +114,7 @@ def test_a_filter_whose_numbers_failed_says_so_ever_after() -> None:
         (FilterChoice("aci", carrier="factored"), {}, "use LiveFilter"),
         (FilterChoice("cwpa"), {"tau": 1e-3}, "no structured kernel|needs q_accel"),
         (FilterChoice("aci"), {"dt": -1.0}, "dt"),
-        (FilterChoice("aci"), {"P0": -np.eye(4)}, "P0|prior"),
+        (FilterChoice("aci"), {"P0": -np.eye(4)}, "initial covariance"),
     ],
 )
 def test_what_a_fixed_rate_cannot_do_is_refused(choice: FilterChoice, more: dict[str, Any], sentence: str) -> None:
