@@ -279,13 +279,14 @@ def judge_model(
 def lines_apart(state: Gated) -> list[Term]:
     """Lines that stand in the spectrum and that the motion does not make: they are told of on their own, and no effect
     of the motion is paid for explaining them."""
+    if "tone" in state.solution.model.effects:
+        return []
     fastest = 0.4 / max(signals_of(one).step for one in state.solution.passes)
     lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < ALARM]
-    taken = state.solution.model.shapes.get("tone", {}).get("frequency")
     return [
         term
         for parts in lines
-        if not parts["made_by_motion"] and parts["frequency"] < fastest and taken is None
+        if not parts["made_by_motion"] and parts["frequency"] < fastest
         for term in terms_of(find("tone"), {"frequency": parts["frequency"]})
     ]
 

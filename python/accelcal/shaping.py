@@ -61,10 +61,6 @@ class Bend:
         """Standard deviation of a value that may lie anywhere in the span."""
         return (self.span[1] - self.span[0]) / math.sqrt(12.0)
 
-    def moved(self, step: float) -> float:
-        """The value after a step, kept within the span."""
-        return min(max(self.value + step, self.span[0]), self.span[1])
-
 
 def linearised(model: Model, values: Values, signals: Signals, power: Callable[[Term], float]) -> list[Bend]:
     """Free shape parameters of a model, each linearised over about one standard deviation of its own.

@@ -12,7 +12,7 @@ from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.model import Model, Term, terms_of
 from accelcal.passes import Pass
 from accelcal.recording import Array
-from accelcal.shaping import linearised
+from accelcal.shaping import linearised, signals_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,6 @@ def nuisances(one: Pass, model: Model) -> list[tuple[Term, float]]:
     tolerance is declared: five percent of a millisecond is more than a delay when the motion is fast.
     """
     tolerance = one.run.rig.lowpass_tolerance
-    assert one.signals is not None
     known = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
-    bends = linearised(model, one.values, one.signals, one.information)
+    bends = linearised(model, one.values, signals_of(one), one.information)
     return known + [(bend.term, bend.belief) for bend in bends]

@@ -18,8 +18,6 @@ from accelcal.recording import Array
 
 MOST_KEPT = 1 << 23
 """Sums of a run, all columns together, that are kept for a second look: 67 MB."""
-
-
 APART = 1e6
 """Time between the starts of two runs as blocks are counted, s."""
 
@@ -125,7 +123,8 @@ class Evidence:
         Time of each row, runs far apart, s; the innovations, (rows,); the columns, (m, rows).
         """
         for number, (known, weights) in enumerate(zip(self.runs, self._weights, strict=True)):
-            t = known.carrier.times - known.carrier.times[0] + number * APART
+            t = known.carrier.times
+            t = t - t[0] + number * APART
             for rows, Z in known.stretches(self.terms):
                 B = known.B[:, rows]
                 yield t[rows], known.y[rows] - known.wy @ B, Z - weights.T @ B
