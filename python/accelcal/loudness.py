@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from accelcal.recording import Array
 
-WINDOW = 128
-"""Samples of one block spectrum; its window hides what is 90 dB louder 100 Hz away, at a few kHz."""
-HOP = 64
-"""Samples from one block to the next; with this window blocks half a length apart are nearly independent."""
-MEMORY = 50
+FINE_BANDS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
+"""Window of blocks that resolve colour: it hides what is 90 dB louder 100 Hz away, at a few kHz."""
+BRIEF: Array = scipy.signal.windows.hann(32, sym=False)
+"""Window of blocks that resolve the peaks of a move's speed; for series without anything loud below them."""
+MEMORY = 200
 """Blocks over which the scatter may be correlated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spectra:
-    """Power of short blocks at each frequency, in the unit of the series squared: white noise has its variance."""
+    """Power of short blocks at each frequency, in the unit of the series squared: white noise has its variance.
+
+    Blocks overlap by half; with both windows such blocks are nearly independent.
+    """
 
     f: Array
     """(F,) Hz"""
@@ -29,27 +32,32 @@ class Spectra:
     """(K, F)"""
     kept: NDArray[np.bool_]
     """(all blocks,) whether a block holds enough samples to stand among the K."""
+    window: Array
 
     @classmethod
-    def of(cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float) -> Spectra:
+    def of(cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float, window: Array = FINE_BANDS) -> Spectra:
         """Blocks of a uniform series `y` (n,), frequencies from `low` on; `taken` (n,) marks what was measured."""
-        window = np.asarray(scipy.signal.windows.blackmanharris(WINDOW, sym=False))
-        f = np.asarray(np.fft.rfftfreq(WINDOW, 1.0 / rate), dtype=np.float64)
+        n = len(window)
+        f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
         rows = slice(int(np.searchsorted(f, low)), len(f) - 1)
-        kept = block_means(taken.astype(np.float64)) > 0.7
-        if len(y) < WINDOW:
-            return cls(f[rows], np.zeros((0, len(f[rows]))), kept)
-        blocks = np.lib.stride_tricks.sliding_window_view(y, WINDOW)[::HOP][kept]
+        kept = _block_means(taken.astype(np.float64), window) > 0.7
+        if len(y) < n:
+            return cls(f[rows], np.zeros((0, len(f[rows]))), kept, window)
+        blocks = np.lib.stride_tricks.sliding_window_view(y, n)[:: n // 2][kept]
         transform = np.asarray(scipy.fft.rfft(blocks * (window / math.sqrt(float(window @ window))), axis=1)[:, rows])
-        return cls(f[rows], transform.real**2 + transform.imag**2, kept)
+        return cls(f[rows], transform.real**2 + transform.imag**2, kept, window)
+
+    def means(self, x: Array) -> Array:
+        """Mean of a uniform series (n,) over each block that is kept, weighed as its power is, (K,)."""
+        return _block_means(x, self.window)[self.kept]
 
 
-def block_means(x: Array) -> Array:
-    """Mean of a uniform series (n,) over each block of `Spectra`, weighed as its power is."""
-    if len(x) < WINDOW:
+def _block_means(x: Array, window: Array) -> Array:
+    n = len(window)
+    if len(x) < n:
         return np.zeros(0)
-    window = np.asarray(scipy.signal.windows.blackmanharris(WINDOW, sym=False)) ** 2
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(x, WINDOW)[::HOP] @ (window / window.sum()))
+    weight = window**2 / float(window @ window)
+    return np.asarray(np.lib.stride_tricks.sliding_window_view(x, n)[:: n // 2] @ weight)
 
 
 def follows(power: Array, x: Array) -> tuple[float, float]:

@@ -9,11 +9,17 @@ import scipy
 
 from accelcal.channels.finding import ALARM, LEAST_BLOCKS, ChannelFinding
 from accelcal.channels.residuals import Residuals, coarse
-from accelcal.loudness import Spectra, block_means, follows, power_fit
+from accelcal.loudness import Spectra, follows, power_fit
 from accelcal.recording import Array
 
-BANDS = (7, 14)
+BANDS = (1, 2, 4)
 """Bins of a block spectrum that one band of a vibration spans, besides all."""
+FEWEST_BINS = 3
+"""Bins beside a vibration that show whether the noise is jitter."""
+CLOSE_LOOKS = 6
+"""Bands that seem loudest, whose chance is worked out."""
+ALONE = 1e-3
+"""Chance below which power that grows with one variable is no doing of the other: a choice of two, not a search."""
 SHAKEN = 3.0
 """Standard deviations by which the power of a bin follows v⁴ where it belongs to a vibration."""
 
@@ -22,13 +28,13 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
     """Vibration (power grows with v², v⁴ in some band; physics F1) and jitter of stamps (white, with jerk²; E8).
 
     Block spectra are summed with the weights that suit each: one band after the other for a vibration, the squared
-    inverse of the noise for jitter, which is white while noise and vibration are not. Each must pass two tests: the
-    score of its own variable (`follows`), and its coefficient in power = s² + c1 v² + c2 v⁴ + c3 j² beside the
-    other's. Where the record cannot tell the two apart (a single tone: j = -w² v), both keep the p value of the score.
+    inverse of the noise for jitter, which is white while noise and vibration are not. The chance of each is that of
+    the score of its own variable (`follows`), as long as its coefficient in power = s² + c1 v² + c2 v⁴ + c3 j² stands
+    beside the other's. Where the record cannot tell the two apart (a single tone: j = -w² v), both are told of.
     """
-    spectra = seen.spectra
+    spectra = seen.brief
     v, jerk = seen.motion
-    v2, v4, j2 = (block_means(x)[spectra.kept] for x in (v**2, v**4, jerk**2))
+    v2, v4, j2 = (spectra.means(x) for x in (v**2, v**4, jerk**2))
     if len(v2) < LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
@@ -45,15 +51,17 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
     weights = spectra.power.mean(axis=0) ** -2.0
     if p_speed < ALARM:
         skirts = shaken(spectra.power, v4, band)
-        if skirts.stop - skirts.start < len(weights) - BANDS[0]:
+        if skirts.stop - skirts.start < len(weights) - FEWEST_BINS:
             weights[skirts] = 0.0
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
     z_jerk, p_jerk = follows(white, j2)
     c, covariance = power_fit(white, everything)
     alone_jerk = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
-    if max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > 10 * ALARM:
-        alone_speed = alone_jerk = 0.0
-    p_vibration, p_jitter = max(p_speed, min(1.0, alone_speed)), max(p_jerk, alone_jerk)
+    inseparable = max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > ALONE
+    p_vibration, p_jitter = (
+        p if inseparable or alone < ALONE else max(p, min(1.0, alone))
+        for p, alone in ((p_speed, alone_speed), (p_jerk, alone_jerk))
+    )
     beside = everything if p_vibration < ALARM else everything[:, [0, 3]]
     c, covariance = power_fit(white, beside)
     jitter, spread = rooted(c[-1], covariance[-1, -1], 1.0)
@@ -76,24 +84,25 @@ def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> 
     """Bins whose power follows one of the variables most surely, the score, and its chance, all bands included."""
     F = spectra.power.shape[1]
     bands = [slice(0, F)]
-    for width in (
-        BANDS if floor == 0.0 else ()
-    ):  # steps that are crossed in time with the motion have bands of their own
-        bands += [slice(a, a + width) for a in range(0, F - width + 1, max(1, width // 2))]
+    for width in BANDS if floor == 0.0 else ():  # steps crossed in time with the motion have bands of their own
+        bands += [slice(a, a + width) for a in range(F - width + 1)]
     sums = np.cumsum(np.pad(spectra.power / spectra.power.mean(axis=0), ((0, 0), (1, 0))), axis=1)
+    power = np.column_stack([(sums[:, band.stop] - sums[:, band.start]) / (band.stop - band.start) for band in bands])
+    if floor > 0.0:
+        power = np.maximum(power, floor / float(spectra.power.mean()))
+    X = np.column_stack(motions)
+    X = X - X.mean(axis=0)
+    seem = (X / np.linalg.norm(X, axis=0)).T @ (power / power.std(axis=0))
     best = (1.0, -math.inf, bands[0])
-    for band in bands:
-        power = (sums[:, band.stop] - sums[:, band.start]) / (band.stop - band.start)
-        if floor > 0.0:
-            power = np.maximum(power, floor / float(spectra.power[:, band].mean()))
-        for x in motions:
-            z, p = follows(power, x)
-            best = min(best, (p, -z, band), key=lambda one: one[:2])
+    for which in np.argsort(-seem, axis=None)[:CLOSE_LOOKS]:
+        motion, at = np.unravel_index(which, seem.shape)
+        z, p = follows(power[:, at], motions[motion])
+        best = min(best, (p, -z, bands[at]), key=lambda one: one[:2])
     return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
 
 
 def shaken(power: Array, v4: Array, band: slice) -> slice:
-    """Bins about a band, as far as their power follows v⁴, and the two behind that its window reaches."""
+    """Bins about a band, as far as their power follows v⁴, and the one behind that its window reaches."""
     x = v4 - v4.mean()
     score = x @ (power / power.mean(axis=0)) / math.sqrt(float(x @ x))  # the power of one bin is exponential
     low, high = band.start, band.stop
@@ -101,7 +110,7 @@ def shaken(power: Array, v4: Array, band: slice) -> slice:
         low -= 1
     while high < len(score) and score[high] > SHAKEN:
         high += 1
-    return slice(max(0, low - 2), high + 2)
+    return slice(max(0, low - 1), high + 1)
 
 
 def rooted(c: float, variance: float, gain: float) -> tuple[float, float]:
@@ -120,19 +129,17 @@ def vibration_found(
     jitter: float,
 ) -> ChannelFinding:
     """What the test of vibration says: how loud at top speed, and where."""
-    spectra = seen.spectra
+    spectra = seen.brief
     v, jerk = seen.motion
-    v4, j2 = (block_means(x)[spectra.kept] for x in (v**4, jerk**2))
+    v4, j2 = (spectra.means(x) for x in (v**4, jerk**2))
     share = 1.0 - 2.3 * seen.edge / seen.rate  # of white noise that `background` holds
-    power = block_means(seen.background**2)[spectra.kept] - max(share, 0.0) * jitter**2 * j2
+    power = spectra.means(seen.background**2) - max(share, 0.0) * jitter**2 * j2
     power = np.maximum(power, 0.05 * float(np.median(power)))
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
     top = float(np.max(np.abs(v)))
     about = shaken(spectra.power, v4, band)
     line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < ALARM), None)
-    x = v4 - v4.mean()
-    excess = x @ spectra.power
-    frequency = line.parts["frequency"] if line else float(spectra.f[band][int(np.argmax(excess[band]))])
+    frequency = line.parts["frequency"] if line else loudest_at(seen, spectra.f[band])
     gain = top**2 / seen.rc_gain(frequency)
     amplitude, spread = rooted(2.0 * c[1], 4.0 * covariance[1, 1], gain)
     return ChannelFinding(
@@ -155,6 +162,14 @@ def vibration_found(
             "blocks": float(len(v4)),
         },
     )
+
+
+def loudest_at(seen: Residuals, bins: Array) -> float:
+    """Frequency within half a bin of `bins` (Hz) whose power follows v⁴ most."""
+    fine, half = seen.spectra, 0.5 * seen.rate / len(seen.brief.window)
+    x = fine.means(seen.motion[0] ** 4)
+    within = (fine.f >= bins[0] - half) & (fine.f <= bins[-1] + half)
+    return float(fine.f[np.argmax(np.where(within, (x - x.mean()) @ fine.power, -math.inf))])
 
 
 def rank_correlation(x: Array, y: Array) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from accelcal.channels.finding import ALARM, LEAST_BLOCKS, ChannelFinding
 from accelcal.channels.residuals import Residuals
 from accelcal.channels.wild import outliers, spread_of
-from accelcal.loudness import WINDOW, block_means, power_fit
+from accelcal.loudness import power_fit
 from accelcal.recording import Array
 
 
@@ -24,8 +24,8 @@ def course(seen: Residuals, gain: Array) -> Array:
     if len(spectra.power) < LEAST_BLOCKS:
         return np.ones(seen.n)
     f = np.linspace(0.0, 0.5 * seen.rate, len(gain))
-    power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / WINDOW)
-    c, _ = power_fit(power, np.column_stack([block_means(x)[spectra.kept] for x in motions.T]))
+    power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
+    c, _ = power_fit(power, np.column_stack([spectra.means(x) for x in motions.T]))
     return np.asarray(np.sqrt(np.maximum(motions @ c, 0.1 * float(np.median(power)) + 1e-300)))
 
 

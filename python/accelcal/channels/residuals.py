@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from accelcal.breaks import local_spread
 from accelcal.channels.finding import ALARM
 from accelcal.channels.wild import OUTLIER, Outliers, isolated, outliers, spread_of
-from accelcal.loudness import Spectra
+from accelcal.loudness import BRIEF, Spectra
 from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.signals import Signals
@@ -141,6 +141,11 @@ class Residuals:
     def spectra(self) -> Spectra:
         """Power of `background` in blocks."""
         return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+
+    @cached_property
+    def brief(self) -> Spectra:
+        """The same in blocks that are as short as the peaks of a move's speed."""
+        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
 
     @cached_property
     def matched(self) -> tuple[Array, Array]:
