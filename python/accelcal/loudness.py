@@ -112,8 +112,9 @@ def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
 
 FINE = 64
 """Samples over which no noise changes much."""
-STEADY = ((1024, 200.0), (256, 100.0))
-"""Longer spans that a scale may be taken over where the scatter is steady, and the degrees of freedom it then has."""
+STEADY = ((16384, 3200.0, 2), (1024, 200.0, 8), (256, 100.0, 8))
+"""Longer spans that a scale may be taken over where the scatter is steady, the degrees of freedom it then has, and how
+many of them show that it is."""
 UNSTEADY = 1.15
 """Variance of the logarithm of the scatter within a span, over that between neighbours, of scatter that is steady."""
 SCATTER = 0.0213
@@ -143,10 +144,10 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
     between = 0.5 * float(np.mean(np.diff(logs) ** 2))
     if between > QUICK * SCATTER:
         return None
-    for span, dof in STEADY:
+    for span, dof, enough in STEADY:
         m = span // FINE
         groups = logs[: len(logs) // m * m].reshape(-1, m)
-        if len(groups) >= 8 and float(np.mean(groups.var(axis=1, ddof=1))) < UNSTEADY * between:
+        if len(groups) >= enough and float(np.mean(groups.var(axis=1, ddof=1))) < UNSTEADY * between:
             own = np.median(np.abs(y[: len(groups) * span].reshape(-1, span)), axis=1) / 0.6745
             own = np.where(own > 0.0, own, usual / 0.6745)
             centres = (np.arange(len(own)) + 0.5) * span

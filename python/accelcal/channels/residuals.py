@@ -177,8 +177,8 @@ class Residuals:
         """Outliers among the settled readings, against the smoothed position; see `outliers`."""
         z = (self.run.z - self.smooth_position)[self.state.counts]
         z = z - np.median(z)
-        spread, dof = spread_of(z)
-        return outliers(z, np.hypot(spread, self.run.least_step / math.sqrt(12.0)), len(z), dof)
+        spread, dof = spread_of(z, self.run.least_step)
+        return outliers(z, spread, len(z), dof)
 
     @cached_property
     def readings(self) -> Array:
