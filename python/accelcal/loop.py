@@ -13,6 +13,7 @@ from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
+from accelcal.diagnose.mended import shape_behind
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs
 from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
@@ -536,6 +537,22 @@ def improve(
                 return finding, judged, grown
         return None
 
+    def unnamed(family: Effect, worn: Sequence[str]) -> tuple[Finding, Diagnosis, Gated] | None:
+        """The fit with a shape without a name in the place of names, judged; None where it leaves a name of its
+        variable something to explain, or where no fit is possible."""
+        try:
+            model = state.solution.model.drop(*worn, *({family.name} & set(state.solution.model.effects)))
+            shape = scan(advance(model, state).solution.passes, model, extra=extra, only=(family,))
+            if not shape.entered:
+                return None
+            grown = advance(shape.entered[0].enter(model), state)
+            judged = judge_model(grown, stretch, extra, alpha)
+        except (NotIdentifiable, ValueError):
+            return None
+        if any(one.effect in family.covers for one in judged.scan.found):
+            return None
+        return replace(shape.entered[0], members=(family.name, *worn)), judged, grown
+
     state = advance(Model.linear(), None)
     verdict = judge_model(state, stretch, extra, alpha)
     report(0.3)
@@ -551,6 +568,12 @@ def improve(
             break
         entering, verdict, state = step
         examined += verdict.scan.examined
+        behind = shape_behind(verdict.fit, entering.effect)
+        step = unnamed(*behind) if behind else None
+        if behind and step:
+            entering, verdict, state = step
+            ties = [tie for tie in ties if tie.effect not in behind[1]]
+            effects = tuple(name for name in effects if name not in behind[1])
         effects = (*effects, entering.effect)
         ties.append(Tie(entering.effect, entering.members, entering.experiment))
         fits.append((effects, verdict.fit))

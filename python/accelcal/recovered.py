@@ -23,6 +23,7 @@ VARIABLES = {
     "shape_of_acceleration": ("acceleration", "a", "m/s²"),
     "shape_of_jerk": ("jerk", "jerk", "m/s³"),
     "shape_of_temperature": ("temperature", "temperature", "degC"),
+    "shape_of_a_y": ("lateral acceleration", "a_y", "m/s²"),
     "encoder_shape_of_position": ("position", "p", "m"),
 }
 """Family -> variable, its letter in `Signals`, its unit."""
@@ -64,7 +65,7 @@ def _over_variable(fit: Fit, name: str) -> Shape:
     x = np.linspace(low, high, POINTS)
     zero = np.zeros(POINTS)
     t, p, v, a, jerk = (x if key == letter else zero for key in ("t", "p", "v", "a", "jerk"))
-    side = {"temperature": x}
+    side = {"temperature": x, "a_y": x}
     s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
     origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(letter, 0.0)
     return _shape(fit, name, "", variable, unit, s, x + origin, np.ones(POINTS, dtype=bool))

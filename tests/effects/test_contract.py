@@ -30,7 +30,7 @@ IDENTIFIERS = re.findall(
     cross_coupling tone vibration vibration_rectification accelerometer_outliers encoder_outliers quantisation
     encoder_cyclic encoder_backlash encoder_nonlinearity encoder_step tilt misalignment encoder_scale cross_axis_gravity
     shape_of_time shape_of_position shape_of_velocity shape_of_acceleration shape_of_jerk shape_of_temperature
-    shape_since_reversal encoder_shape_of_position
+    shape_since_reversal encoder_shape_of_position shape_of_a_y
     lowpass_error
     """,
 )

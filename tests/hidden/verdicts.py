@@ -46,12 +46,15 @@ def at_most(bar: int, claim: str, bad: Sequence[bool], most: float) -> Line:
     return Line(bar, claim, f"{rate:.1%}", f"{sum(bad)} of {len(bad)}", f"<= {most:.1%}", bool(rate <= most))
 
 
+def injected(outcome: Outcome) -> set[str]:
+    """Nuisances of a record that have a name in the catalogue."""
+    found = {"vibration"} if outcome["nuisances"]["vibration"] > 0.0 else set()
+    return found | ({"quantisation"} if outcome["nuisances"]["converter_bits"] < 16 else set())
+
+
 def falsely_named(outcome: Outcome) -> list[str]:
     """Effects that were named though nothing but nuisances was hidden."""
-    injected = {"vibration"} if outcome["nuisances"]["vibration"] > 0.0 else set()
-    if outcome["nuisances"]["converter_bits"] < 16:
-        injected.add("quantisation")
-    return [name for name in outcome["effects"] if name not in injected]
+    return [name for name in outcome["effects"] if name not in injected(outcome)]
 
 
 def members(outcome: Outcome) -> list[set[str]]:
@@ -61,7 +64,7 @@ def members(outcome: Outcome) -> list[set[str]]:
 
 def injected_only(name: str, outcome: Outcome) -> bool:
     """Whether an effect is no more than a nuisance of this record."""
-    return name == "vibration" and outcome["nuisances"]["vibration"] > 0.0 and "vibration" not in outcome["names"]
+    return name in injected(outcome) and name not in outcome["names"]
 
 
 def named(outcome: Outcome) -> list[str]:
@@ -93,8 +96,9 @@ def first(outcome: Outcome, name: str) -> bool:
 
 
 def certain(outcome: Outcome) -> bool:
-    """Whether some effect was named with a class of its own."""
-    return any(len(tie) == 1 and not _family(next(iter(tie))) for tie in members(outcome))
+    """Whether some effect, beyond the nuisances, was named with a class of its own."""
+    alone = [next(iter(tie)) for tie in members(outcome) if len(tie) == 1]
+    return any(not _family(name) and not injected_only(name, outcome) for name in alone)
 
 
 def _family(name: str) -> bool:

@@ -137,10 +137,14 @@ def scan(
 
 
 def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search) -> tuple[Finding, ...]:
-    """Named effects in the class of a shape without a name that comes first, nearest rival first."""
+    """Named effects in the class of a shape without a name that comes first, nearest rival first.
+
+    A wandering bias is none of them: it follows any shape.
+    """
     if not chosen or not evidence.items[chosen[0]].effect.family:
         return ()
-    place = {item.effect.name: i for i, item in enumerate(evidence.items) if not item.effect.family}
+    able = {i: item.effect for i, item in enumerate(evidence.items) if item.effect.port != "process"}
+    place = {effect.name: i for i, effect in able.items() if not effect.family}
     rivals = [place[name] for name in members(evidence, robust, chosen[0], chosen[1:], rules) if name in place]
     return tuple(describe(evidence, robust, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
 

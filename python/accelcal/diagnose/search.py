@@ -20,6 +20,8 @@ WIDTH = 5
 """Sets that are kept at each depth."""
 NAMELESS = 0.95
 """Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
+SHAPELESS = 0.9
+"""The same for a bias that wanders: it takes any course, which a function of something recorded does not."""
 FREE_SHAPES = 1
 """Shape parameters that the trials of an effect pay for already; each further one costs as much as a coefficient."""
 SHADOW = 0.1
@@ -49,7 +51,7 @@ class Search:
 
     def price(self, gain: float, dof: int, item: Item) -> float:
         """Gain less what an effect pays for its freedom, for having been picked, and for having no name."""
-        told = gain * (NAMELESS if item.effect.family else 1.0)
+        told = gain * (SHAPELESS if item.effect.port == "process" else NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
         dof += max(0, sum(shape.refined for shape in item.effect.shapes.values()) - FREE_SHAPES)
         return told - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)

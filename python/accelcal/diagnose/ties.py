@@ -54,7 +54,8 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
     own = rules.price(gain / inflation, dof, item)
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
-        if j == i or j in others or (rival.effect.family and not item.effect.family):
+        vague = item.effect.family or item.effect.port == "process"
+        if j == i or j in others or (rival.effect.family and not vague):
             continue
         theirs, their_dof = float(gains[j]), int(dofs[j])
         if their_dof == 0:

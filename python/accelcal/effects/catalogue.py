@@ -75,6 +75,8 @@ class Effect:
     """Names of its columns where it has several (sine and cosine, splines)."""
     family: bool = False
     """A shape without a name, not a physical cause."""
+    covers: tuple[str, ...] = ()
+    """Named effects that a family generalises: functions of its variable alone."""
     visible: bool = True
     """False for what no motion of a level, untouched rig can show."""
     experiment: str = ""
@@ -132,6 +134,7 @@ def effect(
     needs: tuple[str, ...] = (),
     parts: tuple[str, ...] = ("",),
     family: bool = False,
+    covers: tuple[str, ...] = (),
     visible: bool = True,
     experiment: str = "",
     includes: tuple[str, ...] = (),
@@ -153,6 +156,7 @@ def effect(
     needs : side channels it uses.
     parts : names of its columns when the function returns (n, m).
     family : a shape without a name.
+    covers : named effects that a family generalises.
     visible : False for what a level, untouched rig can never show.
     experiment : what separates it from its rivals; the card's line "Separate by:" unless given.
     includes : simpler effects that it contains, such as what a shifted origin turns it into.
@@ -174,6 +178,7 @@ def effect(
         "needs": needs,
         "parts": parts,
         "family": family,
+        "covers": covers,
         "visible": visible,
         "includes": includes,
         "positive": positive,

@@ -95,6 +95,7 @@ RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, t
     shapes=RECORD,
     parts=COSINES,
     family=True,
+    covers=("bias_drift", "bias_step", "warm_up"),
     includes=("bias",),
 )
 def shape_of_time(s: Signals, start: float, length: float) -> Array:
@@ -118,6 +119,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=SPLINES,
     family=True,
+    covers=("rail_slope", "rail_curve", "rail_wave"),
     includes=("bias",),
 )
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
@@ -141,6 +143,7 @@ def shape_of_position(s: Signals, low: float, high: float) -> Array:
     shapes=over("m/s", lambda s: (s.v, s.v_std)),
     parts=SPLINES,
     family=True,
+    covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"),
     includes=("bias",),
 )
 def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
@@ -163,6 +166,7 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     shapes=over("m/s²", lambda s: (s.a, s.a_std)),
     parts=SPLINES,
     family=True,
+    covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
     includes=("bias", "scale_factor"),
 )
 def shape_of_acceleration(s: Signals, low: float, high: float) -> Array:
@@ -209,6 +213,7 @@ def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     needs=("temperature",),
     parts=SPLINES,
     family=True,
+    covers=("temperature_bias",),
     includes=("bias",),
 )
 def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
@@ -220,6 +225,31 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     Separate by: a temperature cycle that is not monotone in time.
     """
     return splines(s.temperature, low, high)
+
+
+@effect(
+    "shape_of_a_y",
+    unit="m/s²",
+    owner="mounting",
+    symbol="f(a_y)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s²", lambda s: (s.side["a_y"], 0.0)),
+    needs=("a_y",),
+    parts=SPLINES,
+    family=True,
+    covers=("cross_axis", "cross_axis_quadratic"),
+    includes=("bias",),
+)
+def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
+    """A response that is some function of the lateral acceleration.
+
+    Equation: e = sum_j c_j B_j(a_y), cubic splines.
+    Looks like: a residual that depends on the lateral acceleration only.
+    Easily confused with: cross_axis, cross_axis_quadratic.
+    Separate by: lateral motion of two sizes; turning the sensor about its input axis.
+    """
+    return splines(s.side["a_y"], low, high)
 
 
 @effect(
@@ -261,6 +291,7 @@ def shape_since_reversal(s: Signals) -> Array:
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=SPLINES,
     family=True,
+    covers=("encoder_nonlinearity", "encoder_cyclic"),
 )
 def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An error of the encoder that is some function of position; its straight part is encoder_scale.

@@ -1,0 +1,44 @@
+"""Names that mend each other: two functions of one variable that look alike are one shape without a name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from accelcal.effects import HOUSE, Effect
+from accelcal.fit import Fit
+
+ALIKE = 0.9
+"""Correlation of two coefficients from which one does little but bend the other's function."""
+
+
+def shape_behind(fit: Fit, entering: str) -> tuple[Effect, tuple[str, ...]] | None:
+    """What a function of one variable is when the effect that came last shows that its name was wrong.
+
+    Parameters
+    ----------
+    fit : with the effect that came last.
+    entering : its name.
+
+    Returns
+    -------
+    The family without a name, and the named effects of the model in whose place it may stand; None where nothing
+    says that a name is wrong.
+    """
+    for family in HOUSE:
+        worn = [name for name in fit.model.effects if name in family.covers]
+        if entering in worn and family.name not in fit.model.effects:
+            worn = [name for name in worn if name == entering or alike(fit, name, entering) > ALIKE]
+            if len(worn) > 1:
+                return family, tuple(worn)
+        if entering == family.name and worn:
+            return family, tuple(worn)
+    return None
+
+
+def alike(fit: Fit, one: str, other: str) -> float:
+    """Largest correlation between a coefficient of one effect and one of another, beside all that is in the model."""
+    owners = {term.name: term.effect.name for term in fit.model.terms}
+    own, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (one, other))
+    std = np.sqrt(np.diag(fit.covariance))
+    rho = fit.covariance[np.ix_(own, theirs)] / np.outer(std[own], std[theirs])
+    return float(np.max(np.abs(rho), initial=0.0))
