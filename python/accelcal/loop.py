@@ -529,7 +529,8 @@ def improve(
         first, model = found.found[0], state.solution.model
         for finding in (*found.named[:MOST_NAMED], first):
             try:
-                grown = advance(finding.enter(model), state)
+                # readings beside a jump that is not in the model look wild: they are judged anew once it is
+                grown = advance(finding.enter(model), None if "instant" in finding.shape else state)
                 judged = judge_model(grown, stretch, extra, alpha)
             except (NotIdentifiable, ValueError):
                 continue
