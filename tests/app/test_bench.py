@@ -325,6 +325,29 @@ def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_pat
     assert again["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
 
 
+def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_path):
+    bench.load(files / "cubic.csv")
+    bench.own_effect("lift_of_the_cable", "p * abs(p)", "1/s²/m", "output")
+    bench.own_effect("law_of_the_cube", "a**3", "(m/s²)⁻²", "output")
+    bench.fit()
+    bench.add("law_of_the_cube")
+    bench.add("lift_of_the_cable")
+    assert bench.sentence == ""
+    for name in ("cubic.csv", "cubic.toml"):
+        (tmp_path / name).write_bytes((files / name).read_bytes())
+    for own in bench.state.own:
+        (tmp_path / f"{own.effect.name}.py").write_text(own.file, encoding="utf-8")
+    commands = script.command_line(bench.state).splitlines()
+    assert [line.count("--effects-file") for line in commands] == [0, 0, 0, 0, 2, 2, 2, 2, 2]
+    for line in commands:
+        command = [sys.executable, "-m", "accelcal", *shlex.split(line)[1:]]
+        ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+        assert ran.returncode == 0, (line, ran.stderr)
+    again = store.load(tmp_path / "m2.json")
+    for name in ("law_of_the_cube", "lift_of_the_cable"):
+        assert again[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
+
+
 def test_model_and_report_are_taken_away(grown, tmp_path):
     path = tmp_path / "m.json"
     path.write_text(grown.model_text())

@@ -343,3 +343,15 @@ def test_unreadable_file_is_refused(write, monkeypatch):
 
     monkeypatch.setattr(Path, "open", denied)
     refused(path, "cannot be read (Permission denied)")
+
+
+@pytest.mark.parametrize("column", ["accel_mps2", "accel_g", "out_g"])
+def test_text_in_the_output_is_named_where_a_plan_would_do_as_well(write, column):
+    refused(write(f"t_s,{column},position_m\n0,1,0\n1,x,1\n2,3,2\n"), f'"{column}": found "x"', need_accel=False)
+
+
+def test_a_column_that_nobody_understands_makes_no_planned_motion(write):
+    path = write(f"t_s,out,position_m\n{ROWS}")
+    refused(path, "no column for accel; columns are: t_s, out, position_m", need_accel=False)
+    refused(path, "A planned motion has columns for time and position alone", need_accel=False)
+    assert len(io.load(write("t_s,position_m\n0,0\n1,1\n2,2\n"), need_accel=False).accel) == 0

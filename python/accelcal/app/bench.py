@@ -210,7 +210,7 @@ class Workbench:
             found = add(before.fit, state.train, name, extra=extra, report=share_of(report, 0.0, 0.8))
             more = ", extra=own" if extra else ""
             python = f'loop.add(PARENT, train, "{name}"{more})'
-            command = f"accelcal add PARENT train.csv --effect {name}{own_option(state)} -o THIS"
+            command = f"accelcal add PARENT train.csv --effect {name}{state.own_files} -o THIS"
             return self._grown(state, f"+ {name}", python, command, found)
 
         self._do(f"adding {name}", work)
@@ -221,7 +221,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             found = drop(fitted(state).fit, state.train, name, report=share_of(report, 0.0, 0.8))
             python = f'loop.drop(PARENT, train, "{name}")'
-            command = f"accelcal drop PARENT train.csv --effect {name}{own_option(state)} -o THIS"
+            command = f"accelcal drop PARENT train.csv --effect {name}{state.own_files} -o THIS"
             return self._grown(state, f"− {name}", python, command, found)
 
         self._do(f"removing {name}", work)
@@ -234,7 +234,7 @@ class Workbench:
             require_parameter(before, name)
             found = self._again(before, before.model.freeze(**{name: value}), state, report)
             python = f'ac.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
-            command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{own_option(state)} -o THIS"
+            command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{state.own_files} -o THIS"
             return self._grown(state, f"{name} held", python, command, found)
 
         self._do(f"holding {name}", work)
@@ -246,7 +246,7 @@ class Workbench:
             before = fitted(state).fit
             found = self._again(before, before.model.release(name), state, report)
             python = f'ac.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
-            command = f"accelcal freeze PARENT train.csv --release {name}{own_option(state)} -o THIS"
+            command = f"accelcal freeze PARENT train.csv --release {name}{state.own_files} -o THIS"
             return self._grown(state, f"{name} free", python, command, found)
 
         self._do(f"releasing {name}", work)
@@ -531,11 +531,6 @@ def effects_of(state: State) -> tuple[Effect, ...]:
 def question(state: State) -> tuple[int, int] | None:
     """What a diagnosis answers: which model, and how many own effects stand beside the catalogue."""
     return None if state.current is None else (state.current, len(state.own))
-
-
-def own_option(state: State) -> str:
-    """How the command line is told of own effects."""
-    return "".join(f" --effects-file {own.effect.name}.py" for own in state.own[:1])
 
 
 def judged(found: Fit, state: State, band: float | None = None) -> Comparison:

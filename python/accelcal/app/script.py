@@ -12,10 +12,10 @@ from accelcal.app.state import State
 def python(state: State) -> str:
     """A script that repeats the path to the model that is looked at."""
     lines = ["import accelcal as ac", "from accelcal import loop", ""]
-    lines += [f'own = [*ac.effects.load_effects("{own.effect.name}.py")]' for own in state.own[:1]]
-    lines += [f'own += ac.effects.load_effects("{own.effect.name}.py")' for own in state.own[1:]]
     if state.own:
         lines.insert(1, "import accelcal.effects")
+        files = ", ".join(f'*ac.effects.load_effects("{own.effect.name}.py")' for own in state.own)
+        lines.append(f"own = [{files}]")
     if state.file is None or state.recording is None:
         return "\n".join([*lines, "# load a recording first"]) + "\n"
     sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
@@ -76,7 +76,7 @@ def command_line(state: State) -> str:
     for i, step in enumerate(state.path):
         lines.append(step.command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
     if names:
-        option = f" --effects-file {state.own[0].effect.name}.py" if state.own else ""
+        option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} train.csv{option}")
         lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
         lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")

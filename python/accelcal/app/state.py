@@ -79,6 +79,11 @@ class State:
         return self.path[-2] if len(self.path) > 1 else None
 
     @property
+    def own_files(self) -> str:
+        """How the command line is told of the user's own effects."""
+        return "".join(f" --effects-file {own.effect.name}.py" for own in self.own)
+
+    @property
     def data(self) -> Recording:
         """What is used of the recording, the held-out part included."""
         assert self.recording is not None

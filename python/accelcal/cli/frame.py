@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    pass
+    from accelcal.effects import Effect
 
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERRUPTED = 2, 3, 4, 130
 app = typer.Typer(
@@ -33,7 +33,10 @@ To = Annotated[str | None, typer.Option("--to", help="End here on the position c
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random; stored in what is written.")]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="Write the result here.")]
 Holdout = Annotated[Path | None, typer.Option("--holdout", help="Recording that is not fitted.")]
-EffectsFile = Annotated[Path | None, typer.Option("--effects-file", help="Python file with effects of your own.")]
+EffectsFile = Annotated[
+    list[Path] | None,
+    typer.Option("--effects-file", help="Python file with effects of your own; may be given several times."),
+]
 RunFile = Annotated[Path, typer.Argument(help="Recording: CSV, Parquet, MAT, npz or HDF5.", show_default=False)]
 ModelFile = Annotated[Path, typer.Argument(help="Model file written by fit.", show_default=False)]
 
@@ -134,8 +137,8 @@ def stretch(text: str, option: str) -> tuple[float, float]:
     return start, end
 
 
-def own_effects(path: Path | None) -> Any:
-    """Load a user's file of effects, if one is given."""
+def own_effects(paths: Sequence[Path] | None) -> tuple[Effect, ...]:
+    """Load the user's files of effects, in the order given."""
     from accelcal.effects import load_effects
 
-    return load_effects(path) if path is not None else ()
+    return tuple(effect for path in paths or () for effect in load_effects(path))

@@ -236,7 +236,7 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     columns: dict[str, Clock | Source] = {
         "time": Clock("t_s", unit="s"),
         "position": Source("position_m", "m"),
-        "accel": Source("accel_mps2", "m/s^2"),
+        "accel": Source("accel_m_per_s2", "m/s^2"),
     }
     io.write_sidecar(rig, columns, sidecar)
     return path, sidecar

@@ -49,6 +49,9 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
             raise RecordingError(_absent(table, name, sidecar, declared.channels))
         if name in sources and name not in required and sources[name].column not in table.columns:
             del sources[name]
+    if "accel" not in sources and notes:  # one of the columns that nobody asked for may be the output
+        alone = "A planned motion has columns for time and position alone."
+        raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sidecar)
     for name, source in sources.items():
         stamps = source.time or clock

@@ -22,6 +22,8 @@ SUFFIXES = {
     "deg_per_s": "deg/s",
     "m_per_s": "m/s",
     "mm_per_s": "mm/s",
+    "mps2": "m/s^2",
+    "mps": "m/s",
 } | {
     unit: unit
     for family in (
