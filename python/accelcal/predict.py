@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal.effects import is_local
 from accelcal.fit import Fit
 from accelcal.recording import Array, Recording
 from accelcal.replay import Drive, Flags, Noise, Run, Values
@@ -18,7 +19,7 @@ MOST_STARTS = 200
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 MEMORY = 10.0
-"""Seconds before a start that effects with memory are run up on."""
+"""Seconds before a start that effects with memory are run up on; others see the time from the start on alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +89,12 @@ class Prediction:
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
         spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
         signals = replace(run.output_signals(self.values, cutoff, motion), v_std=spread)
+        self.corners = {
+            "a_std": max(signals.a_std, signals.a_width / CORNER_NOISE),
+            "v_std": max(signals.v_std, signals.v_width / CORNER_NOISE),
+        }
+        acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
+        self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
         at = signals.t + run.origins.t + self.values.time_offset
         at_grid = run.output_at(at, cutoff, run.tau(self.values)) - self.values.bias
         self.gain = run.rig.polarity / self.values.scale
@@ -131,7 +138,7 @@ class Prediction:
         """What the model's effects add to the readings at `rows`, from output and simulated motion alone, (n,) m."""
         run, origin, step = self.run, self.run.origins, known.step
         begin = self.run.t[k] - origin.t
-        past = np.searchsorted(known.t, [begin - MEMORY, begin], side="right")
+        past = np.searchsorted(known.t, [begin - self.memory, begin], side="right")
         count = int((self.run.t[rows[-1]] - self.run.t[k]) / step) + 3
         t = begin + step * np.arange(count)
         bare = np.interp(t, known.t, self.bare)
@@ -155,8 +162,7 @@ class Prediction:
                 a=joined(known.a, sensed),
                 jerk=joined(known.jerk, derivative(sensed, step)),
                 side={name: joined(y, np.interp(t, known.t, y)) for name, y in known.side.items()},
-                a_std=max(known.a_std, known.a_width / CORNER_NOISE),
-                v_std=max(known.v_std, known.v_width / CORNER_NOISE),
+                **self.corners,
             )
             whole = self.values.total("output", ahead)
             total = total if whole is None else whole[n:]
