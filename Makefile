@@ -53,6 +53,7 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.consistency
 	$(BIN)/python -m benches.power --write
 	$(BIN)/python -m benches.campaign
+	$(BIN)/python -m benches.workbench --hour
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh

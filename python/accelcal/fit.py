@@ -155,6 +155,37 @@ def solve_runs(
     return shaped(solution)
 
 
+SETTLING = 3
+"""Times that signals and nominal are made anew from each other when a fit with effects is taken up again."""
+
+
+def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[Pass] | None:
+    """Runs as a fit left them, without solving for it again; None where it was made to other data, or in a band."""
+    if len(recordings) != len(fit.runs) or any(one.noise.band is not None for one in fit.runs):
+        return None
+    passes = []
+    for index, (recording, seen) in enumerate(zip(recordings, fit.runs, strict=True)):
+        run = Run(recording, fit.origins)
+        span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
+        if (
+            not seen.digest
+            or seen.digest != recording.digest
+            or span
+            != (
+                seen.start,
+                seen.end,
+                seen.readings,
+                seen.samples,
+            )
+        ):
+            return None
+        one = Pass(run, fit.values(index), fit.noise(index), fit.model.free, None)
+        for _ in range(1 if one.values.constant else SETTLING):
+            one.refresh(noise_too=False)
+        passes.append(one)
+    return passes
+
+
 def result(solution: Solution) -> Fit:
     """The fit that a solution amounts to.
 

@@ -15,7 +15,7 @@ from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
 from accelcal.diagnose.mended import shape_behind
 from accelcal.effects import Effect, find
-from accelcal.fit import Fit, judge, result, solve_runs
+from accelcal.fit import Fit, judge, result, solve_runs, taken_up
 from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
 from accelcal.gauss_newton import NotIdentifiable, Solution, iterate
 from accelcal.importance import Importance, Size, sizes_of, split
@@ -445,13 +445,14 @@ def add(
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    model = fit.model
+    model, passes = fit.model, taken_up(fit, several)
     for name in names:
         if name in model.effects:
             raise ValueError(f"{name!r} is already in the model")
         effect = find(name)
-        solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4))
-        alone = scan(solution.passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
+        if passes is None or model is not fit.model:
+            passes = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).passes
+        alone = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not alone.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
             why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"

@@ -89,10 +89,8 @@ class Prediction:
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
         spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
         signals = replace(run.output_signals(self.values, cutoff, motion), v_std=spread)
-        self.corners = {
-            "a_std": max(signals.a_std, signals.a_width / CORNER_NOISE),
-            "v_std": max(signals.v_std, signals.v_width / CORNER_NOISE),
-        }
+        self.a_std = max(signals.a_std, signals.a_width / CORNER_NOISE)
+        self.v_std = max(signals.v_std, signals.v_width / CORNER_NOISE)
         acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
         self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
         at = signals.t + run.origins.t + self.values.time_offset
@@ -162,7 +160,8 @@ class Prediction:
                 a=joined(known.a, sensed),
                 jerk=joined(known.jerk, derivative(sensed, step)),
                 side={name: joined(y, np.interp(t, known.t, y)) for name, y in known.side.items()},
-                **self.corners,
+                a_std=self.a_std,
+                v_std=self.v_std,
             )
             whole = self.values.total("output", ahead)
             total = total if whole is None else whole[n:]

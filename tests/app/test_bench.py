@@ -17,7 +17,7 @@ from accelcal.app import mapping, script, words
 from accelcal.app.bench import Busy, Refused, Workbench
 from accelcal.app.state import State
 from accelcal.cli import app as command_line
-from accelcal.export import calibrate, header, module
+from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
 
 
 @pytest.fixture
@@ -358,17 +358,19 @@ def test_model_and_report_are_taken_away(grown, tmp_path):
     assert "src=http" not in text.replace('"', "")
 
 
-def test_code_for_firmware_is_that_of_the_library(grown):
+def test_exports_are_those_of_the_library(grown):
     made = calibrate(grown.state.step.fit)
-    assert grown.code("C").read_text() == header(made, "sensor.h")
-    assert grown.code("Rust").read_text() == module(made)
+    assert grown.export("C").read_text() == header(made, "sensor.h")
+    assert grown.export("Rust").read_text() == module(made)
+    assert grown.export("JSON").read_text() == store.dumps(to_dict(made))
+    assert grown.export("DCC").read_text() == draft(made, Laboratory()).text
 
 
 def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
     fit = grown.state.step.fit
     fast = replace(fit, estimates=tuple(replace(e, value=-1.0) if e.name == "cubic" else e for e in fit.estimates))
     monkeypatch.setattr(bench_module, "fitted", lambda state: replace(grown.state.step, fit=fast))
-    assert bench.code("C") is None
+    assert bench.export("C") is None
     assert "not safely monotone" in bench.sentence
 
 

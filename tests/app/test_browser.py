@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -106,6 +107,34 @@ def test_the_loop_from_drop_to_report(tab, files):
         tab.get_by_role("button", name="Report (.html)").click()
     assert report.value.suggested_filename == "cubic.html"
     assert "cubic" in Path(report.value.path()).read_text(encoding="utf-8")
+
+
+def taken(page, button, folder):
+    with page.expect_download(timeout=LONG) as download:
+        page.get_by_role("button", name=button).click()
+    path = folder / download.value.suggested_filename
+    download.value.save_as(path)
+    return path
+
+
+def test_exports_are_taken_away_and_can_be_used(tab, files, tmp_path):
+    load(tab, files, "cubic")
+    fit(tab)
+    tab.get_by_role("button", name="Add cubic", exact=True).click()
+    tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
+    tab.get_by_role("tab", name="Take away").click()
+    header = taken(tab, "For firmware, C (.h)", tmp_path)
+    module = taken(tab, "For firmware, Rust (.rs)", tmp_path)
+    content = json.loads(taken(tab, "Calibration (.json)", tmp_path).read_text(encoding="utf-8"))
+    certificate = ElementTree.parse(taken(tab, "Certificate, draft (.xml)", tmp_path)).getroot()
+    assert [p["name"] for p in content["parameters"]] == ["bias", "scale_factor", "cubic"]
+    assert certificate.tag == "{https://ptb.de/dcc}digitalCalibrationCertificate"
+    assert (header.name, module.name) == ("cubic_sensor.h", "cubic_sensor.rs")
+    (tmp_path / "main.c").write_text(f'#include "{header.name}"\nint main(void) {{ return 0; }}\n')
+    strict = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+    subprocess.run(["cc", *strict, "main.c", "-o", "main", "-lm"], cwd=tmp_path, check=True, timeout=60)
+    crate = ["rustc", "--edition=2021", "--crate-type=lib", "-D", "warnings", "--emit=metadata"]
+    subprocess.run([*crate, module.name], cwd=tmp_path, check=True, timeout=60)
 
 
 def test_nothing_missing_offers_nothing(tab, files):

@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal import findings, store
 from accelcal.cli import write_recording
 from accelcal.diagnose import log_survival, score_gain, variance_gain
+from accelcal.fit import solve_runs, taken_up
 from accelcal.loop import add, diagnose, drop, improve
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
@@ -51,6 +52,17 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
     assert found.same_run
     assert found.diagnosis.scan.examined > 100
     assert found.diagnosis.scan.detection_limits["cubic"] > 0.0
+
+
+def test_a_fit_is_taken_up_as_it_was_left():
+    one = dataclasses.replace(record(6, cubic=1e-3), digest="six")
+    found = ac.fit(ac.Model.cubic(), one)
+    left, taken = solve_runs(found.model, [one]).passes[0], taken_up(found, [one])[0]
+    # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
+    assert np.allclose(taken.normal.gram, left.normal.gram, rtol=1e-4)
+    assert taken.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
+    assert taken_up(found, [dataclasses.replace(one, digest="seven")]) is None
+    assert taken_up(found, [one.part(0.0, 20.0)]) is None
 
 
 def test_a_delay_beyond_its_tolerance_is_named_first():

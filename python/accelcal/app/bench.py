@@ -20,13 +20,14 @@ import numpy as np
 from accelcal import io, store
 from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
-from accelcal.compare import Comparison, compare
+from accelcal.compare import Comparison, accel_residual, compare
 from accelcal.effects import Effect, from_expression
-from accelcal.export import calibrate, header, module
+from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.fit import Fit, fit
 from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop
 from accelcal.model import Model
 from accelcal.plots.interactive import marks
+from accelcal.predict import Prediction
 from accelcal.recording import Recording, RecordingError
 from accelcal.report import gather, html
 from accelcal.simulate import CXL02_RIG, simulate
@@ -38,6 +39,9 @@ MOST_BYTES = 1_000_000_000
 """Largest file that is taken."""
 MOST_SAMPLES = 20_000_000
 """Most samples of the accelerometer that are worked on."""
+Export = Literal["C", "Rust", "JSON", "DCC"]
+EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
+"""What a calibration is written as, and the name of the file."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
 
 
@@ -59,6 +63,8 @@ class Workbench:
         self.job: Job | None = None
         self.sentence = ""
         """What went wrong last, for the user; empty when nothing did."""
+        self.arriving: Recording | None = None
+        """A recording that has been read and is still being searched for breaks and faults."""
         self.version = 0
         """Rises with every change that a page must show."""
         self.diagnoses: dict[tuple[int, int], Diagnosis] = {}
@@ -113,7 +119,10 @@ class Workbench:
             if not columns:
                 raise
             return State(file=path, sidecar=sidecar, columns=columns, trouble=self.plain(str(error)))
-        report(0.6)
+        report(0.4)
+        with self._lock:
+            self.arriving = recording
+            self.version += 1
         seen = marks(recording)
         begin, end = seen.start, seen.end
         return State(
@@ -279,7 +288,7 @@ class Workbench:
         asked = question(state)
         if asked is None or asked in self.diagnoses:
             return
-        with self._working("looking for what is missing") as job:
+        with self._working("looking for what is missing", quiet=True) as job:
             step = fitted(state)
             found = diagnose(step.fit, state.train, extra=effects_of(state), report=share_of(job.report, 0.0, 0.98))
             with self._lock:
@@ -343,7 +352,9 @@ class Workbench:
         state = self.state
         if state.step is None or state.previous is None:
             return None
-        return judged(state.previous.fit, state, band=state.step.heldout.band)
+        was, band = state.previous, state.step.heldout.band
+        t, residual, _ = accel_residual(Prediction.of(was.fit, state.unseen), band)
+        return replace(was.heldout, accel_residual=(t, residual), band=band)
 
     def refuse(self, sentence: str) -> None:
         """Say why something is not done."""
@@ -385,12 +396,18 @@ class Workbench:
             return target
         return None
 
-    def code(self, language: Literal["C", "Rust"]) -> Path | None:
-        """Write what applies the calibration in firmware; None where the model cannot be exported, which is said."""
-        with self._working("writing the code"):
+    def export(self, kind: Export) -> Path | None:
+        """Write the sensor's own calibration; None where the model cannot be exported, which is said."""
+        with self._working("writing the calibration"):
             made = calibrate(fitted(self.state).fit)
-            target = self.drawer() / ("sensor.h" if language == "C" else "sensor.rs")
-            io.atomic_write(target, header(made, target.name) if language == "C" else module(made))
+            target = self.drawer() / EXPORTS[kind]
+            texts: dict[Export, Callable[[], str]] = {
+                "C": lambda: header(made, target.name),
+                "Rust": lambda: module(made),
+                "JSON": lambda: store.dumps(to_dict(made)),
+                "DCC": lambda: draft(made, Laboratory()).text,
+            }
+            io.atomic_write(target, texts[kind]())
             return target
         return None
 
@@ -402,6 +419,7 @@ class Workbench:
             if self.job is not None:
                 self.job.cancelled = True
                 self.job = None
+                self.arriving = None
                 self.sentence = "Cancelled; nothing was changed."
                 self.version += 1
 
@@ -418,8 +436,11 @@ class Workbench:
                     self.state = after
 
     @contextmanager
-    def _working(self, title: str) -> Iterator[Job]:
-        """One action at a time; what the library refuses becomes the sentence that the command line prints."""
+    def _working(self, title: str, *, quiet: bool = False) -> Iterator[Job]:
+        """One action at a time; what the library refuses becomes the sentence that the command line prints.
+
+        A quiet one changes nothing that is shown until it ends.
+        """
         with self._lock:
             if self.job is not None:
                 self.sentence = f"Please wait: {self.job.title}, or cancel it."
@@ -427,9 +448,10 @@ class Workbench:
                 return_early = True
             else:
                 return_early = False
+                quiet = quiet and not self.sentence
                 self.sentence = ""
                 job = self.job = Job(title)
-                self.version += 1
+                self.version += not quiet
         if return_early:
             raise Busy(self.sentence)
         try:
@@ -444,6 +466,7 @@ class Workbench:
             with self._lock:
                 if self.job is job:
                     self.job = None
+                self.arriving = None
                 self.version += 1
 
     def plain(self, text: str) -> str:
@@ -533,9 +556,9 @@ def question(state: State) -> tuple[int, int] | None:
     return None if state.current is None else (state.current, len(state.own))
 
 
-def judged(found: Fit, state: State, band: float | None = None) -> Comparison:
+def judged(found: Fit, state: State) -> Comparison:
     """The model against data that no fit has seen."""
-    return compare(found, state.unseen, band=band)
+    return compare(found, state.unseen)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:

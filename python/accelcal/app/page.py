@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from importlib import resources
 from typing import TYPE_CHECKING, Any
@@ -71,6 +72,9 @@ class Page:
         self._seen = -1
         self._turn = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
+        self._drawing: dict[tuple[Any, ...], asyncio.Task[list[Picture]]] = {}
+        self.asking = False
+        """Whether a diagnosis begins as soon as the pictures are drawn."""
 
     async def build(self) -> None:
         """Lay the frame out and show the first screen."""
@@ -98,6 +102,8 @@ class Page:
                 ui.tab(name, title, icon=icon)
         self.tabs.set_value(self.tab)
         self.body = ui.element("main").classes("body")
+        # What draws takes a second or two to load; a figure that nobody sees has it loaded before the first drop.
+        ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
         ui.keyboard(on_key=self._key)
         await ui.context.client.connected()
         dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
@@ -122,10 +128,19 @@ class Page:
         return result
 
     async def improve(self, action: Callable[..., Any], *args: Any) -> None:
-        """Change the model, show it, and ask at once what the new one lacks."""
+        """Change the model, show it, and ask what the new one lacks as soon as its pictures are drawn."""
+        self.asking = True
         await self.act(action, *args, then="improve")
-        if not self.bench.sentence:
+        await asyncio.gather(*self._drawing.values(), return_exceptions=True)
+        await self.ask()
+
+    async def ask(self) -> None:
+        """Ask what the model that is looked at lacks, unless there is something to be read first."""
+        self.asking = not self.bench.sentence
+        if self.asking:
+            self.rebuild()
             await self.act(self.bench.diagnose)
+        self.asking = False
 
     def change(self, action: Callable[[], None]) -> None:
         """Do something that is done at once."""
@@ -157,7 +172,9 @@ class Page:
     # What the page shows
 
     def _tick(self) -> None:
-        """Show progress; build the screen anew when the workbench has changed."""
+        """Show progress and what can be done meanwhile; build the screen anew when the workbench has changed."""
+        self.undo.set_enabled(self.bench.can_undo)
+        self.redo.set_enabled(self.bench.can_redo)
         job = self.bench.job
         titled = job is not None and bool(job.title)
         self.working.set_visibility(titled)
@@ -173,8 +190,6 @@ class Page:
         self._turn += 1
         state = self.bench.state
         self.file.set_text(state.file.name if state.file is not None else "")
-        self.undo.set_enabled(self.bench.can_undo)
-        self.redo.set_enabled(self.bench.can_redo)
         self.alert.set_visibility(bool(self.bench.sentence))
         self.said.set_text(self.bench.sentence)
         self.body.clear()
@@ -220,17 +235,28 @@ class Page:
                 fill(self._kept[key])
             return
 
-        async def work() -> None:
+        async def draw() -> list[Picture]:
             try:
                 several = list(await run.io_bound(lambda: make(theme)) or ())
+            finally:
+                del self._drawing[key]
+            while len(self._kept) >= 12:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = several
+            return several
+
+        if key not in self._drawing:
+            self._drawing[key] = background_tasks.create(draw(), handle_exceptions=False)
+        drawing = self._drawing[key]
+
+        async def work() -> None:
+            try:
+                several = await asyncio.shield(drawing)
             except (ValueError, ImportError) as error:
                 if turn == self._turn:
                     with box:
                         ui.label(self.bench.plain(str(error))).classes("note")
                 return
-            while len(self._kept) >= 12:
-                del self._kept[next(iter(self._kept))]
-            self._kept[key] = several
             if turn == self._turn and not box.is_deleted:
                 with box:
                     fill(several)

@@ -14,6 +14,7 @@ from accelcal.ladder import Ladder, Rung
 from accelcal.loop import Diagnosis
 from accelcal.plots import interactive, style
 from accelcal.plots.style import ThemeName
+from accelcal.recording import Recording
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -57,6 +58,11 @@ def marked(state: State) -> list[tuple[float, float, str]]:
     """Stretches that are held out or left out."""
     found = [(a, b, "left out") for a, b in state.left_out]
     return found + ([(*state.held_out, "held out")] if state.held_out is not None else [])
+
+
+def arriving(recording: Recording, theme: ThemeName) -> Picture:
+    """A recording before anything is known of it."""
+    return picture(interactive.linked(recording, theme=theme))
 
 
 def data(state: State, theme: ThemeName, window: tuple[float, float] | None = None) -> Picture:

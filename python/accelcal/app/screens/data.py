@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
 def show(page: Page) -> None:
     """Build the screen."""
-    state = page.bench.state
+    state, arriving = page.bench.state, page.bench.arriving
+    if arriving is not None:
+        with parts.card(arriving.name):
+            ui.label("Breaks and faults are being looked for …").classes("note")
+            page.pictures(
+                ("arriving", id(arriving), arriving.digest),
+                lambda theme: [pictures.arriving(arriving, theme)],
+                height=420,
+            )
+        return
     if state.file is None:
         with parts.card("Drop a recording", "welcome"):
             ui.label(
@@ -57,8 +66,7 @@ def show(page: Page) -> None:
                 )
             with parts.card("Data check"):
                 check(page)
-            with ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"):
-                columns(page)
+            later(ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"), page)
     parts.copies(page)
 
 
@@ -134,6 +142,17 @@ def check(page: Page) -> None:
             "full"
         ):
             parts.lines(seen["assumptions"])
+
+
+def later(box: ui.expansion, page: Page) -> None:
+    """Fill the table of columns in when it is opened first: the file is looked into for it."""
+
+    def opened(event: Any) -> None:
+        if event.value and not box.default_slot.children:
+            with box:
+                columns(page)
+
+    box.on_value_change(opened)
 
 
 def columns(page: Page) -> None:

@@ -82,9 +82,9 @@ def verdict(page: Page) -> None:
     """The verdict, the candidates with their cards, and Add."""
     bench, found = page.bench, page.bench.diagnosis
     if found is None:
-        if bench.job is None:
+        if bench.job is None and not page.asking:
             ui.label("Not asked yet.")
-            parts.button("Look for what is missing", "search", lambda: page.act(bench.diagnose), primary=True)
+            parts.button("Look for what is missing", "search", page.ask, primary=True)
         else:
             ui.label("Every effect of the catalogue is being tried …")
         return

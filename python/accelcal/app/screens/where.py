@@ -35,9 +35,11 @@ def show(page: Page) -> None:
     found = bench.diagnosis
     with parts.card("Against every variable"):
         if found is None:
-            ui.label("Not asked yet." if bench.job is None else "Being worked out …")
-            if bench.job is None:
-                parts.button("Look for what is missing", "search", lambda: page.act(bench.diagnose), primary=True)
+            if bench.job is None and not page.asking:
+                ui.label("Not asked yet.")
+                parts.button("Look for what is missing", "search", page.ask, primary=True)
+            else:
+                ui.label("Being worked out …")
         else:
             worst = found.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
