@@ -83,16 +83,21 @@ def gated(
     for left in reversed(range(ROUNDS + 1)):
         several = [channel_findings(one) for one in solution.passes]
         tests = [test for each in several for test in each]
-        wild = [[t for t in each if t.effect in CHANNEL_OF and t.p_value < ALARM and t.at] for each in several]
-        if not left or not any(wild):
+        loud = [wild(each) for each in several]
+        if not left or not any(loud):
             break
-        for number, found in enumerate(wild):
+        for number, found in enumerate(loud):
             for test in found:
                 told.setdefault(test.effect, test)
                 recordings[number] = without(recordings[number], test)
         solution = solve(recordings)
     kept = [test for test in tests if test.effect not in told]
     return Gated(tuple(recordings), solution, (*kept, *told.values()))
+
+
+def wild(tests: Sequence[ChannelFinding]) -> list[ChannelFinding]:
+    """The tests that found wild readings and know where they are."""
+    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < ALARM and test.at]
 
 
 def without(recording: Recording, test: ChannelFinding) -> Recording:

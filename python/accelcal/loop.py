@@ -10,13 +10,14 @@ import numpy as np
 from scipy import special
 
 from accelcal.breaks import faults, usable
-from accelcal.channels import ALARM, ChannelFinding
+from accelcal.channels import ALARM, ChannelFinding, channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
 from accelcal.diagnose.mended import shape_behind
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs, taken_up
-from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated
+from accelcal.fit import fit as fit_all
+from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated, wild
 from accelcal.gauss_newton import NotIdentifiable, Solution, iterate
 from accelcal.importance import Importance, Size, sizes_of, split
 from accelcal.model import Model, Term, evaluate, terms_of
@@ -24,6 +25,7 @@ from accelcal.recording import Recording
 from accelcal.replay import Run
 from accelcal.shaping import signals_of
 from accelcal.shown import shown
+from accelcal.signals import Origins
 
 HELD_OUT = 0.3
 """Share at the end of a recording that is held out when no other recording is."""
@@ -423,6 +425,49 @@ def inseparable(model: Model) -> tuple[Tie, ...]:
     )
 
 
+def fit(
+    model: Model,
+    recordings: Recording | Sequence[Recording],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    band: float | None = None,
+    origins: Origins | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> Fit:
+    """Fit a model as `accelcal.fit` does, but without wild readings, which the remarks of the fit count.
+
+    Parameters and errors are those of :func:`accelcal.fit`.
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    every = fit_all(model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, 0.8))
+    return tidied(every, several, start=start, end=end, band=band)
+
+
+def tidied(
+    fit: Fit,
+    recordings: Sequence[Recording],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    band: float | None = None,
+) -> Fit:
+    """The fit made again without wild readings; the fit itself where there are none."""
+    passes = taken_up(fit, recordings)
+    if passes is not None and not any(wild(channel_findings(one)) for one in passes):
+        return fit
+
+    def solve(these: Sequence[Recording]) -> Solution:
+        return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
+
+    state = gated(recordings, solve)
+    dropped = state.dropped(recordings)
+    if not dropped:
+        return fit
+    kept = result(state.solution)
+    return replace(kept, remarks=(*(f"{one.sentence}." for one in dropped), *kept.remarks))
+
+
 def add(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
@@ -430,7 +475,7 @@ def add(
     extra: Sequence[Effect] = (),
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Return a new fit with further effects; shape parameters are found by likelihood.
+    """Return a new fit with further effects, without wild readings; shape parameters are found by likelihood.
 
     Parameters
     ----------
@@ -458,7 +503,8 @@ def add(
             why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
-    return result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 1.0)))
+    grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
+    return tidied(grown, several)
 
 
 def drop(
@@ -467,10 +513,13 @@ def drop(
     *names: str,
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Return a new fit without some effects; `report` is called with the share of the work that is done, 0 to 1."""
+    """Return a new fit without some effects, and without wild readings.
+
+    `report` is called with the share of the work that is done, 0 to 1.
+    """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    model = fit.model.drop(*names)
-    return result(solve_runs(model, several, origins=fit.origins, report=report))
+    left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
+    return tidied(left, several)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:

@@ -295,13 +295,20 @@ _USUAL = {
 def display(unit: str, value: float, std: float) -> str | None:
     """Return an SI value in the unit that test engineers use for it, None where SI is that unit.
 
+    A value with a standard deviation has as many decimals as two digits of that need.
+
     Examples
     --------
     >>> display("(m/s²)⁻¹", 1.02e-7, 0.0)
     '1 ug/g²'
+    >>> display("m/s²", 0.050011, 2.8e-5)
+    '5.0997 ± 0.0029 mg'
     """
     if unit not in _USUAL:
         return None
     name, size = _USUAL[unit]
-    shown = f"{value / size:.4g}"
-    return f"{shown} ± {std / size:.2g} {name}" if std > 0.0 else f"{shown} {name}"
+    if std <= 0.0:
+        return f"{value / size:.4g} {name}"
+    spread = std / size
+    decimals = min(12, max(0, 1 - math.floor(math.log10(spread))))
+    return f"{value / size:.{decimals}f} ± {spread:.{decimals}f} {name}"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import findings, store
+from accelcal import findings, loop, store
 from accelcal.cli import write_recording
 from accelcal.diagnose import log_survival, score_gain, variance_gain
 from accelcal.fit import solve_runs, taken_up
@@ -63,6 +63,20 @@ def test_a_fit_is_taken_up_as_it_was_left():
     assert taken.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
     assert taken_up(found, [dataclasses.replace(one, digest="seven")]) is None
     assert taken_up(found, [one.part(0.0, 20.0)]) is None
+
+
+def test_wild_readings_count_neither_in_a_fit_nor_when_an_effect_is_added():
+    clean = dataclasses.replace(record(7, cubic=1e-3), digest="seven")
+    spoiled = clean.accel.y.copy()
+    spoiled[5_000:60_000:5_000] += 3.0
+    one = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
+    every, kept = ac.fit(ac.Model.linear(), one), loop.fit(ac.Model.linear(), one)
+    assert every.noise().q > 2.0 * kept.noise().q
+    assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel are left out as wild."
+    grown, truth = add(kept, one, "cubic"), add(loop.fit(ac.Model.linear(), clean), clean, "cubic")
+    assert grown.remarks[0] == kept.remarks[0]
+    assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)
+    assert not any("wild" in text for text in truth.remarks)
 
 
 def test_a_delay_beyond_its_tolerance_is_named_first():

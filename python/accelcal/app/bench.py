@@ -23,8 +23,8 @@ from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.compare import Comparison, accel_residual, compare
 from accelcal.effects import Effect, from_expression
 from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
-from accelcal.fit import Fit, fit
-from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop
+from accelcal.fit import Fit
+from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop, fit
 from accelcal.model import Model
 from accelcal.plots.interactive import marks
 from accelcal.predict import Prediction
@@ -204,7 +204,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
             found = fit(chosen, loaded(state).train, report=share_of(report, 0.0, 0.8))
-            python = f"ac.fit(ac.Model.{model}(), train)"
+            python = f"loop.fit(ac.Model.{model}(), train)"
             command = f"accelcal fit train.csv --model {model} -o THIS"
             return self._grown(replace(state, steps=(), current=None), "base", python, command, found)
 
@@ -242,7 +242,7 @@ class Workbench:
             before = fitted(state).fit
             require_parameter(before, name)
             found = self._again(before, before.model.freeze(**{name: value}), state, report)
-            python = f'ac.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
+            python = f'loop.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{state.own_files} -o THIS"
             return self._grown(state, f"{name} held", python, command, found)
 
@@ -254,7 +254,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
             found = self._again(before, before.model.release(name), state, report)
-            python = f'ac.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
+            python = f'loop.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --release {name}{state.own_files} -o THIS"
             return self._grown(state, f"{name} free", python, command, found)
 

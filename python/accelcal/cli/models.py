@@ -61,7 +61,7 @@ def fit(
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
     from accelcal import io, store
-    from accelcal.fit import fit as fit_replay
+    from accelcal.loop import fit as fit_replay
     from accelcal.model import Model
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
@@ -256,7 +256,7 @@ def freeze(
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
     from accelcal import store
-    from accelcal.fit import fit as fit_replay
+    from accelcal.loop import fit as fit_replay
 
     own_effects(effects_file)
     fitted = store.load(model)

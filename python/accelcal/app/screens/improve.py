@@ -96,10 +96,10 @@ def verdict(page: Page) -> None:
     parts.lines(words.asides(bench.state, found), "warning")
     if found.verdict == "adequate":
         ui.label("Nothing missing larger than").classes("strong")
-        parts.table(["effect", "would have been seen from"], words.limits(found)[:LIMITS], "Detection limits")
+        parts.table(["effect", "seen from"], words.limits(found)[:LIMITS], "Detection limits")
         if words.limits(found)[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
-                parts.table(["effect", "from"], words.limits(found)[LIMITS:], "More detection limits")
+                parts.table(["effect", "seen from"], words.limits(found)[LIMITS:], "More detection limits")
     if nothing:
         made = parts.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)

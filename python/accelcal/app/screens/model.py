@@ -25,7 +25,7 @@ def show(page: Page) -> None:
             "Fit a model first, on the screen Data." if page.bench.state.recording else "Load a recording first."
         )
         return
-    with parts.card("Parameters"):
+    with parts.card("Parameters", "parameters"):
         parameters(page)
         parts.lines(step.fit.remarks)
     with ui.element("div").classes("halves"):

@@ -41,7 +41,7 @@ def tiles_of(comparison: Comparison) -> Tiles:
         factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else style.prefixed(b.unit, b.edges)
         shown = style.label("", unit).strip(" ()")
         edges = b.edges * factor
-        rows.append(f"{b.variable}, {edges[0]:.3g} to {edges[-1]:.3g} {shown}")
+        rows.append(f"{b.variable}, {edges[0]:.3g} to {edges[-1]:.3g} {shown}".replace(" -", " −"))
         sigma.append(np.where(b.std > 0.0, b.score, np.nan))
         ranges.append(tuple(f"{a:.3g} to {z:.3g} {shown}" for a, z in itertools.pairwise(edges)))
     width = max((len(s) for s in sigma), default=0)
