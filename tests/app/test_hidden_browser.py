@@ -5,7 +5,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import loop
-from accelcal.app.words import title
+from accelcal.report.view import title
 from tests.hidden.trials import DELAYS, allowed, coasting
 from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
 

@@ -14,7 +14,7 @@ from accelcal import report
 from accelcal.gating import Dropped
 from accelcal.plots.style import MissingExtra
 from accelcal.report.page import script_json
-from accelcal.report.view import METHOD, view
+from accelcal.report.view import METHOD, spoken, view
 from tests.report.conftest import FILE, HOSTILE
 from tests.report.reading import Page
 
@@ -62,8 +62,8 @@ def test_numbers_are_those_of_the_api(pages, lacking, complete):
 def test_the_verdict_comes_first(pages, lacking):
     page = Page(pages["lacking"])
     text = page.text
-    assert lacking.diagnosis.sentence in text
-    assert text.index(lacking.diagnosis.sentence) < text.index("What was found")
+    assert spoken(lacking.diagnosis.sentence) in text
+    assert text.index(spoken(lacking.diagnosis.sentence)) < text.index("What was found")
     assert lacking.diagnosis.verdict in ("named", "tied")
     assert "cubic" in lacking.diagnosis.effects
 
@@ -71,7 +71,7 @@ def test_the_verdict_comes_first(pages, lacking):
 def test_suspect_data_are_said_before_the_verdict(lacking):
     diagnosis = replace(lacking.diagnosis, suspect=("output: 3 samples hit the rail",))
     text = Page(report.light(replace(lacking, diagnosis=diagnosis))).text
-    assert text.index("3 samples hit the rail") < text.index(diagnosis.sentence)
+    assert text.index("3 samples hit the rail") < text.index(spoken(diagnosis.sentence))
 
 
 def test_text_from_files_is_text(pages):

@@ -13,7 +13,7 @@ from accelcal.gauss_newton import Estimate
 from accelcal.importance import Size
 from accelcal.loop import Diagnosis
 from accelcal.plots.interactive.ranking import classes
-from accelcal.report.view import VERDICTS, amount, number, probability, with_unit
+from accelcal.report.view import VERDICTS, amount, number, probability, spoken, title, with_unit
 
 USUAL = ("quadratic", "cubic", "odd_quadratic", "temperature_bias", "temperature_scale", "bias_drift")
 """Effects that people ask about first."""
@@ -39,11 +39,6 @@ class Card:
     """Whether it is what explains most."""
 
 
-def title(name: str) -> str:
-    """An effect's name as people write it."""
-    return name.replace("_", " ")
-
-
 def badge(found: Diagnosis) -> str:
     """The verdict in a few words."""
     return VERDICTS[found.verdict].capitalize()
@@ -51,10 +46,7 @@ def badge(found: Diagnosis) -> str:
 
 def sentence(found: Diagnosis) -> str:
     """The verdict in a sentence, without the identifiers of the catalogue."""
-    text = found.sentence
-    for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
-        text = text.replace(name, title(name))
-    return text.replace(" sigma", " σ")
+    return spoken(found.sentence)
 
 
 def cards(found: Diagnosis, most: int = 8) -> list[Card]:

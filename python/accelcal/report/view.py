@@ -8,7 +8,7 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.budget import COVERAGE_FACTOR, Component
-from accelcal.effects import find
+from accelcal.effects import CATALOGUE, find
 from accelcal.findings import sizes
 from accelcal.fit import tied_sum
 from accelcal.gauss_newton import Estimate
@@ -52,7 +52,7 @@ def view(content: Content) -> dict[str, Any]:
         "title": f"Accelerometer report: {content.recording.name or 'recording'}",
         "verdict": d.verdict,
         "badge": VERDICTS[d.verdict],
-        "sentence": d.sentence,
+        "sentence": spoken(d.sentence),
         "suspect": list(d.suspect),
         "summary": summary(content),
         "found": found(content),
@@ -91,6 +91,18 @@ def typeset(text: str) -> str:
 def with_unit(text: str, unit: str) -> str:
     """A number with its unit; a pure number has none."""
     return text if unit in ("", "1") else f"{text} {unit}"
+
+
+def title(name: str) -> str:
+    """An effect's name as people write it."""
+    return name.replace("_", " ")
+
+
+def spoken(text: str) -> str:
+    """A sentence of the library without the identifiers of the catalogue."""
+    for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
+        text = text.replace(name, title(name))
+    return text.replace(" sigma", " σ")
 
 
 def amount(value: float, std: float, unit: str) -> str:
@@ -214,7 +226,7 @@ def apart(content: Content) -> list[dict[str, str]]:
     ties += [(t, "on this rig as it stands") for t in d.inseparable]
     return [
         {
-            "members": ", ".join(t.members),
+            "members": ", ".join(map(title, t.members)),
             "where": where,
             "experiment": f"{t.experiment[:1].upper()}{t.experiment[1:]}.",
         }
@@ -237,7 +249,7 @@ def falling(content: Content) -> dict[str, Any] | None:
                 "error": error,
                 "shown": style.length(error),
                 "in_model": rung.in_model,
-                "share": None if share is None else f"{100.0 * share:.0f} %",
+                "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
             }
             for name, rung, error, share in zip(
                 steps(climbed), climbed.rungs, climbed.errors, climbed.shares, strict=True

@@ -11,7 +11,7 @@ from accelcal.effects import HOUSE
 from accelcal.effects.expression import FUNCTIONS, MOTION
 from accelcal.fit import tied_sum
 from accelcal.gauss_newton import Estimate
-from accelcal.report.view import number, usual
+from accelcal.report.view import number, title, usual
 
 if TYPE_CHECKING:
     from accelcal.app.page import Page
@@ -57,7 +57,7 @@ def parameters(page: Page) -> None:
                 return
             with ui.row().classes("line tight"):
                 value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value at which {parts.attribute(words.title(e.name))} is held"'
+                    f'dense outlined aria-label="Value at which {parts.attribute(title(e.name))} is held"'
                 )
 
                 async def hold() -> None:
@@ -72,7 +72,7 @@ def parameters(page: Page) -> None:
 
         rows.append(
             [
-                words.title(e.name),
+                title(e.name),
                 e.symbol,
                 words.value(e),
                 usual(e.unit, e.value, e.std),
@@ -103,18 +103,18 @@ def added(page: Page) -> None:
         ui.label("None yet: this is the base model.")
     for name in step.fit.model.added:
         with ui.row().classes("line spread"):
-            ui.label(words.title(name)).classes("strong")
+            ui.label(title(name)).classes("strong")
             parts.button(
                 "Remove",
                 "remove",
                 lambda name=name: page.improve(bench.drop, name),
-                label=f"Remove {words.title(name)}",
+                label=f"Remove {title(name)}",
             )
     known = [e.name for e in HOUSE if e.visible and e.port != "noise" and e.name not in step.fit.model.effects]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(
-            {name: words.title(name) for name in known},
+            {name: title(name) for name in known},
             label="Put in by hand, with or without evidence",
             with_input=True,
         )
