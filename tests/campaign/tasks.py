@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 CALLS = "ACCELCAL_CALLS"
 """Environment variable: the file in which calls are noted, one label a line."""
 
-W2 = FilterChoice("aci", "cubic", form="inverse", integrator="rk4", order=2)
+W2 = FilterChoice("aci", "cubic", form="inverse", interpolation="cubic", integrator="rk4", order=2)
 DT = 1.0 / 1667.0
 TONES = ((5.0, 7.3), (3.0, 19.1), (2.0, 41.7))
 """Amplitudes, m/s², and angular frequencies, rad/s."""
