@@ -15,6 +15,7 @@ use ekf_core::{Aci, Channel, Cwpa, Filter, Form, Wander};
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, Simd, WithSimd};
 
+use crate::block::Block;
 #[cfg(target_arch = "x86_64")]
 use crate::fused::Fused;
 use crate::kernel::{AciWith, CwpaWith, Kernel, runner};
@@ -187,11 +188,11 @@ fn single<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
     while from + 1 < job.batch.samples && went.is_ok() && fault.is_none() {
         let to = (from + STRETCH).min(job.batch.samples - 1);
         went = kernel.follow(&mut runner, &settings, &record, (from, to));
-        fault = ekf_core::belief::plausible(job.prior.states, |i, j| value(K::P(&runner.block, i, j))).err();
+        fault = ekf_core::belief::plausible(job.prior.states, |i, j| value(runner.block.P(i, j))).err();
         from = to;
     }
     let block = &runner.block;
-    let mut ended = job.ended(|i| value(K::x(block, i)), |i, j| value(K::P(block, i, j)), value(runner.score.value()));
+    let mut ended = job.ended(|i| value(block.x(i)), |i, j| value(block.P(i, j)), value(runner.score.value()));
     ended.fault = went.err().map(StepError::from).or(fault).or(ended.fault);
     ended
 }
@@ -215,6 +216,8 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const
     );
     let (output, position): (Vec<_>, Vec<_>) = (0..count).map(|lane| job.rows(run(lane))).unzip();
     let mut stretch = Stretch::new(simd);
+    let N = job.prior.states;
+    let mut P = vec![kind; N * N];
     let mut faults: Vec<Option<StepError>> = vec![None; count];
     let (mut from, mut begun) = (0, false);
     while from + 1 < job.batch.samples {
@@ -223,11 +226,16 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const
         let mut went = if begun { Ok(()) } else { kernel.begin(&mut runner, &settings, &stretch) };
         begun = true;
         went = went.and_then(|()| kernel.follow(&mut runner, &settings, &stretch, (from, to)));
+        // Every covariance is taken out once, not once per lane.
+        for (i, row) in P.chunks_mut(N).enumerate() {
+            for (j, at) in row.iter_mut().enumerate().take(i + 1) {
+                *at = runner.block.P(i, j);
+            }
+        }
         for (lane, fault) in faults.iter_mut().enumerate() {
-            let P = |i: usize, j: usize| K::P(&runner.block, i, j).lane(lane);
             *fault = fault
                 .or_else(|| went.err().map(StepError::from))
-                .or_else(|| ekf_core::belief::plausible(job.prior.states, P).err());
+                .or_else(|| ekf_core::belief::plausible(N, |i, j| P[i * N + j].lane(lane)).err());
         }
         from = to;
     }
@@ -235,7 +243,7 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const
     (0..count)
         .map(|lane| {
             let mut ended =
-                job.ended(|i| K::x(block, i).lane(lane), |i, j| K::P(block, i, j).lane(lane), likelihood.lane(lane));
+                job.ended(|i| block.x(i).lane(lane), |i, j| block.P(i, j).lane(lane), likelihood.lane(lane));
             ended.fault = faults[lane].or(ended.fault);
             ended
         })

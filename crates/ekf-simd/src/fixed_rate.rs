@@ -16,6 +16,7 @@ use pulp::NullaryFnOnce;
 use pulp::x86::V3;
 
 use crate::batch::Prior;
+use crate::block::Block;
 #[cfg(target_arch = "x86_64")]
 use crate::fused::Fused;
 use crate::fused::One;
@@ -190,7 +191,7 @@ impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> Steps<W
         at.unchecked += 1;
         let checked = if at.unchecked == EVERY {
             at.unchecked = 0;
-            plausible(*states, |i, j| K::P(&at.block, i, j))
+            plausible(*states, |i, j| at.block.P(i, j).value())
         } else {
             Ok(())
         };
@@ -231,7 +232,7 @@ where
         for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
             let found = self.step(&Arrival { u, z, ..Arrival::default() }).map_err(|error| (j, error))?;
             let block = &self.at.block;
-            histories.keep(j, self.states, found, |i| K::x(block, i), |i| K::P(block, i, i));
+            histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
         }
         Ok(())
     }
@@ -241,11 +242,11 @@ where
     }
 
     fn x(&self, i: usize) -> f64 {
-        K::x(&self.at.block, i)
+        self.at.block.x(i).value()
     }
 
     fn P(&self, i: usize, j: usize) -> f64 {
-        K::P(&self.at.block, i, j)
+        self.at.block.P(i, j).value()
     }
 
     fn innovation(&self) -> Option<Innovation> {
@@ -305,8 +306,14 @@ impl Plan<'_> {
         let x = |i: usize| kind.like(if i < N { self.prior.x[i] } else { 0.0 });
         let P = |i: usize, j: usize| kind.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
         let taking = Taking { gate, likelihood: Likelihood::new(kind), rejected: 0 };
-        let at =
-            At { block: K::block(x, P), taking, past: Past::default(), innovation: None, unchecked: 0, failed: None };
+        let at = At {
+            block: K::Block::new(x, P),
+            taking,
+            past: Past::default(),
+            innovation: None,
+            unchecked: 0,
+            failed: None,
+        };
         Box::new(Steps { way, kernel, settings, states: N, at })
     }
 }

@@ -7,25 +7,14 @@ use ekf_core::error::DomainError;
 use ekf_core::output::Output;
 use ekf_core::row::Row;
 
+use crate::block::Block;
 use crate::likelihood::Score;
 use crate::run::{Record, Runner, Settings};
 
 /// A filter with its sensor, over a uniform record.
 pub trait Kernel<V: Row, const M: usize>: Copy {
     /// Mean and covariance.
-    type Block: Copy;
-
-    /// States before the parameters.
-    const MOTION: usize;
-
-    /// Blocks of a prior.
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block;
-
-    /// State `i` and covariance `i, j`.
-    fn x(block: &Self::Block, i: usize) -> V::Number;
-
-    /// Covariance of states `i` and `j`.
-    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number;
+    type Block: Block<V, M>;
 
     /// Reads what stands at sample 0.
     ///
@@ -58,7 +47,7 @@ pub fn runner<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
     x: impl Fn(usize) -> V::Number,
     P: impl Fn(usize, usize) -> V::Number,
 ) -> Runner<K::Block, L> {
-    Runner { block: K::block(x, P), score: L::new(kind) }
+    Runner { block: K::Block::new(x, P), score: L::new(kind) }
 }
 
 /// ACI with a sensor.
@@ -78,23 +67,6 @@ pub struct CwpaWith<O> {
 impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
     type Block = AciBlock<V, M>;
 
-    const MOTION: usize = 2;
-
-    #[inline(always)]
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
-        AciBlock::new(x, P)
-    }
-
-    #[inline(always)]
-    fn x(block: &Self::Block, i: usize) -> V::Number {
-        block.x(i)
-    }
-
-    #[inline(always)]
-    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number {
-        block.P(i, j)
-    }
-
     #[inline(always)]
     fn begin<L: Score<V::Number>>(
         &self,
@@ -102,7 +74,8 @@ impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> fo
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
-        runner.read_position(settings, record.position(0))
+        runner.read_position(settings, record.position(0));
+        Ok(())
     }
 
     #[inline(always)]
@@ -120,23 +93,6 @@ impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> fo
 impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
     type Block = CwpaBlock<V, M>;
 
-    const MOTION: usize = 3;
-
-    #[inline(always)]
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
-        CwpaBlock::new(x, P)
-    }
-
-    #[inline(always)]
-    fn x(block: &Self::Block, i: usize) -> V::Number {
-        block.x(i)
-    }
-
-    #[inline(always)]
-    fn P(block: &Self::Block, i: usize, j: usize) -> V::Number {
-        block.P(i, j)
-    }
-
     #[inline(always)]
     fn begin<L: Score<V::Number>>(
         &self,
@@ -144,7 +100,9 @@ impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
-        runner.read(&self.sensor, settings, record, 0)
+        runner.read_output(&self.sensor, settings.order, settings.R_output, record.reading(0))?;
+        runner.read_position(settings, record.position(0));
+        Ok(())
     }
 
     #[inline(always)]

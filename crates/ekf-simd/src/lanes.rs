@@ -33,20 +33,17 @@ impl<S: Simd> Lanes<S> {
         self.simd
     }
 
-    /// As it is where it is a number and zero elsewhere; and one where it is a number, zero elsewhere.
+    /// As it is where it is a number and zero elsewhere; and one where it is a number, zero elsewhere. `None` if no lane
+    /// holds a number.
     #[inline(always)]
-    pub fn numbers(self) -> (Self, Self) {
+    pub fn numbers(self) -> Option<(Self, Self)> {
         let Self { values, simd } = self;
-        let (zero, one) = (simd.splat_f64s(0.0), simd.splat_f64s(1.0));
         let is_number = simd.equal_f64s(values, values);
-        let only = |x| Self { values: simd.select_f64s(is_number, x, zero), simd };
-        (only(values), only(one))
-    }
-
-    /// The sum over the lanes.
-    #[inline(always)]
-    pub fn total(&self) -> f64 {
-        self.simd.reduce_sum_f64s(self.values)
+        if simd.first_true_m64s(is_number) == Self::COUNT {
+            return None;
+        }
+        let only = |x| Self { values: simd.select_f64s(is_number, x, simd.splat_f64s(0.0)), simd };
+        Some((only(values), only(simd.splat_f64s(1.0))))
     }
 
     /// What one lane holds.

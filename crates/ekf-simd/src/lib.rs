@@ -8,6 +8,7 @@
 #![allow(clippy::float_cmp)] // 0.0 and 1.0 are written down, not computed
 
 pub mod batch;
+pub mod block;
 pub mod fixed_rate;
 pub mod fused;
 pub mod kernel;

@@ -11,6 +11,7 @@ use ekf_core::row::Row;
 use ekf_core::update::Innovation;
 use ekf_core::{Integrator, Interpolation};
 
+use crate::block::Block;
 use crate::fused::One;
 use crate::kernel::{AciWith, CwpaWith};
 use crate::likelihood::{Likelihood, Score};
@@ -107,19 +108,10 @@ where
     V::Number: One,
 {
     /// Mean and covariance.
-    type Block: Copy + Send + Sync;
+    type Block: Block<V, M> + Send + Sync;
 
     /// Whether the output drives the state.
     const DRIVEN: bool;
-
-    /// Blocks of a prior.
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block;
-
-    /// State `i`.
-    fn x(block: &Self::Block, i: usize) -> f64;
-
-    /// Covariance of states `i` and `j`.
-    fn P(block: &Self::Block, i: usize, j: usize) -> f64;
 
     /// Predicts to the sample from the one before it, if there was one, and reads it; the newest innovation.
     ///
@@ -144,19 +136,6 @@ where
     type Block = AciBlock<V, M>;
 
     const DRIVEN: bool = true;
-
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
-        AciBlock::new(x, P)
-    }
-
-    fn x(block: &Self::Block, i: usize) -> f64 {
-        block.x(i).value()
-    }
-
-    #[inline(always)]
-    fn P(block: &Self::Block, i: usize, j: usize) -> f64 {
-        block.P(i, j).value()
-    }
 
     #[inline(always)]
     fn step(
@@ -219,19 +198,6 @@ where
 
     const DRIVEN: bool = true;
 
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
-        AciBlock::new(x, P)
-    }
-
-    fn x(block: &Self::Block, i: usize) -> f64 {
-        block.x(i).value()
-    }
-
-    #[inline(always)]
-    fn P(block: &Self::Block, i: usize, j: usize) -> f64 {
-        block.P(i, j).value()
-    }
-
     #[inline(always)]
     fn step(
         &self,
@@ -281,19 +247,6 @@ where
     type Block = CwpaBlock<V, M>;
 
     const DRIVEN: bool = false;
-
-    fn block(x: impl Fn(usize) -> V::Number, P: impl Fn(usize, usize) -> V::Number) -> Self::Block {
-        CwpaBlock::new(x, P)
-    }
-
-    fn x(block: &Self::Block, i: usize) -> f64 {
-        block.x(i).value()
-    }
-
-    #[inline(always)]
-    fn P(block: &Self::Block, i: usize, j: usize) -> f64 {
-        block.P(i, j).value()
-    }
 
     #[inline(always)]
     fn step(

@@ -33,6 +33,16 @@ impl<T> Sample<T> {
     fn is_there(&self) -> bool {
         !matches!(self, Self::None)
     }
+
+    /// The number and, unless it is there in all lanes, where it is; `None` if it is missing in all.
+    #[inline(always)]
+    fn given(self) -> Option<(T, Option<T>)> {
+        match self {
+            Self::None => None,
+            Self::All(z) => Some((z, None)),
+            Self::Some(z, there) => Some((z, Some(there))),
+        }
+    }
 }
 
 /// A uniform record as a run sees it.
@@ -105,103 +115,6 @@ fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolatio
     }
 }
 
-/// How a block takes a number in; a type, because a closure would be compiled without the run's instructions.
-trait Reading<B, T> {
-    fn take(&self, block: &mut B, z: T, there: Option<T>) -> Result<Surprise<T>, DomainError>;
-}
-
-/// Of position, variance `R`.
-struct Position<T> {
-    R: T,
-}
-
-/// Of `p + tau v`, variance `R`.
-struct Ahead<T> {
-    tau: T,
-    R: T,
-}
-
-/// Of the output, variance `R`.
-struct OfOutput<'a, O, T> {
-    sensor: &'a O,
-    order: Order,
-    R: T,
-}
-
-impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Position<V::Number> {
-    #[inline(always)]
-    fn take(
-        &self,
-        block: &mut AciBlock<V, M>,
-        z: V::Number,
-        there: Option<V::Number>,
-    ) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = Surprise { there, ..block.innovate(z, self.R) };
-        block.correct(self.R, &taken);
-        Ok(taken)
-    }
-}
-
-impl<V: Row, const M: usize> Reading<AciBlock<V, M>, V::Number> for Ahead<V::Number> {
-    #[inline(always)]
-    fn take(
-        &self,
-        block: &mut AciBlock<V, M>,
-        z: V::Number,
-        there: Option<V::Number>,
-    ) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = Surprise { there, ..block.innovate_ahead(self.tau, z, self.R) };
-        block.correct_ahead(self.tau, &taken);
-        Ok(taken)
-    }
-}
-
-impl<V: Row, const M: usize> Reading<CwpaBlock<V, M>, V::Number> for Position<V::Number> {
-    #[inline(always)]
-    fn take(
-        &self,
-        block: &mut CwpaBlock<V, M>,
-        z: V::Number,
-        there: Option<V::Number>,
-    ) -> Result<Surprise<V::Number>, DomainError> {
-        let taken = Surprise { there, ..block.innovate_position(z, self.R) };
-        block.correct_position(self.R, &taken);
-        Ok(taken)
-    }
-}
-
-impl<V: Row, const M: usize, O: Output<V>> Reading<CwpaBlock<V, M>, V::Number> for OfOutput<'_, O, V::Number> {
-    #[inline(always)]
-    fn take(
-        &self,
-        block: &mut CwpaBlock<V, M>,
-        z: V::Number,
-        there: Option<V::Number>,
-    ) -> Result<Surprise<V::Number>, DomainError> {
-        let mut taken = block.innovate_output(self.sensor, self.order, z, self.R)?;
-        taken.surprise.there = there;
-        block.correct_output(&taken);
-        Ok(taken.surprise)
-    }
-}
-
-impl<B, L> Runner<B, L> {
-    /// Takes a sample in where it is there.
-    #[inline(always)]
-    fn take<T>(&mut self, sample: Sample<T>, reading: &impl Reading<B, T>) -> Result<(), DomainError>
-    where
-        L: Score<T>,
-    {
-        let taken = match sample {
-            Sample::None => return Ok(()),
-            Sample::All(z) => reading.take(&mut self.block, z, None)?,
-            Sample::Some(z, there) => reading.take(&mut self.block, z, Some(there))?,
-        };
-        self.score.add(&taken);
-        Ok(())
-    }
-}
-
 /// The output at start, middle and end of the step from sample `j`.
 #[inline(always)]
 fn during<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize) -> [T; 3] {
@@ -239,7 +152,7 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
                     dt,
                 };
                 self.block.step(integrator, q, &settings.wandering, &course)?;
-                self.read_position(settings, record.position(j + 1))?;
+                self.read_position(settings, record.position(j + 1));
             }
             return Ok(());
         }
@@ -280,23 +193,28 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
                     };
                 }
             }
-            here.read_position(settings, sample)?;
+            here.read_position(settings, sample);
         }
         *self = here;
         Ok(())
     }
 
     /// Takes a position in, if there is one.
-    ///
-    /// # Errors
-    /// None of its own.
     #[inline(always)]
-    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) -> Result<(), DomainError> {
-        let R = settings.R_position;
-        if settings.tau == 0.0 {
-            return self.take(sample, &Position { R });
-        }
-        self.take(sample, &Ahead { tau: R.like(settings.tau), R })
+    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
+        let Some((z, there)) = sample.given() else { return };
+        let (R, block) = (settings.R_position, &mut self.block);
+        let taken = if settings.tau == 0.0 {
+            let taken = Surprise { there, ..block.innovate(z, R) };
+            block.correct(R, &taken);
+            taken
+        } else {
+            let tau = R.like(settings.tau);
+            let taken = Surprise { there, ..block.innovate_ahead(tau, z, R) };
+            block.correct_ahead(tau, &taken);
+            taken
+        };
+        self.score.add(&taken);
     }
 }
 
@@ -320,11 +238,11 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
         if integrator != Integrator::Exact || !settings.wandering.still() {
             for j in from..to {
                 self.block.step(integrator, dt, q, &settings.wandering);
-                self.read(sensor, settings, record, j + 1)?;
+                self.read_output(sensor, order, R_output, record.reading(j + 1))?;
+                self.read_position(settings, record.position(j + 1));
             }
             return Ok(());
         }
-        let output = OfOutput { sensor, order, R: R_output };
         let mut here = *self;
         let mut reached = from;
         while reached < to {
@@ -333,33 +251,44 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
             for j in from..to {
                 here.block.exact(dt, q);
                 reached = j + 1;
-                here.take(record.reading(reached), &output)?;
+                here.read_output(sensor, order, R_output, record.reading(reached))?;
                 sample = record.position(reached);
                 if sample.is_there() {
                     break;
                 }
             }
-            here.take(sample, &Position { R: settings.R_position })?;
+            here.read_position(settings, sample);
         }
         *self = here;
         Ok(())
     }
 
-    /// Takes what stands at sample `j` in.
+    /// Takes an output in, if there is one.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn read<O: Output<V>>(
+    pub fn read_output<O: Output<V>>(
         &mut self,
         sensor: &O,
-        settings: &Settings<V, M>,
-        record: &impl Record<V::Number>,
-        j: usize,
+        order: Order,
+        R: V::Number,
+        sample: Sample<V::Number>,
     ) -> Result<(), DomainError> {
-        let &Settings { order, R_output, R_position, .. } = settings;
-        self.take(record.reading(j), &OfOutput { sensor, order, R: R_output })?;
-        self.take(record.position(j), &Position { R: R_position })?;
+        let Some((z, there)) = sample.given() else { return Ok(()) };
+        let mut taken = self.block.innovate_output(sensor, order, z, R)?;
+        taken.surprise.there = there;
+        self.block.correct_output(&taken);
+        self.score.add(&taken.surprise);
         Ok(())
+    }
+
+    /// Takes a position in, if there is one.
+    #[inline(always)]
+    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
+        let Some((z, there)) = sample.given() else { return };
+        let taken = Surprise { there, ..self.block.innovate_position(z, settings.R_position) };
+        self.block.correct_position(settings.R_position, &taken);
+        self.score.add(&taken);
     }
 }

@@ -16,6 +16,7 @@ use ekf_core::system::{Drive, Rates, System, Transition};
 use ekf_core::update::{Reading, correct, innovate};
 use ekf_core::wandering::Wandering;
 use ekf_core::{Aci, Belief, Carrier, Cwpa, Filter, Form, Integrator, Interpolation, Order, Segment, Sensor, Wander};
+use ekf_simd::block::Block;
 use ekf_simd::fused::Fused;
 use ekf_simd::kernel::{AciWith, CwpaWith, Kernel, runner};
 use ekf_simd::likelihood::{Likelihood, NotAsked, Score};
@@ -149,20 +150,20 @@ fn go<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
         interpolation: Interpolation::Linear,
         integrator,
         order,
-        q: c(if K::MOTION == 3 { JERK } else { QV }),
+        q: c(if K::Block::MOTION == 3 { JERK } else { QV }),
         R_position: c(R_POSITION),
         R_output: c(R_OUTPUT),
         tau: 0.0,
         wandering: Wandering::new(kind, [Wander::CONSTANT; M]),
     };
     let mut runner =
-        runner::<K, V, L, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::MOTION, i) } else { 0.0 }));
+        runner::<K, V, L, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
     let record = Rows { output: &data.u, position: &data.z, kind };
     let went = kernel.follow(&mut runner, &settings, &record, (0, data.u.len() - 1));
     assert!(went.is_ok());
-    (0..K::MOTION + M)
-        .map(|i| value(K::x(&runner.block, i)))
-        .chain((0..K::MOTION + M).map(|i| value(K::P(&runner.block, i, i))))
+    (0..K::Block::MOTION + M)
+        .map(|i| value(runner.block.x(i)))
+        .chain((0..K::Block::MOTION + M).map(|i| value(runner.block.P(i, i))))
         .chain([value(runner.score.value())])
         .collect()
 }
