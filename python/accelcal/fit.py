@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from accelcal.gauss_newton import MAX_ROUNDS, Estimate, Layout, NotIdentifiable, Solution, iterate
+from accelcal.gauss_newton import MAX_ROUNDS, Estimate, Layout, NotIdentifiable, Solution, estimated, iterate
 from accelcal.model import Model, Prior
 from accelcal.passes import LEAST_BLOCKS, Pass, RunFit
 from accelcal.recording import Array, Recording, RecordingError
@@ -239,7 +239,7 @@ def choose_band(model: Model, one: Pass) -> float | None:
     best: tuple[float, float] | None = None
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
-            trial = iterate(model, [one.run], [float(band)])
+            trial = estimated(model, [Pass.begin(one.run, model, float(band))])
         except (NotIdentifiable, ValueError):
             continue
         slot = next((i for i, (e, _) in enumerate(trial.layout.slots) if e.name == "scale_factor"), None)

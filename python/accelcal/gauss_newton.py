@@ -73,15 +73,29 @@ def iterate(
     bands: Sequence[float | None],
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
-    """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors.
+    """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors, all of it taken there.
 
     Raises
     ------
     NotIdentifiable
         If the information matrix is singular.
     """
-    layout = Layout.of(model, len(runs))
-    passes = [Pass.begin(run, model, band) for run, band in zip(runs, bands, strict=True)]
+    solution = estimated(model, [Pass.begin(run, model, band) for run, band in zip(runs, bands, strict=True)], report)
+    for index, one in enumerate(solution.passes):
+        one.values = solution.layout.scatter(solution.x, model, index)
+        one.refresh(noise_too=False)
+    return solution
+
+
+def estimated(model: Model, passes: list[Pass], report: Callable[[float], None] = lambda share: None) -> Solution:
+    """The same for who asks for estimates and covariance alone: the passes stay where the last step began.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the information matrix is singular.
+    """
+    layout = Layout.of(model, len(passes))
     x = layout.gather([p.values for p in passes])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
     converged = False
@@ -101,9 +115,6 @@ def iterate(
             break
     if any(one.band is not None for one in passes):
         covariance = robust(covariance, layout, passes, belief)
-    for index, one in enumerate(passes):
-        one.values = layout.scatter(x, model, index)
-        one.refresh(noise_too=False)
     return Solution(model, layout, x, covariance, passes, converged)
 
 

@@ -18,7 +18,7 @@ from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
 from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated, wild
-from accelcal.gauss_newton import NotIdentifiable, Solution, iterate
+from accelcal.gauss_newton import NotIdentifiable, Solution, estimated
 from accelcal.importance import Importance, Size, sizes_of, split
 from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.recording import Recording
@@ -386,9 +386,8 @@ def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:
     try:
         for finding in found.found:
             model = finding.enter(model)
-        runs = [one.run for one in solution.passes]
-        again = iterate(model, runs, [one.band for one in solution.passes])
-        judge(again.layout, again.x, again.covariance, runs)
+        again = estimated(model, [one.grown(model) for one in solution.passes])
+        judge(again.layout, again.x, again.covariance, [one.run for one in solution.passes])
         estimates = again.layout.estimates(again.x, again.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=again.covariance)
     except ValueError:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.model import Model, Term
+from accelcal.model import NOMINAL, Model, Term
 from accelcal.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
 from accelcal.recording import Array
 from accelcal.replay import Drive, Flags, Noise, Run, Values
@@ -69,16 +69,18 @@ class Pass:
     @classmethod
     def begin(cls, run: Run, model: Model, band: float | None) -> Pass:
         """First guess: output and a constant regressed on the encoder, noise by grid search."""
-        start = {
-            e.name: model.fixed.get(e.name, model.priors[e.name].mean if e.name in model.priors else 0.0)
-            for e in model.terms
-        }
+        start = at_first(model)
         scale, constant, noise = first_guess(run, start["time_offset"])
         if "scale_factor" not in model.fixed:
             start["scale_factor"] = scale - 1.0
         if "bias" not in model.fixed:
             start["bias"] = constant
         return cls(run, Values(start, model.terms), noise, model.free, band)
+
+    def grown(self, model: Model) -> Pass:
+        """A pass for a model with further effects, begun at the nominal and the noise of this one."""
+        nominal = {name: value for name, value in self.values.by_name.items() if name in NOMINAL}
+        return Pass(self.run, Values(at_first(model) | nominal, model.terms), self.loud, model.free, self.band)
 
     def refresh(self, *, noise_too: bool) -> None:
         """Nominal, noise, filter, smoothed signals and normal equations at the current values."""
@@ -187,6 +189,14 @@ class Pass:
         ratio = np.diag(self.normal.spread) / np.diag(self.normal.gram)
         factor = float(np.exp(np.mean(np.log(ratio))))
         return Noise(self.noise.q * factor, self.noise.r * factor)
+
+
+def at_first(model: Model) -> dict[str, float]:
+    """Coefficients before anything is known of them: where they are held, the mean of their prior, or zero."""
+    return {
+        e.name: model.fixed.get(e.name, model.priors[e.name].mean if e.name in model.priors else 0.0)
+        for e in model.terms
+    }
 
 
 def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
