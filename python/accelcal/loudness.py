@@ -15,6 +15,8 @@ FINE_BANDS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
 """Window of blocks that resolve colour: it hides what is 90 dB louder 100 Hz away, at a few kHz."""
 BRIEF: Array = scipy.signal.windows.hann(32, sym=False)
 """Window of blocks that resolve the peaks of a move's speed; for series without anything loud below them."""
+TOGETHER = 4096
+"""Blocks that are transformed at a time."""
 MEMORY = 200
 """Blocks over which the scatter may be correlated."""
 
@@ -43,9 +45,16 @@ class Spectra:
         kept = _block_means(taken.astype(np.float64), window) > 0.7
         if len(y) < n:
             return cls(f[rows], np.zeros((0, len(f[rows]))), kept, window)
-        blocks = np.lib.stride_tricks.sliding_window_view(y, n)[:: n // 2][kept]
-        transform = np.asarray(scipy.fft.rfft(blocks * (window / math.sqrt(float(window @ window))), axis=1)[:, rows])
-        return cls(f[rows], transform.real**2 + transform.imag**2, kept, window)
+        blocks = np.lib.stride_tricks.sliding_window_view(y, n)[:: n // 2]
+        weight = window / math.sqrt(float(window @ window))
+        power = np.empty((int(np.sum(kept)), len(f[rows])))
+        filled = 0
+        for begin in range(0, len(blocks), TOGETHER):
+            part = blocks[begin : begin + TOGETHER][kept[begin : begin + TOGETHER]]
+            transform = scipy.fft.rfft(part * weight, axis=1)[:, rows]
+            power[filled : filled + len(part)] = transform.real**2 + transform.imag**2
+            filled += len(part)
+        return cls(f[rows], power, kept, window)
 
     def means(self, x: Array) -> Array:
         """Mean of a uniform series (n,) over each block that is kept, weighed as its power is, (K,)."""

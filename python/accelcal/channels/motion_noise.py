@@ -33,8 +33,7 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
     beside the other's. Where the record cannot tell the two apart (a single tone: j = -w² v), both are told of.
     """
     spectra = seen.brief
-    v, jerk = seen.motion
-    v2, v4, j2 = (spectra.means(x) for x in (v**2, v**4, jerk**2))
+    v2, v4, j2 = seen.motion_blocks(spectra)
     if len(v2) < LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
@@ -130,13 +129,12 @@ def vibration_found(
 ) -> ChannelFinding:
     """What the test of vibration says: how loud at top speed, and where."""
     spectra = seen.brief
-    v, jerk = seen.motion
-    v4, j2 = (spectra.means(x) for x in (v**4, jerk**2))
+    _, v4, j2 = seen.motion_blocks(spectra)
     share = 1.0 - 2.3 * seen.edge / seen.rate  # of white noise that `background` holds
     power = spectra.means(seen.background**2) - max(share, 0.0) * jitter**2 * j2
     power = np.maximum(power, 0.05 * float(np.median(power)))
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
-    top = float(np.max(np.abs(v)))
+    top = float(np.max(np.abs(seen.motion[0])))
     about = shaken(spectra.power, v4, band)
     line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < ALARM), None)
     frequency = line.parts["frequency"] if line else loudest_at(seen, spectra.f[band])

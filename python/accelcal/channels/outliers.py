@@ -19,14 +19,15 @@ def course(seen: Residuals, gain: Array) -> Array:
     Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², put back to every sample.
     """
     spectra = seen.spectra
-    v, jerk = seen.motion
-    motions = np.column_stack([np.ones(seen.n), v**2, v**4, jerk**2])
     if len(spectra.power) < LEAST_BLOCKS:
         return np.ones(seen.n)
     f = np.linspace(0.0, 0.5 * seen.rate, len(gain))
     power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
-    c, _ = power_fit(power, np.column_stack([spectra.means(x) for x in motions.T]))
-    return np.asarray(np.sqrt(np.maximum(motions @ c, 0.1 * float(np.median(power)) + 1e-300)))
+    c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *seen.motion_blocks(spectra)]))
+    v, jerk = seen.motion
+    v2 = v**2
+    behind = c[0] + (c[1] + c[2] * v2) * v2 + c[3] * jerk**2
+    return np.asarray(np.sqrt(np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300)))
 
 
 def accelerometer_outliers(seen: Residuals) -> ChannelFinding:

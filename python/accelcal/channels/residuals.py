@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from accelcal.breaks import local_spread
 from accelcal.channels.finding import ALARM
+from accelcal.channels.surprise import Surprise, above
 from accelcal.channels.wild import OUTLIER, Outliers, isolated, outliers, spread_of
 from accelcal.loudness import BRIEF, Spectra
 from accelcal.passes import Pass
@@ -24,12 +24,6 @@ MEMORY = 4.0
 """Time constants after which the filter has forgotten an outlier."""
 REPAIRS = 2
 """Rounds of filling in loud samples; the noise that tells how to is known better without them."""
-REACH = 16
-"""Samples on either side that matter for what one should be."""
-KNOWN = 0.5
-"""Share of what is known of a sample that neighbours which are lost may take away."""
-FILLINGS = 12
-"""Steps of conjugate gradients for lost samples; most of them stand alone, and few steps fill those."""
 
 
 class Residuals:
@@ -46,16 +40,21 @@ class Residuals:
         spoiled = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
         spoiled = min(spoiled, 0.05 * float(run.t[-1] - run.t[0]))
         t = run.accel.t
-        inside = (t >= run.t[0] + spoiled) & (t <= run.t[-1] - spoiled)
+        begin = int(np.searchsorted(t, run.t[0] + spoiled))
+        inside = slice(begin, int(np.searchsorted(t, run.t[-1] - spoiled, side="right")))
         self.t_u, self.u = t[inside], run.accel.y[inside]
         self.place: NDArray[np.intp] = np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp)
         self.n = int(self.place[-1]) + 1
         self.taken = np.zeros(self.n, dtype=np.bool_)
         self.taken[self.place] = True
-        self.t = self.t_u[0] + self.step * np.arange(self.n)
         self.edge = min(max(HIGH * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.taken[:ends] = self.taken[self.n - ends :] = False
+
+    @property
+    def t(self) -> Array:
+        """Uniform times, (n,) s."""
+        return np.asarray(self.t_u[0] + self.step * np.arange(self.n))
 
     @property
     def model(self) -> Array:
@@ -77,65 +76,40 @@ class Residuals:
         """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
         model = self.model
         slope = np.gradient(model, self.step)[self.place]
-        r = self.u - model[self.place] - slope * (self.t_u - self.t[self.place])
+        r = self.u - model[self.place] - slope * (self.t_u - self.t_u[0] - self.step * self.place)
         return np.asarray(np.interp(np.arange(self.n), self.place, r))
 
     @cached_property
-    def high(self) -> Array:
-        """Residual above the band of any motion, (n,) m/s²."""
-        return above(self.residual, self.rate, self.edge)
-
-    @cached_property
     def background(self) -> Array:
-        """`high` with lost and loud single samples filled in from their neighbours, so that none rings in its block."""
-        lost = np.ones(self.n, dtype=np.bool_)
-        lost[self.place] = False
-        whole = self.high
+        """Residual above the band of any motion, (n,) m/s², lost and loud single samples filled in from their
+        neighbours, so that none rings in its block."""
+        lost, correction = self.lost, np.zeros(self.n)
+        whole = above(self.residual, self.rate, self.edge)
         for _ in range(REPAIRS):
-            gain = self.gain_of(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
-            y, correction = self.surprises(gain, lost)
-            y = y[self.taken]
-            spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0))
+            surprise = self.surprise(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+            off = surprise(self.residual - np.mean(self.residual))
+            correction = surprise.correction(off, lost)
+            y = surprise.corrected(off, correction, lost)[self.taken]
+            spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0))
             loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
             if len(loud) == 0:
                 break
             loud = np.flatnonzero(self.taken)[loud]
-            lost[np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1)] = True
-            _, correction = self.surprises(gain, lost)
+            lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
+            correction = surprise.correction(off, lost)
             whole = above(self.residual - correction, self.rate, self.edge)
         return above(self.residual - correction, self.rate, self.edge)
 
-    def gain_of(self, spectra: Spectra) -> Array:
-        """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
+    def surprise(self, spectra: Spectra) -> Surprise:
+        """Filter that tells what a sample is off by, for noise with these spectra."""
+        return Surprise.of(spectra, self.n, self.rate, self.edge)
 
-        A single wrong sample is white: the filter divides by the power of the noise at each frequency.
-        """
-        f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(self.n, real=True), self.step)
-        gain = soft_edge(f, self.edge)
-        if len(spectra.power):
-            gain = gain / np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), 1e-300))
-        return np.asarray(gain / np.mean(gain))
-
-    def surprises(self, gain: Array, lost: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """What each sample of the residual is off by, and what lost ones must be corrected by not to be, (n,) m/s².
-
-        Beside a lost sample less is known: the first is scaled to the spread that it has elsewhere. Beside several too
-        little is known, and nothing is said.
-        """
-        n = scipy.fft.next_fast_len(self.n, real=True)
-
-        def surprise(y: Array) -> Array:
-            return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y, n) * gain, n)[: self.n])
-
-        y = surprise(self.residual - np.mean(self.residual))
-        if not lost.any():
-            return y, np.zeros_like(y)
-        correction = filled(surprise, y, lost)
-        response = scipy.fft.irfft(gain, n)
-        reach = np.concatenate([response[REACH:0:-1], [0.0], response[1 : REACH + 1]]) / response[0]
-        known = 1.0 - np.convolve(lost.astype(np.float64), reach**2, "same")
-        y = y - surprise(correction)
-        return np.where(known > KNOWN, y / np.sqrt(np.maximum(known, KNOWN)), 0.0), correction
+    @property
+    def lost(self) -> NDArray[np.intp]:
+        """Uniform times at which no sample was taken."""
+        missing = np.ones(self.n, dtype=np.bool_)
+        missing[self.place] = False
+        return np.flatnonzero(missing)
 
     @cached_property
     def spectra(self) -> Spectra:
@@ -150,16 +124,21 @@ class Residuals:
     @cached_property
     def matched(self) -> tuple[Array, Array]:
         """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
-        gain = self.gain_of(self.spectra)
-        lost = np.ones(self.n, dtype=np.bool_)
-        lost[self.place] = False
-        return self.surprises(gain, lost)[0], gain
+        surprise, lost = self.surprise(self.spectra), self.lost
+        off = surprise(self.residual - np.mean(self.residual))
+        return surprise.corrected(off, surprise.correction(off, lost), lost), surprise.gain
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
         """Velocity and jerk at the uniform times."""
         t = self.signals.t + self.run.origins.t
         return np.interp(self.t, t, self.signals.v), np.interp(self.t, t, self.signals.jerk)
+
+    def motion_blocks(self, spectra: Spectra) -> tuple[Array, Array, Array]:
+        """Means of v², v⁴ and jerk² over the blocks of some spectra, (K,) each."""
+        v, jerk = self.motion
+        v2, v4, j2 = (spectra.means(x) for x in (v**2, v**4, jerk**2))
+        return v2, v4, j2
 
     @cached_property
     def lsb(self) -> float:
@@ -198,35 +177,6 @@ class Residuals:
     def rc_gain(self, frequency: float) -> float:
         """What the declared low-pass leaves of a line."""
         return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
-
-
-def filled(surprise: Callable[[Array], Array], y: Array, lost: NDArray[np.bool_]) -> Array:
-    """Corrections of lost samples after which none of them surprises: (n,), zero where a sample was taken."""
-    x, r = np.zeros_like(y), np.where(lost, y, 0.0)
-    p, power = r, float(r @ r)
-    least = 1e-8 * power
-    for _ in range(FILLINGS):
-        if power <= least:
-            break
-        q = np.where(lost, surprise(p), 0.0)
-        step = power / float(p @ q)
-        x, r = x + step * p, r - step * q
-        before, power = power, float(r @ r)
-        p = r + (power / before) * p
-    return x
-
-
-def above(y: Array, rate: float, edge: float) -> Array:
-    """Part of uniform samples above a frequency, with a soft edge that reaches 30 % higher."""
-    n = scipy.fft.next_fast_len(len(y), real=True)
-    f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
-    return np.asarray(scipy.fft.irfft(scipy.fft.rfft(y - np.mean(y), n) * soft_edge(f, edge), n)[: len(y)])
-
-
-def soft_edge(f: Array, edge: float) -> Array:
-    """Gain that rises from 0 at a frequency to 1 at 30 % more."""
-    weight = np.clip((f - edge) / (0.3 * edge), 0.0, 1.0)
-    return np.asarray(0.5 - 0.5 * np.cos(np.pi * weight))
 
 
 def grid_step(y: Array) -> float:
