@@ -45,6 +45,8 @@ class Usable:
     """s"""
     breaks: tuple[float, ...]
     """Instants from which on no relation holds, s; empty when the whole record is good."""
+    columns: Columns
+    """Of the whole overlap of the channels."""
 
 
 def usable(recording: Recording) -> Usable:
@@ -56,12 +58,13 @@ def usable(recording: Recording) -> Usable:
         If the channels do not overlap.
     """
     run = Run(recording)
-    breaks = find_breaks(run)
+    columns = Columns(run)
+    breaks = find_breaks(columns)
     start, end = float(run.t[0]), float(run.t[-1])
     if breaks:
         before = run.t[run.t < breaks[0]]
         end = float(before[-1])
-    return Usable(start, end, breaks)
+    return Usable(start, end, breaks, columns)
 
 
 # ---- breaks ------------------------------------------------------------------------------------------------------
@@ -84,12 +87,12 @@ EVIDENCE = 30.0
 """Log-likelihood that a break must gain, search included."""
 
 
-def find_breaks(run: Run) -> tuple[float, ...]:
+def find_breaks(columns: Columns) -> tuple[float, ...]:
     """First instant from which on no linear relation between output and encoder holds, to the end of the record.
 
     Parameters
     ----------
-    run : a record; nothing need be fitted.
+    columns : of a record; nothing need be fitted.
 
     Returns
     -------
@@ -102,12 +105,12 @@ def find_breaks(run: Run) -> tuple[float, ...]:
     own, and its residual is louder by a factor that effects, vibration and a change from rest to motion do not reach.
     A slow departure shows in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
     """
+    run = columns.run
     top = 0.1 / run.reading_step
     lowest = 4.0 * LEAST_BLOCKS / float(run.t[-1] - run.t[0])
     if lowest >= top:
         return ()
     count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
-    columns = Columns(run)
     widest, found = 0.0, math.inf
     for band in np.geomspace(top, lowest, count):
         if band < widest / BANDS_BELOW:
@@ -330,13 +333,14 @@ LOCAL = 64
 """Readings over which a local spread is taken."""
 
 
-def faults(recording: Recording, run: Run) -> tuple[Fault, ...]:
+def faults(recording: Recording, run: Run, columns: Columns | None = None) -> tuple[Fault, ...]:
     """What a channel did that no physics of the sensor explains, in order of time.
 
     Parameters
     ----------
     recording : for its channels as they were read.
     run : the stretch in use; faults outside of it are not reported.
+    columns : of that run, where they are at hand.
 
     Returns
     -------
@@ -344,7 +348,7 @@ def faults(recording: Recording, run: Run) -> tuple[Fault, ...]:
     """
     found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
     found += [*rail_hits(run), *stuck(run)]
-    columns = Columns(run)
+    columns = columns or Columns(run)
     found += [*position_steps(columns), *dropped_samples(columns)]
     inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
     return tuple(sorted(inside, key=lambda f: f.time))

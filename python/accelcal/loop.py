@@ -225,11 +225,13 @@ class Stretch:
         A stretch that the user chose is taken as it is.
         """
         breaks: tuple[float, ...] = ()
+        columns = None
         if start is None and end is None:
             found = usable(recording)
             start, end, breaks = found.start, found.end, found.breaks
-        run = Run(recording, start=start, end=end)
-        suspect = tuple(fault.sentence for fault in faults(recording, run))
+            columns = None if breaks else found.columns
+        run = Run(recording, start=start, end=end) if columns is None else columns.run
+        suspect = tuple(fault.sentence for fault in faults(recording, run, columns))
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
 

@@ -106,11 +106,12 @@ def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
     """Coefficients of power = X c, c not negative, spread proportional to the mean (quasi-likelihood), covariance."""
     size = np.maximum(np.max(np.abs(X), axis=0), 1e-300)
     X = X / size
-    mean = np.full(len(power), float(np.median(power)))
+    usual = float(np.median(power))
+    mean = np.full(len(power), usual)
     for _ in range(8):
         w = 1.0 / mean
         c, _ = scipy.optimize.nnls(X * w[:, None], power * w)
-        mean = np.maximum(X @ c, 0.05 * float(np.median(power)) + 1e-300)
+        mean = np.maximum(X @ c, 0.05 * usual + 1e-300)
     spread = max(float(np.mean((power / mean - 1.0) ** 2)), 1e-12)  # all at one floor scatters not at all
     A = (X / mean[:, None]).T @ (X / mean[:, None])
     covariance = spread * np.linalg.inv(A + 1e-12 * np.trace(A) * np.eye(len(A)))

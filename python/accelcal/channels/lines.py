@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.channels.finding import ALARM, LEAST_BLOCKS, ChannelFinding
 from accelcal.channels.motion_noise import rank_correlation
@@ -123,11 +123,20 @@ def local_level(part: Array, m: int = NEIGHBOURS) -> tuple[Array, int]:
     m = min(m, len(part))
     K = max(1, len(part) // m)
     edges = np.linspace(0, len(part), K + 1).astype(int)
-    medians = np.array([np.median(part[a:b]) for a, b in pairwise(edges)]) / math.log(2.0)
-    medians = np.maximum(medians, 1e-300)
+    medians = np.maximum(medians_between(part, edges) / math.log(2.0), 1e-300)
     centres = 0.5 * (edges[:-1] + edges[1:])
     # The spectrum may fall steeply between blocks (RC, whitening): follow it by straight lines of its logarithm.
     return np.exp(np.interp(np.arange(len(part)), centres, np.log(medians))), m
+
+
+def medians_between(y: Array, edges: NDArray[np.intp]) -> Array:
+    """Median of each stretch of a series between neighbouring edges, (len(edges) - 1,)."""
+    length = np.diff(edges)
+    medians = np.empty(len(length))
+    for several in np.unique(length):
+        alike = length == several
+        medians[alike] = np.median(y[edges[:-1][alike][:, None] + np.arange(several)], axis=1)
+    return medians
 
 
 def line(

@@ -36,14 +36,19 @@ def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]]) -> list[int]:
     return kept
 
 
-def refine(runs: Sequence[Known], items: Sequence[Item], finalists: Sequence[int]) -> list[Item]:
+def refine(evidence: Evidence, finalists: Sequence[int]) -> list[Item]:
     """Finalists, one for each effect, with shape parameters by likelihood."""
-    first = {items[i].effect.name: items[i] for i in reversed(finalists)}
-    return [refined(runs, first[name]) for name in dict.fromkeys(items[i].effect.name for i in finalists)]
+    items = evidence.items
+    first = {items[i].effect.name: i for i in reversed(finalists)}
+    names = dict.fromkeys(items[i].effect.name for i in finalists)
+    return [refined(evidence.runs, items[first[name]], evidence.gain(first[name])[0]) for name in names]
 
 
-def refined(runs: Sequence[Known], item: Item) -> Item:
-    """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid."""
+def refined(runs: Sequence[Known], item: Item, gain: float) -> Item:
+    """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid.
+
+    `gain` is what it gains as it is.
+    """
     s = runs[0].carrier.signals
     shape = dict(item.shape)
     for name, declared in item.effect.shapes.items():
@@ -58,8 +63,8 @@ def refined(runs: Sequence[Known], item: Item) -> Item:
 
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
-        if float(best.fun) < loss(shape[name]):
-            shape[name] = float(best.x)
+        if -float(best.fun) > gain:
+            shape[name], gain = float(best.x), -float(best.fun)
     return Item(item.effect, shape, item.looks, item.near)
 
 

@@ -118,7 +118,7 @@ def scan(
     evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence))
     report(0.65)
-    refined = refine(runs, items, finalists)
+    refined = refine(evidence, finalists)
     report(0.8)
     final = Evidence(runs, refined)
     report(0.9)

@@ -109,7 +109,7 @@ class Search:
             if item.effect.name in taken:
                 continue
             gain, dof = float(gains[i]), int(dofs[i])
-            if not self.significant(gain, dof, item) or gain < SHADOW * first:
+            if gain < SHADOW * first or not self.significant(gain, dof, item):
                 continue
             if robust is not None and not self.significant(gain / robust.inflation(i, chosen), dof, item):
                 continue
