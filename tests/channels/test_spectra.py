@@ -1,5 +1,7 @@
 """Spectra and medians taken all at once are those taken one after the other."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import scipy
@@ -10,7 +12,7 @@ from accelcal.channels.lines import medians_between
 from accelcal.signals import spectral_density
 
 
-@pytest.mark.parametrize("n, segment", [(4000, 256), (1001, 501), (300, 300)])
+@pytest.mark.parametrize(("n", "segment"), [(4000, 256), (1001, 501), (300, 300)])
 def test_density_is_that_of_welch(n, segment):
     y = np.cumsum(np.random.default_rng(n).standard_normal(n)) + 100.0
     f, density = spectral_density(y, 50.0, segment)
@@ -23,5 +25,5 @@ def test_density_is_that_of_welch(n, segment):
 def test_medians_between_edges_are_those_of_each_stretch(lengths, seed):
     edges = np.cumsum([0, *lengths])
     y = np.random.default_rng(seed).standard_normal(edges[-1])
-    expected = [np.median(y[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    expected = [np.median(y[a:b]) for a, b in pairwise(edges)]
     np.testing.assert_array_equal(medians_between(y, edges), expected)

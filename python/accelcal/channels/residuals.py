@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from accelcal.breaks import local_spread
 from accelcal.channels.finding import ALARM
-from accelcal.channels.surprise import Surprise, above
+from accelcal.channels.surprise import Places, Surprise, above
 from accelcal.channels.wild import OUTLIER, Outliers, isolated, outliers, spread_of
 from accelcal.loudness import BRIEF, Spectra
 from accelcal.passes import Pass
@@ -43,13 +42,18 @@ class Residuals:
         begin = int(np.searchsorted(t, run.t[0] + spoiled))
         inside = slice(begin, int(np.searchsorted(t, run.t[-1] - spoiled, side="right")))
         self.t_u, self.u = t[inside], run.accel.y[inside]
-        self.place: NDArray[np.intp] = np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp)
-        self.n = int(self.place[-1]) + 1
+        place = self.place
+        self.n = int(place[-1]) + 1
         self.taken = np.zeros(self.n, dtype=np.bool_)
-        self.taken[self.place] = True
+        self.taken[place] = True
         self.edge = min(max(HIGH * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.taken[:ends] = self.taken[self.n - ends :] = False
+
+    @property
+    def place(self) -> Places:
+        """Uniform time of each sample, counted from the first."""
+        return np.asarray(np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp))
 
     @property
     def t(self) -> Array:
@@ -74,38 +78,45 @@ class Residuals:
     @cached_property
     def residual(self) -> Array:
         """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
-        model = self.model
-        slope = np.gradient(model, self.step)[self.place]
-        r = self.u - model[self.place] - slope * (self.t_u - self.t_u[0] - self.step * self.place)
-        return np.asarray(np.interp(np.arange(self.n), self.place, r))
+        model, place = self.model, self.place
+        slope = np.gradient(model, self.step)[place]
+        r = self.u - model[place] - slope * (self.t_u - self.t_u[0] - self.step * place)
+        return np.asarray(np.interp(np.arange(self.n), place, r))
 
     @cached_property
     def background(self) -> Array:
         """Residual above the band of any motion, (n,) m/s², lost and loud single samples filled in from their
         neighbours, so that none rings in its block."""
         lost, correction = self.lost, np.zeros(self.n)
-        whole = above(self.residual, self.rate, self.edge)
         for _ in range(REPAIRS):
-            surprise = self.surprise(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
-            off = surprise(self.residual - np.mean(self.residual))
-            correction = surprise.correction(off, lost)
-            y = surprise.corrected(off, correction, lost)[self.taken]
-            spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0))
-            loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
-            if len(loud) == 0:
+            before = lost
+            correction, lost = self.repaired(correction, before)
+            if lost is before:
                 break
-            loud = np.flatnonzero(self.taken)[loud]
-            lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
-            correction = surprise.correction(off, lost)
-            whole = above(self.residual - correction, self.rate, self.edge)
         return above(self.residual - correction, self.rate, self.edge)
+
+    def repaired(self, correction: Array, lost: Places) -> tuple[Array, Places]:
+        """Corrections of lost samples (n,) by the noise that is left after earlier ones; loud samples are lost too."""
+        whole = above(self.residual - correction, self.rate, self.edge)
+        surprise = self.surprise(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+        del whole
+        off = surprise(self.residual - np.mean(self.residual))
+        correction = surprise.correction(off, lost)
+        y = surprise.corrected(off, correction, lost)[self.taken]
+        spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0))
+        loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
+        if len(loud) == 0:
+            return correction, lost
+        loud = np.flatnonzero(self.taken)[loud]
+        lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
+        return surprise.correction(off, lost), lost
 
     def surprise(self, spectra: Spectra) -> Surprise:
         """Filter that tells what a sample is off by, for noise with these spectra."""
         return Surprise.of(spectra, self.n, self.rate, self.edge)
 
     @property
-    def lost(self) -> NDArray[np.intp]:
+    def lost(self) -> Places:
         """Uniform times at which no sample was taken."""
         missing = np.ones(self.n, dtype=np.bool_)
         missing[self.place] = False

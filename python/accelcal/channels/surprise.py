@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import scipy
@@ -25,7 +24,7 @@ FEW = 1024
 """So many lost samples act on each other through a matrix, 8 MB; more of them through a transform of the series."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Surprise:
     """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
 
@@ -81,7 +80,7 @@ class Surprise:
         off[near] = np.where(known > KNOWN, off[near] / np.sqrt(np.maximum(known, KNOWN)), 0.0)
         return off
 
-    @cached_property
+    @property
     def response(self) -> Array:
         """What a sample that is off by one unit does to those at each distance."""
         return np.asarray(scipy.fft.irfft(self.gain, scipy.fft.next_fast_len(self.n, real=True)))
