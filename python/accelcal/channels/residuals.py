@@ -132,7 +132,7 @@ class Residuals:
         """The same in blocks that are as short as the peaks of a move's speed."""
         return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
 
-    @cached_property
+    @property
     def matched(self) -> tuple[Array, Array]:
         """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
         surprise, lost = self.surprise(self.spectra), self.lost
