@@ -74,6 +74,21 @@ def test_a_shape_outside_the_catalogue_points_to_its_variable() -> None:
     assert not hold(6, wrong, "right variable")
 
 
+def test_two_names_that_mend_each_other_are_one_shape() -> None:
+    # 20 % on a motion drawn anew; this one is fixed
+    found = outcomes(Trial(6, 1, 1, ("quintic",), 30.0))
+    assert hold(6, found, "right shape", "certain")
+    assert "cubic" in found[0]["classes"][0]
+    by_evidence_alone = [{**o, "effects": ["cubic"], "classes": [["cubic"]], "verdict": "named"} for o in found]
+    assert not hold(6, by_evidence_alone, "right shape")
+    assert not hold(6, by_evidence_alone, "certain")
+
+
+def test_two_true_functions_of_one_variable_keep_their_names() -> None:
+    # 10 %
+    assert hold(4, outcomes(Trial(4, 0, 1, ("quadratic", "cubic"), 20.0)), "pairs: both")
+
+
 def test_the_found_model_errs_on_another_motion_no_more_than_the_true_one() -> None:
     found = outcomes(Trial(8, 2, 1, ("quadratic",), 30.0))
     assert hold(8, found, "1 s", "5 s")

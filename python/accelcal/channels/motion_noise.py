@@ -91,7 +91,7 @@ def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> 
         power = np.maximum(power, floor / float(spectra.power.mean()))
     X = np.column_stack(motions)
     X = X - X.mean(axis=0)
-    seem = (X / np.linalg.norm(X, axis=0)).T @ (power / power.std(axis=0))
+    seem = (X / np.linalg.norm(X, axis=0)).T @ (power / np.maximum(power.std(axis=0), 1e-300))
     best = (1.0, -math.inf, bands[0])
     for which in np.argsort(-seem, axis=None)[:CLOSE_LOOKS]:
         motion, at = np.unravel_index(which, seem.shape)

@@ -27,7 +27,8 @@ def shape_behind(fit: Fit, entering: str) -> tuple[Effect, tuple[str, ...]] | No
     for family in HOUSE:
         worn = [name for name in fit.model.effects if name in family.covers]
         if entering in worn and family.name not in fit.model.effects:
-            worn = [name for name in worn if name == entering or alike(fit, name, entering) > ALIKE]
+            same = {name for bend in family.bends if entering in bend for name in bend}
+            worn = [n for n in worn if n == entering or n in same or alike(fit, n, entering) > ALIKE]
             if len(worn) > 1:
                 return family, tuple(worn)
         if entering == family.name and worn:

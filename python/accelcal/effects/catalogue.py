@@ -77,6 +77,8 @@ class Effect:
     """A shape without a name, not a physical cause."""
     covers: tuple[str, ...] = ()
     """Named effects that a family generalises: functions of its variable alone."""
+    bends: tuple[tuple[str, ...], ...] = ()
+    """Those of them that describe one bend in several ways: two of a group together are another bend."""
     visible: bool = True
     """False for what no motion of a level, untouched rig can show."""
     experiment: str = ""
@@ -135,6 +137,7 @@ def effect(
     parts: tuple[str, ...] = ("",),
     family: bool = False,
     covers: tuple[str, ...] = (),
+    bends: tuple[tuple[str, ...], ...] = (),
     visible: bool = True,
     experiment: str = "",
     includes: tuple[str, ...] = (),
@@ -157,6 +160,7 @@ def effect(
     parts : names of its columns when the function returns (n, m).
     family : a shape without a name.
     covers : named effects that a family generalises.
+    bends : groups of them that describe one bend in several ways.
     visible : False for what a level, untouched rig can never show.
     experiment : what separates it from its rivals; the card's line "Separate by:" unless given.
     includes : simpler effects that it contains, such as what a shifted origin turns it into.
@@ -179,6 +183,7 @@ def effect(
         "parts": parts,
         "family": family,
         "covers": covers,
+        "bends": bends,
         "visible": visible,
         "includes": includes,
         "positive": positive,

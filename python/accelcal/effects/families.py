@@ -167,6 +167,7 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     parts=SPLINES,
     family=True,
     covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
+    bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
     includes=("bias", "scale_factor"),
 )
 def shape_of_acceleration(s: Signals, low: float, high: float) -> Array:
