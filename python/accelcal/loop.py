@@ -13,7 +13,7 @@ from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding, channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
-from accelcal.diagnose.mended import shape_behind
+from accelcal.diagnose.mended import not_the_whole, rest_of, shape_behind
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
@@ -55,6 +55,10 @@ class Tie:
     effect: str
     members: tuple[str, ...]
     experiment: str
+
+    def beside(self, others: Sequence[str]) -> Tie:
+        """The same with more that it cannot be told from."""
+        return replace(self, members=tuple(dict.fromkeys((*self.members, *others))))
 
 
 @shown
@@ -611,6 +615,7 @@ def improve(
     fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
     ties: list[Tie] = []
     effects: tuple[str, ...] = ()
+    gains: dict[str, float] = {}
     examined = verdict.scan.examined
     for number in range(most):
         if not verdict.scan.found:
@@ -618,18 +623,24 @@ def improve(
         step = entered(verdict.scan)
         if step is None:
             break
+        before = {one.effect: one.gain for one in verdict.scan.candidates}
         entering, verdict, state = step
         examined += verdict.scan.examined
+        gains[entering.effect] = before.get(entering.effect, 0.0)
         behind = shape_behind(verdict.fit, entering.effect)
         step = unnamed(*behind) if behind else None
         if behind and step:
             entering, verdict, state = step
             ties = [tie for tie in ties if tie.effect not in behind[1]]
             effects = tuple(name for name in effects if name not in behind[1])
+            gains[entering.effect] = sum(gains[name] for name in behind[1])
+        shapes = {name: gains[name] for name in effects if find(name).family}
+        vague = rest_of(entering.effect, gains[entering.effect], shapes)
         effects = (*effects, entering.effect)
-        ties.append(Tie(entering.effect, entering.members, entering.experiment))
+        ties.append(Tie(entering.effect, entering.members, entering.experiment).beside(vague))
         fits.append((effects, verdict.fit))
         report(0.3 + 0.6 * (number + 1) / most)
+    ties = [tie.beside(not_the_whole(tie.effect, verdict.scan.candidates)) for tie in ties]
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))
         effects = ("time_offset", *effects)

@@ -184,7 +184,8 @@ def right_variable(outcome: Outcome) -> bool:
     if not entered:
         return bool(outcome["verdict"] == "unexplained")
     truth = set(OUTSIDE[outcome["names"][0]].explains)
-    return bool(truth & variables(entered[0]))
+    alike = next((tie for tie in members(outcome) if entered[0] in tie), {entered[0]})
+    return any(truth & variables(name) for name in alike)
 
 
 def right_shape(outcome: Outcome) -> bool:

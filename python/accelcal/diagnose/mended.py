@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
-from accelcal.effects import HOUSE, Effect
+from accelcal.diagnose.scan import Candidate
+from accelcal.effects import HOUSE, Effect, find
 from accelcal.fit import Fit
 
 ALIKE = 0.9
 """Correlation of two coefficients from which one does little but bend the other's function."""
+REMAINDER = 0.15
+"""Share of what a shape explains below which a later effect may be what the shape is too coarse for."""
+BESIDE = 0.01
+"""Chance below which a shape that explains something beside a name of its variable makes the name unsure."""
 
 
 def shape_behind(fit: Fit, entering: str) -> tuple[Effect, tuple[str, ...]] | None:
@@ -43,3 +50,20 @@ def alike(fit: Fit, one: str, other: str) -> float:
     std = np.sqrt(np.diag(fit.covariance))
     rho = fit.covariance[np.ix_(own, theirs)] / np.outer(std[own], std[theirs])
     return float(np.max(np.abs(rho), initial=0.0))
+
+
+def rest_of(entering: str, gain: float, shapes: Mapping[str, float]) -> tuple[str, ...]:
+    """Shapes of the model that an effect may be the rest of: of their variable, or small beside what they explain.
+
+    Parameters
+    ----------
+    entering : the effect that came after them.
+    gain : twice the log-likelihood that it explains.
+    shapes : the same for each shape without a name that the model holds.
+    """
+    return tuple(name for name, told in shapes.items() if entering in find(name).covers or gain < REMAINDER * told)
+
+
+def not_the_whole(name: str, left: Sequence[Candidate]) -> tuple[str, ...]:
+    """Shapes that explain something beside a named effect of their variable, among what a model leaves over."""
+    return tuple(one.effect for one in left if name in find(one.effect).covers and one.p_raw < BESIDE)
