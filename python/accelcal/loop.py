@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -540,6 +540,29 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     return History(tuple(fits), tuple(compare(one, recording) for one in fits))
 
 
+@dataclass(slots=True)
+class Story:
+    """What has entered a model so far, in order, each with its class and what it explained."""
+
+    ties: list[Tie] = field(default_factory=list)
+    gains: dict[str, float] = field(default_factory=dict)
+    """Twice the log-likelihood that each explained when it entered."""
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names, in the order of entry."""
+        return tuple(tie.effect for tie in self.ties)
+
+    def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
+        """One effect more; a shape without a name stands in the place of the names that it wears out."""
+        gain += sum(self.gains.pop(name, 0.0) for name in worn)
+        self.ties = [tie for tie in self.ties if tie.effect not in worn]
+        shapes = {name: told for name, told in self.gains.items() if find(name).family}
+        vague = rest_of(finding.effect, gain, shapes)
+        self.gains[finding.effect] = gain
+        self.ties.append(Tie(finding.effect, finding.members, finding.experiment).beside(vague))
+
+
 def improve(
     recordings: Recording | Sequence[Recording],
     *,
@@ -613,9 +636,7 @@ def improve(
     verdict = judge_model(state, stretch, extra, alpha)
     report(0.3)
     fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
-    ties: list[Tie] = []
-    effects: tuple[str, ...] = ()
-    gains: dict[str, float] = {}
+    story = Story()
     examined = verdict.scan.examined
     for number in range(most):
         if not verdict.scan.found:
@@ -623,34 +644,27 @@ def improve(
         step = entered(verdict.scan)
         if step is None:
             break
-        before = {one.effect: one.gain for one in verdict.scan.candidates}
+        explained = {one.effect: one.gain for one in verdict.scan.candidates}
         entering, verdict, state = step
+        gain = explained.get(entering.effect, 0.0)
+        worn: tuple[str, ...] = ()
         examined += verdict.scan.examined
-        gains[entering.effect] = before.get(entering.effect, 0.0)
         behind = shape_behind(verdict.fit, entering.effect)
         step = unnamed(*behind) if behind else None
         if behind and step:
-            entering, verdict, state = step
-            ties = [tie for tie in ties if tie.effect not in behind[1]]
-            effects = tuple(name for name in effects if name not in behind[1])
-            gains[entering.effect] = sum(gains[name] for name in behind[1])
-        shapes = {name: gains[name] for name in effects if find(name).family}
-        vague = rest_of(entering.effect, gains[entering.effect], shapes)
-        effects = (*effects, entering.effect)
-        ties.append(Tie(entering.effect, entering.members, entering.experiment).beside(vague))
-        fits.append((effects, verdict.fit))
+            (entering, verdict, state), worn = step, behind[1]
+            examined += verdict.scan.examined
+        story.enter(entering, gain, worn)
+        fits.append((story.effects, verdict.fit))
         report(0.3 + 0.6 * (number + 1) / most)
-    ties = [tie.beside(not_the_whole(tie.effect, verdict.scan.candidates)) for tie in ties]
+    story.ties = [tie.beside(not_the_whole(tie.effect, verdict.scan.candidates)) for tie in story.ties]
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))
-        effects = ("time_offset", *effects)
-        ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+        story.ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
         fits = [((), held), *((("time_offset", *names), one) for names, one in fits)]
-    for tie in verdict.classes:
-        if tie.effect in {test.effect for test in verdict.channels} and tie.effect not in effects:
-            effects = (*effects, tie.effect)
-            ties.append(tie)
-    fits[-1] = (effects, fits[-1][1])
+    heard_of = {test.effect for test in verdict.channels} - set(story.effects)
+    story.ties += [tie for tie in verdict.classes if tie.effect in heard_of]
+    fits[-1] = (story.effects, fits[-1][1])
     dropped = state.dropped(original)
     test = original[0] if holdout is None else holdout
     test_begin, test_end = (split, finish) if same_run else (None, None)
@@ -666,7 +680,7 @@ def improve(
         )
         for names, one in fits
     ]
-    return Improvement(tuple(steps), replace(verdict, dropped=dropped), tuple(ties), examined, same_run)
+    return Improvement(tuple(steps), replace(verdict, dropped=dropped), tuple(story.ties), examined, same_run)
 
 
 def gated_holdout(
