@@ -257,7 +257,8 @@ def judge_model(
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
     for one in solution.passes:  # what follows fits and predicts anew: one set of signals at a time
         one.release()
-    delay = "time_offset" not in model.fixed and delayed(completed(solution, profiled, found), found, alpha)
+    delay = "time_offset" not in model.fixed and delayed(profiled, found, alpha)
+    delay = delay and delayed(completed(solution, profiled, found), found, alpha)
     if found.blocks < LEAST_BLOCKS:
         loud = ()
     ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
