@@ -59,6 +59,13 @@ def test_no_reading_inside_the_range_is_off_by_more_than_the_bound(fit):
     assert made.single.bound < 60 * 2.0**-24 * size
 
 
+def test_temperature_is_followed_to_roundoff_where_the_characteristic_is_flat():
+    values = {"scale_factor": -0.2, "quadratic": 0.2, "temperature_scale": 5e-4}
+    metres = replace(VOLTS, scale=1.0, zero=0.0)
+    fit = fit_of(values, sensor=metres, acceleration=(-0.5, 0.5), temperature=(-40.0, 60.0))
+    assert calibrate(fit).double.bound < 60 * 2.0**-53 * 0.5
+
+
 @pytest.mark.parametrize("values", [CUBIC, WARM], ids=["cubic", "warm"])
 def test_the_bound_is_not_a_multiple_of_what_is_seen(values):
     fit = fit_of(values, temperature=(15.0, 40.0))

@@ -15,7 +15,7 @@ from accelcal.export.proof import Branch, approximation, rounding
 from accelcal.recording import Array
 from accelcal.rig import Sensor
 
-NODES = (33, 9)
+NODES = (33, 17)
 """Chebyshev points in x and tau from which a polynomial is made."""
 MOST_DEGREE = 15
 """A segment that needs a higher degree is halved."""
