@@ -47,8 +47,9 @@ def at_most(bar: int, claim: str, bad: Sequence[bool], most: float) -> Line:
 
 
 def injected(outcome: Outcome) -> set[str]:
-    """Nuisances of a record that have a name in the catalogue."""
-    found = {"vibration"} if outcome["nuisances"]["vibration"] > 0.0 else set()
+    """Nuisances of a record that have a name in the catalogue, and the vibration that a rectified one lives on."""
+    shaken = outcome["nuisances"]["vibration"] > 0.0 or "vibration_rectification" in outcome["names"]
+    found = {"vibration"} if shaken else set()
     return found | ({"quantisation"} if outcome["nuisances"]["converter_bits"] < 16 else set())
 
 
