@@ -86,16 +86,20 @@ def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> 
     for width in BANDS if floor == 0.0 else ():  # steps crossed in time with the motion have bands of their own
         bands += [slice(a, a + width) for a in range(F - width + 1)]
     sums = np.cumsum(np.pad(spectra.power / spectra.power.mean(axis=0), ((0, 0), (1, 0))), axis=1)
-    power = np.column_stack([(sums[:, band.stop] - sums[:, band.start]) / (band.stop - band.start) for band in bands])
-    if floor > 0.0:
-        power = np.maximum(power, floor / float(spectra.power.mean()))
+    least = floor / float(spectra.power.mean())
+
+    def loudness(band: slice) -> Array:
+        mean = (sums[:, band.stop] - sums[:, band.start]) / (band.stop - band.start)
+        return np.asarray(np.maximum(mean, least))
+
     X = np.column_stack(motions)
     X = X - X.mean(axis=0)
-    seem = (X / np.linalg.norm(X, axis=0)).T @ (power / np.maximum(power.std(axis=0), 1e-300))
+    X /= np.linalg.norm(X, axis=0)
+    seem = np.array([y @ X / max(float(y.std()), 1e-300) for y in map(loudness, bands)])
     best = (1.0, -math.inf, bands[0])
     for which in np.argsort(-seem, axis=None)[:CLOSE_LOOKS]:
-        motion, at = np.unravel_index(which, seem.shape)
-        z, p = follows(power[:, at], motions[motion])
+        at, motion = np.unravel_index(which, seem.shape)
+        z, p = follows(loudness(bands[at]), motions[motion])
         best = min(best, (p, -z, bands[at]), key=lambda one: one[:2])
     return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
 
