@@ -167,17 +167,8 @@ def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[Pass] | None:
     for index, (recording, seen) in enumerate(zip(recordings, fit.runs, strict=True)):
         run = Run(recording, fit.origins)
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
-        if (
-            not seen.digest
-            or seen.digest != recording.digest
-            or span
-            != (
-                seen.start,
-                seen.end,
-                seen.readings,
-                seen.samples,
-            )
-        ):
+        fitted = (seen.start, seen.end, seen.readings, seen.samples)
+        if not seen.digest or seen.digest != recording.digest or span != fitted:
             return None
         one = Pass(run, fit.values(index), fit.noise(index), fit.model.free, None)
         for _ in range(1 if one.values.constant else SETTLING):

@@ -597,8 +597,8 @@ def improve(
         return solve_runs(model, these, start=begin if len(these) == 1 else None, end=split)
 
     def advance(model: Model, known: Gated | None) -> Gated:
-        wild = () if known is None else [test for test in known.tests if test.effect in CHANNEL_OF and test.at]
-        return gated(original if known is None else known.recordings, lambda these: solve(model, these), wild)
+        told = () if known is None else [test for test in known.tests if test.effect in CHANNEL_OF and test.at]
+        return gated(original if known is None else known.recordings, lambda these: solve(model, these), told)
 
     def entered(found: Scan) -> tuple[Finding, Diagnosis, Gated] | None:
         """The fit with the effect that comes first, judged; None where no fit is possible.
