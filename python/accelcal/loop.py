@@ -12,8 +12,8 @@ from scipy import special
 from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding, channel_findings
 from accelcal.compare import Comparison, compare
-from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Finding, Scan, Verdict, scan
-from accelcal.diagnose.mended import not_the_whole, rest_of, shape_behind
+from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Candidate, Finding, Scan, Verdict, scan
+from accelcal.diagnose.mended import not_the_whole, rest_of, shape_behind, sum_of
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
@@ -507,6 +507,8 @@ def add(
         if not alone.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
             why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
+            if effect.beside and effect.beside not in model.effects:
+                why = f"it is sought beside {effect.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
@@ -556,12 +558,22 @@ class Story:
 
     def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
         """One effect more; a shape without a name stands in the place of the names that it wears out."""
-        gain += sum(self.gains.pop(name, 0.0) for name in worn)
+        self.gains[finding.effect] = gain + sum(self.gains.pop(name, 0.0) for name in worn)
         self.ties = [tie for tie in self.ties if tie.effect not in worn]
-        shapes = {name: told for name, told in self.gains.items() if find(name).family}
-        vague = rest_of(finding.effect, gain, shapes)
-        self.gains[finding.effect] = gain
-        self.ties.append(Tie(finding.effect, finding.members, finding.experiment).beside(vague))
+        self.ties.append(Tie(finding.effect, finding.members, finding.experiment))
+
+    def told(self, left: Sequence[Candidate]) -> list[Tie]:
+        """Every effect with its class, once nothing more enters and `left` is what the model leaves over."""
+        return [
+            tie.beside(
+                (
+                    *sum_of(tie.effect, self.effects),
+                    *rest_of(tie.effect, self.gains),
+                    *not_the_whole(tie.effect, left),
+                )
+            )
+            for tie in self.ties
+        ]
 
 
 def improve(
@@ -603,7 +615,8 @@ def improve(
     def entered(found: Scan) -> tuple[Finding, Diagnosis, Gated] | None:
         """The fit with the effect that comes first, judged; None where no fit is possible.
 
-        A shape without a name gives way to a named effect of its class whose fit leaves nothing for it.
+        A shape without a name gives way to a named effect of its class whose fit leaves nothing for it, nor for
+        anything that cannot be told from it.
         """
         first, model = found.found[0], state.solution.model
         for finding in (*found.named[:MOST_NAMED], first):
@@ -613,7 +626,7 @@ def improve(
                 judged = judge_model(grown, stretch, extra, alpha)
             except (NotIdentifiable, ValueError):
                 continue
-            if finding is first or first.effect not in (f.effect for f in judged.scan.found):
+            if finding is first or not any(first.effect in left.members for left in judged.scan.found):
                 return finding, judged, grown
         return None
 
@@ -658,7 +671,7 @@ def improve(
         story.enter(entering, gain, worn)
         fits.append((story.effects, verdict.fit))
         report(0.3 + 0.6 * (number + 1) / most)
-    story.ties = [tie.beside(not_the_whole(tie.effect, verdict.scan.candidates)) for tie in story.ties]
+    story.ties = story.told(verdict.scan.candidates)
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))
         story.ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))

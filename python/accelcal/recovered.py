@@ -25,8 +25,13 @@ VARIABLES = {
     "shape_of_temperature": ("temperature", "temperature", "degC"),
     "shape_of_a_y": ("lateral acceleration", "a_y", "m/s²"),
     "encoder_shape_of_position": ("position", "p", "m"),
+    "shape_of_position_and_velocity": ("position", "p", "m"),
+    "shape_of_position_and_acceleration": ("position", "p", "m"),
+    "shape_of_temperature_and_velocity": ("temperature", "temperature", "degC"),
+    "shape_of_time_and_velocity": ("time", "t", "s"),
 }
-"""Family -> variable, its letter in `Signals`, its unit."""
+"""Family -> variable, its letter in `Signals`, its unit. A response to velocity or acceleration is drawn per unit of
+it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +68,8 @@ def _over_variable(fit: Fit, name: str) -> Shape:
     given = fit.model.shapes[name]
     low, high = (given["low"], given["high"]) if "low" in given else (given["start"], given["start"] + given["length"])
     x = np.linspace(low, high, POINTS)
-    zero = np.zeros(POINTS)
-    t, p, v, a, jerk = (x if key == letter else zero for key in ("t", "p", "v", "a", "jerk"))
+    motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {letter: x}
+    t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))
     side = {"temperature": x, "a_y": x}
     s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
     origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(letter, 0.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from accelcal.diagnose import Candidate, Finding
-from accelcal.diagnose.mended import not_the_whole, rest_of
+from accelcal.diagnose.mended import not_the_whole, rest_of, sum_of
 from accelcal.effects import HOUSE, find
 from accelcal.loop import Story
 
@@ -28,16 +28,24 @@ def test_a_family_covers_named_effects_of_its_own_port_only(family):
     assert {name for bend in family.bends for name in bend} <= set(family.covers)
 
 
+@pytest.mark.parametrize(("gain", "expected"), [(800.0, ("shape_of_acceleration",)), (1000.0, ())])
+def test_what_explains_less_than_a_shape_may_be_a_part_or_the_rest_of_it(gain, expected):
+    assert rest_of("bias_step", {"bias_step": gain, "shape_of_acceleration": 900.0, "cubic": 2000.0}) == expected
+
+
 @pytest.mark.parametrize(
-    ("entering", "gain", "expected"),
+    ("name", "model", "expected"),
     [
-        ("cubic", 800.0, ("shape_of_acceleration",)),  # a function of the shape's variable, however large
-        ("bias_step", 50.0, ("shape_of_acceleration",)),  # little beside it
-        ("bias_step", 800.0, ()),
+        ("velocity", ("velocity", "coulomb"), ("shape_of_velocity",)),
+        ("coulomb", ("velocity", "coulomb", "cubic"), ("shape_of_velocity",)),
+        ("cubic", ("velocity", "coulomb", "cubic"), ()),
+        ("cubic", ("cubic", "shape_of_acceleration"), ("shape_of_acceleration",)),
+        ("bias_step", ("bias_step", "bias_random_walk"), ("shape_of_time",)),
+        ("velocity", ("velocity", "bias_random_walk"), ()),
     ],
 )
-def test_what_comes_after_a_shape_may_be_the_rest_of_it(entering, gain, expected):
-    assert rest_of(entering, gain, {"shape_of_acceleration": 900.0}) == expected
+def test_a_sum_of_functions_of_one_variable_may_be_one_function_of_it(name, model, expected):
+    assert sum_of(name, model) == expected
 
 
 def test_a_shape_that_explains_something_beside_a_name_makes_it_unsure():
@@ -53,7 +61,9 @@ def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():
     story.enter(finding("shape_of_acceleration"), 50.0, worn=("cubic", "odd_quadratic"))
     assert story.effects == ("rail_slope", "shape_of_acceleration")
     assert story.gains == {"rail_slope": 400.0, "shape_of_acceleration": 850.0}
-    story.enter(finding("bias_step"), 100.0)
-    assert story.ties[-1].members == ("bias_step", "shape_of_acceleration")
-    story.enter(finding("velocity"), 700.0)
-    assert story.ties[-1].members == ("velocity",)
+    story.enter(finding("velocity"), 900.0)
+    assert [tie.members for tie in story.told([candidate("encoder_shape_of_position", 1e-4)])] == [
+        ("rail_slope", "shape_of_acceleration"),
+        ("shape_of_acceleration",),
+        ("velocity",),
+    ]

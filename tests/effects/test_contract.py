@@ -25,12 +25,14 @@ IDENTIFIERS = re.findall(
     bias scale_factor
     quadratic cubic odd_quadratic scale_asymmetry dead_zone saturation hysteresis temperature_bias temperature_scale
     temperature_rate warm_up self_heating bias_drift bias_step bias_random_walk bias_gauss_markov scale_drift scale_step
-    velocity velocity_squared velocity_odd coulomb acceleration_velocity rail_slope rail_curve rail_wave time_offset
-    time_offset_step clock_skew timing_jitter sensor_lag sensor_resonance creep cross_axis cross_axis_quadratic
-    cross_coupling tone vibration vibration_rectification accelerometer_outliers encoder_outliers quantisation
-    encoder_cyclic encoder_backlash encoder_nonlinearity encoder_step tilt misalignment encoder_scale cross_axis_gravity
-    shape_of_time shape_of_position shape_of_velocity shape_of_acceleration shape_of_jerk shape_of_temperature
-    shape_since_reversal encoder_shape_of_position shape_of_a_y
+    velocity velocity_squared velocity_odd coulomb acceleration_velocity rail_slope rail_curve rail_wave
+    rail_second_wave time_offset time_offset_step clock_skew timing_jitter sensor_lag sensor_resonance creep cross_axis
+    cross_axis_quadratic cross_coupling tone vibration vibration_rectification accelerometer_outliers encoder_outliers
+    quantisation encoder_cyclic encoder_backlash encoder_nonlinearity encoder_step tilt misalignment encoder_scale
+    cross_axis_gravity shape_of_time shape_of_position shape_of_velocity shape_of_acceleration shape_of_jerk
+    shape_of_temperature shape_since_reversal encoder_shape_of_position shape_of_a_y
+    shape_of_position_and_velocity shape_of_position_and_acceleration
+    shape_of_temperature_and_velocity shape_of_time_and_velocity
     lowpass_error
     """,
 )

@@ -112,8 +112,8 @@ def variables(name: str) -> set[str]:
         return {"encoder_position"}
     for head in LEAST_EXPLAINED:
         if name.startswith(head):
-            variable = name.removeprefix(head)
-            return {"since_reversal" if variable == "reversal" else variable}
+            found = name.removeprefix(head).split("_and_")
+            return {"since_reversal" if variable == "reversal" else variable for variable in found}
     effect = (CATALOGUE | OUTSIDE).get(name)
     return set(effect.explains) if effect is not None else {name}
 
@@ -186,7 +186,7 @@ def right_variable(outcome: Outcome) -> bool:
         return bool(outcome["verdict"] == "unexplained")
     truth = set(OUTSIDE[outcome["names"][0]].explains)
     alike = next((tie for tie in members(outcome) if entered[0] in tie), {entered[0]})
-    return any(truth & variables(name) for name in alike)
+    return any(variables(name) <= truth if "_and_" in name else truth & variables(name) for name in alike)
 
 
 def right_shape(outcome: Outcome) -> bool:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from accelcal.diagnose.picks import jumps, waves
+from accelcal.diagnose.picks import PICKS, Pick
 from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.model import Model, Term, terms_of
 from accelcal.passes import Pass
-from accelcal.recording import Array
 from accelcal.shaping import linearised, signals_of
 
 
@@ -41,24 +40,17 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
     items = []
     for effect in offered:
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
-        if taken or any(name not in s.side for name in effect.needs):
+        early = effect.beside and effect.beside not in model.effects
+        if taken or early or any(name not in s.side for name in effect.needs):
             continue
-        if effect.port == "position" and "instant" in effect.shapes:
-            looks = max(1, int(s.length * 2.0 * np.pi * one.run.crossover(one.noise)))
-            items += [Item(effect, {"instant": t}, looks, {"instant": (t, t)}) for t in jumps(one)]
-        elif effect.name == "rail_wave":
-            items += [Item(effect, {"period": w.period}, w.looks, {"period": w.near}) for w in waves(one)]
-        else:
-            grids = {name: shape.grid(s) for name, shape in effect.shapes.items()}
-            items += [Item(effect, values) for values in _product(grids)]
+        tried = {n: [Pick(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked}
+        tried |= {n: PICKS[shape.picked](one) for n, shape in effect.shapes.items() if shape.picked}
+        for picks in itertools.product(*tried.values()):
+            chosen = dict(zip(tried, picks, strict=True))
+            near = {name: pick.near for name, pick in chosen.items() if pick.near}
+            looks = math.prod(pick.looks for pick in picks)
+            items.append(Item(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
     return items
-
-
-def _product(grids: Mapping[str, Array]) -> list[dict[str, float]]:
-    combined: list[dict[str, float]] = [{}]
-    for name, values in grids.items():
-        combined = [{**old, name: float(value)} for old in combined for value in values]
-    return combined
 
 
 def nuisances(one: Pass, model: Model) -> list[tuple[Term, float]]:

@@ -12,8 +12,6 @@ from accelcal.fit import Fit
 
 ALIKE = 0.9
 """Correlation of two coefficients from which one does little but bend the other's function."""
-REMAINDER = 0.15
-"""Share of what a shape explains below which a later effect may be what the shape is too coarse for."""
 BESIDE = 0.01
 """Chance below which a shape that explains something beside a name of its variable makes the name unsure."""
 
@@ -52,16 +50,34 @@ def alike(fit: Fit, one: str, other: str) -> float:
     return float(np.max(np.abs(rho), initial=0.0))
 
 
-def rest_of(entering: str, gain: float, shapes: Mapping[str, float]) -> tuple[str, ...]:
-    """Shapes of the model that an effect may be the rest of: of their variable, or small beside what they explain.
+def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
+    """Shapes of a model that a named effect may be a part of, or the rest of.
+
+    A shape without a name says that a cause is missing from the catalogue; what it is too coarse for, or no function
+    of, poses as a name that explains less.
 
     Parameters
     ----------
-    entering : the effect that came after them.
-    gain : twice the log-likelihood that it explains.
-    shapes : the same for each shape without a name that the model holds.
+    name : the named effect.
+    told : twice the log-likelihood that each effect of the model explained when it entered.
     """
-    return tuple(name for name, told in shapes.items() if entering in find(name).covers or gain < REMAINDER * told)
+    return tuple(other for other, gain in told.items() if find(other).family and told.get(name, 0.0) < gain)
+
+
+def sum_of(name: str, model: Sequence[str]) -> tuple[str, ...]:
+    """Shapes without a name that stand for an effect together with others of a model: the sum of functions of one
+    variable is a function of that variable."""
+    return tuple(
+        family.name
+        for family in HOUSE
+        if name in of_variable(family, model) and len({*of_variable(family, model), name}) > 1
+    )
+
+
+def of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
+    """Effects of a model that are functions of a family's variable alone, itself included."""
+    course_of_time = {e.name for e in HOUSE if e.port == "process"} if family.name == "shape_of_time" else set()
+    return tuple(name for name in model if name == family.name or name in family.covers or name in course_of_time)
 
 
 def not_the_whole(name: str, left: Sequence[Candidate]) -> tuple[str, ...]:

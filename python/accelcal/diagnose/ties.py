@@ -8,16 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence
 from accelcal.diagnose.gains import DEGENERATE_MIX, score_gain
 from accelcal.diagnose.search import Robust, Search
+from accelcal.effects import HOUSE
 from accelcal.model import Model, Prior
 from accelcal.recording import Array
+from accelcal.signals import Signals
 
 RIVAL_EVIDENCE = 4.5
 """A rival within this log-evidence cannot be told apart."""
 RIVAL_CORRELATION = 0.95
 """Nor can one whose signature is this correlated."""
+SEVERAL = 2.0
+"""Periods on the rail from which a wave is seen to repeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +92,19 @@ def describe(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], positi
     return Finding(
         effect=item.effect.name,
         shape=dict(item.shape),
-        members=members(evidence, robust, i, others, rules),
+        members=(*members(evidence, robust, i, others, rules), *smooth_alike(item, evidence.runs[0].carrier.signals)),
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,
         fixed=() if process else redundant(evidence, i, G),
     )
+
+
+def smooth_alike(item: Item, s: Signals) -> tuple[str, ...]:
+    """Shapes without a name that a wave cannot be told from as long as less than two of its periods fit on the rail:
+    a part of a wave is any smooth function."""
+    if SEVERAL * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
+        return ()
+    return tuple(family.name for family in HOUSE if item.effect.name in family.covers)
 
 
 def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:

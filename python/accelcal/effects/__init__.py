@@ -11,6 +11,7 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
     nonlinear,
     stage,
     thermal,
+    together,
 )
 from accelcal.effects.cards import card, cards
 from accelcal.effects.catalogue import CATALOGUE, Effect, Shape, effect, find

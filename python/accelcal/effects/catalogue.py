@@ -28,6 +28,9 @@ class Shape:
     trials: int = 8
     """Values at which it is tried before it is refined; 1 = set by the record of the fit, kept by the model."""
     spacing: Literal["linear", "log"] = "linear"
+    picked: Literal["", "jumps", "waves", "ripples"] = ""
+    """What is sought in a record where no grid of trials would meet the right value: instants of jumps, periods in
+    position, periods in acceleration."""
 
     @property
     def refined(self) -> bool:
@@ -91,6 +94,8 @@ class Effect:
     """Whether physics allows a positive coefficient only."""
     memory: bool = False
     """Whether its value at one time depends on the signals at other times."""
+    beside: str = ""
+    """An effect without which this one is not looked for."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the house catalogue."""
     digest: str = ""
@@ -143,6 +148,7 @@ def effect(
     includes: tuple[str, ...] = (),
     positive: bool = False,
     memory: bool = False,
+    beside: str = "",
 ) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
     """Enter a function of :class:`Signals` (and its shape parameters, by keyword) into the catalogue.
 
@@ -167,6 +173,7 @@ def effect(
     positive : whether only a positive coefficient is physical.
     memory : whether its value at one time depends on the signals at other times. Effects of a user's own are taken
         to have one whatever they say; a house effect without is evaluated on stretches of a long record.
+    beside : an effect without which this one is not looked for.
 
     Raises
     ------
@@ -188,6 +195,7 @@ def effect(
         "includes": includes,
         "positive": positive,
         "memory": memory,
+        "beside": beside,
     }
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:

@@ -106,7 +106,7 @@ def encoder_nonlinearity(s: Signals) -> Array:
     symbol="ds",
     scale=2e-5,
     source="one signal period missed",
-    shapes={"instant": Shape("s", instants, trials=16)},
+    shapes={"instant": Shape("s", instants, trials=16, picked="jumps")},
 )
 def encoder_step(s: Signals, instant: float) -> Array:
     """Counts were missed: the position jumps once and stays.

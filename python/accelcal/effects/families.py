@@ -55,6 +55,15 @@ def splines(x: Array, low: float, high: float) -> Array:
     return flat.reshape(PIECES + 3, n).T
 
 
+def rippled(x: Array, low: float, high: float, period: float) -> Array:
+    """A smooth course over [low, high] and one that repeats: Legendre polynomials of degree 2 to 5, then sines and
+    cosines of the period, its half and its third; as many columns as splines, (n, PIECES + 3)."""
+    u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
+    smooth = np.polynomial.legendre.legvander(u, 5)[:, 2:]
+    angle = (2.0 * np.pi / period) * x[:, None] * np.arange(1, (PIECES + 3 - 4) // 2 + 1)
+    return np.hstack([smooth, np.sin(angle), np.cos(angle)])
+
+
 def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:
     """The range of a variable with a given noise, as shapes that the record sets."""
 
@@ -119,7 +128,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=SPLINES,
     family=True,
-    covers=("rail_slope", "rail_curve", "rail_wave"),
+    covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
     includes=("bias",),
 )
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
@@ -163,22 +172,22 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     symbol="f(a)",
     scale=1e-3,
     source="0.1 mg",
-    shapes=over("m/s²", lambda s: (s.a, s.a_std)),
+    shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
     parts=SPLINES,
     family=True,
     covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
     bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
     includes=("bias", "scale_factor"),
 )
-def shape_of_acceleration(s: Signals, low: float, high: float) -> Array:
+def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
     """A characteristic of the sensor that is some function of acceleration.
 
-    Equation: e = sum_j c_j B_j(a), cubic splines.
+    Equation: e = sum_j c_j B_j(a), cubic splines; where it ripples: four polynomials and three harmonics of the ripple.
     Looks like: a residual that depends on acceleration only.
     Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
     Separate by: several amplitudes at several frequencies.
     """
-    return splines(s.a, low, high)
+    return rippled(s.a, low, high, ripple) if ripple else splines(s.a, low, high)
 
 
 @effect(

@@ -120,7 +120,7 @@ def rail_curve(s: Signals) -> Array:
     symbol="cw",
     scale=1e-3,
     source="no published figure; 0.1 mrad of waviness",
-    shapes={"period": Shape("m", waves, trials=8, spacing="log")},
+    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")},
     parts=("sin", "cos"),
 )
 def rail_wave(s: Signals, period: float) -> Array:
@@ -131,5 +131,32 @@ def rail_wave(s: Signals, period: float) -> Array:
     Easily confused with: encoder_cyclic, rail_curve, bias_step.
     Separate by: two speeds: a wave of the rail stays, a wave of the encoder grows with the square of speed.
     """
+    return wave(s, period)
+
+
+@effect(
+    "rail_second_wave",
+    unit="m/s²",
+    owner="rig",
+    symbol="c2",
+    scale=1e-3,
+    source="as rail_wave; linear motors: Gieras, Piech, Tomczuk 2011, Linear Synchronous Motors, section 3.6",
+    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")},
+    parts=("sin", "cos"),
+    beside="rail_wave",
+)
+def rail_second_wave(s: Signals, period: float) -> Array:
+    """A second wave of the rail with a period of its own: cogging of poles beside that of slots.
+
+    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period).
+    Looks like: a residual periodic in position once a wave of the rail is in the model.
+    Easily confused with: encoder_cyclic, shape_of_position.
+    Separate by: two speeds; a stroke of many periods.
+    """
+    return wave(s, period)
+
+
+def wave(s: Signals, period: float) -> Array:
+    """Sine and cosine over position, as the stage is pushed, (n, 2)."""
     angle = (2.0 * np.pi / period) * s.p
     return s.rig.polarity * np.column_stack([np.sin(angle), np.cos(angle)])
