@@ -632,7 +632,7 @@ def improve(
 
     def unnamed(family: Effect, worn: Sequence[str]) -> tuple[Finding, Diagnosis, Gated] | None:
         """The fit with a shape without a name in the place of names, judged; None where it leaves a name of its
-        variable something to explain, or where no fit is possible."""
+        variable, or one in whose place it stands, something to explain, or where no fit is possible."""
         try:
             model = state.solution.model.drop(*worn, *({family.name} & set(state.solution.model.effects)))
             shape = scan(advance(model, state).solution.passes, model, extra=extra, only=(family,))
@@ -642,7 +642,7 @@ def improve(
             judged = judge_model(grown, stretch, extra, alpha)
         except (NotIdentifiable, ValueError):
             return None
-        if any(one.effect in family.covers for one in judged.scan.found):
+        if any(one.effect in (*family.covers, *worn) for one in judged.scan.found):
             return None
         return replace(shape.entered[0], members=(family.name, *worn)), judged, grown
 
@@ -663,7 +663,7 @@ def improve(
         gain = explained.get(entering.effect, 0.0)
         worn: tuple[str, ...] = ()
         examined += verdict.scan.examined
-        behind = shape_behind(verdict.fit, entering.effect)
+        behind = shape_behind(verdict.fit, entering.effect, entering.members)
         step = unnamed(*behind) if behind else None
         if behind and step:
             (entering, verdict, state), worn = step, behind[1]

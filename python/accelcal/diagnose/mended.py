@@ -16,18 +16,19 @@ BESIDE = 0.01
 """Chance below which a shape that explains something beside a name of its variable makes the name unsure."""
 
 
-def shape_behind(fit: Fit, entering: str) -> tuple[Effect, tuple[str, ...]] | None:
+def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> tuple[Effect, tuple[str, ...]] | None:
     """What a function of one variable is when the effect that came last shows that its name was wrong.
 
     Parameters
     ----------
     fit : with the effect that came last.
     entering : its name.
+    members : what it cannot be told from.
 
     Returns
     -------
-    The family without a name, and the named effects of the model in whose place it may stand; None where nothing
-    says that a name is wrong.
+    The family without a name, and the effects of the model in whose place it may stand; None where nothing says that
+    a name is wrong.
     """
     for family in HOUSE:
         worn = [name for name in fit.model.effects if name in family.covers]
@@ -36,8 +37,10 @@ def shape_behind(fit: Fit, entering: str) -> tuple[Effect, tuple[str, ...]] | No
             worn = [n for n in worn if n == entering or n in same or alike(fit, n, entering) > ALIKE]
             if len(worn) > 1:
                 return family, tuple(worn)
-        if entering == family.name and worn:
+        elif entering == family.name and worn:
             return family, tuple(worn)
+        elif family.name in members and worn and find(entering).port == "process":
+            return family, (*worn, entering)
     return None
 
 

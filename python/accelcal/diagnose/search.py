@@ -58,18 +58,27 @@ class Search:
 
     def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
         """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""
-        chosen = list(self.beam(evidence, robust)[0])
-        while len(chosen) > 1:
-            beside = [(self.told(evidence, robust, i, [j for j in chosen if j != i]), i) for i in chosen]
-            idle = [(value, i) for value, i in beside if value == -math.inf]
+        sets = {self.sound(evidence, robust, one) for one in self.beam(evidence, robust)}
+        return max(sets, key=lambda one: self.worth(evidence, one))
+
+    def sound(self, evidence: Evidence, robust: Robust | None, chosen: tuple[int, ...]) -> tuple[int, ...]:
+        """Those of a set that are significant beside all others of them, strongest first."""
+        kept = sorted(chosen)
+        while len(kept) > 1:
+            beside = [(self.told(evidence, robust, i, [j for j in kept if j != i]), i) for i in kept]
+            idle = [i for value, i in beside if value == -math.inf]
             if not idle:
                 break
-            chosen.remove(min(idle, key=lambda one: self.told(evidence, None, one[1], ()))[1])
+            kept.remove(min(idle, key=lambda i: self.told(evidence, None, i, ())))
         ordered: list[int] = []
-        while chosen:
-            ordered.append(max(chosen, key=lambda i: self.told(evidence, None, i, ordered)))
-            chosen.remove(ordered[-1])
+        while kept:
+            ordered.append(max(kept, key=lambda i: self.told(evidence, None, i, ordered)))
+            kept.remove(ordered[-1])
         return tuple(ordered)
+
+    def worth(self, evidence: Evidence, ordered: Sequence[int]) -> float:
+        """Gain less price of a set, one after the other."""
+        return sum(self.told(evidence, None, i, ordered[:k]) for k, i in enumerate(ordered))
 
     def told(self, evidence: Evidence, robust: Robust | None, i: int, given: Sequence[int]) -> float:
         """Gain less price of an item beside others; minus infinity where it is not significant there."""

@@ -21,6 +21,8 @@ RIVAL_EVIDENCE = 4.5
 """A rival within this log-evidence cannot be told apart."""
 RIVAL_CORRELATION = 0.95
 """Nor can one whose signature is this correlated."""
+EMPTY = 1e-8
+"""Share of the power of an item's strongest column below which another is taken for empty."""
 SEVERAL = 2.0
 """Periods on the rail from which a wave is seen to repeat."""
 
@@ -116,9 +118,10 @@ def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
     size = np.sqrt(np.maximum(np.diag(evidence.G[columns, columns]), 1e-300))
     A = G[columns, columns] / np.outer(size, size)
     kept: list[int] = []
+    empty = size < math.sqrt(EMPTY) * np.max(size)
     for _ in names:
         left = np.diag(A).copy()
-        left[kept] = 0.0
+        left[kept] = left[empty] = 0.0
         k = int(np.argmax(left))
         if left[k] < DEGENERATE_MIX:
             break

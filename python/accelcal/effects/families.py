@@ -283,11 +283,11 @@ def shape_since_reversal(s: Signals) -> Array:
     Separate by: rests of several lengths between moves.
     """
     heading, age = direction(s), since_reversal(s)
-    moved = np.isfinite(age)
-    age = np.where(moved, age, 0.0)
+    turned = np.isfinite(age)
+    age = np.where(turned, age, AGES[-1])  # before the first it is long ago
     u = np.interp(np.log(np.maximum(age, AGES[0])), np.log(AGES), np.arange(len(AGES), dtype=np.float64))
-    hats = np.maximum(1.0 - np.abs(u[:, None] - np.arange(len(AGES))), 0.0) * moved[:, None]
-    return s.rig.polarity * np.hstack([hats, hats * heading[:, None]])
+    hats = np.maximum(1.0 - np.abs(u[:, None] - np.arange(len(AGES))), 0.0)
+    return s.rig.polarity * np.hstack([hats, hats * (heading * turned)[:, None]])
 
 
 @effect(
