@@ -5,7 +5,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import loop
-from accelcal.report.view import title
+from accelcal.effects import spelled
 from tests.hidden.trials import DELAYS, allowed, coasting
 from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
 
@@ -73,7 +73,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
         missing = loop.diagnose(model, train).scan.found
         if not missing:
             break
-        tab.get_by_role("button", name=f"Add {title(missing[0].effect)}", exact=True).click()
+        tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
         model = loop.add(model, train, missing[0].effect)
         shows(tab, last(coasting(loop.compare(model, unseen))))
     tab.get_by_text("Nothing missing larger than").wait_for(timeout=LONG)

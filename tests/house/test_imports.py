@@ -25,7 +25,7 @@ LAYERS = (
     ("effects",),
     ("model", "replay"),
     ("noise",),
-    ("passes",),
+    ("passes", "adjoint"),
     ("gauss_newton",),
     ("shaping",),
     ("fit",),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from accelcal.app.state import State
 from accelcal.compare import Comparison
+from accelcal.effects import spelled
 from accelcal.ladder import Ladder, Rung
 from accelcal.loop import Diagnosis
 from accelcal.plots import interactive, style
@@ -98,7 +99,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path."""
     climbed = ladder(state)
     figure = interactive.falling(climbed, theme=theme)
-    names = [html.escape(s.label.replace("_", " ")) for s in state.path]
+    names = [html.escape(spelled(s.label)) for s in state.path]
     sizes = [style.length(error) for error in climbed.errors]
     shares = [f"<br>{told(share)}" if share is not None else "" for share in climbed.shares]
     ticks = [f"{name}: {size}{share}" for name, size, share in zip(names, sizes, shares, strict=True)]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from accelcal.app.state import State
 from accelcal.diagnose import Candidate
-from accelcal.effects import CATALOGUE, find
+from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.findings import sizes
 from accelcal.gauss_newton import Estimate
 from accelcal.importance import Size
 from accelcal.loop import Diagnosis
 from accelcal.plots.interactive.ranking import classes
-from accelcal.report.view import VERDICTS, amount, number, probability, spoken, title, with_unit
+from accelcal.report.view import VERDICTS, amount, number, probability, spoken, with_unit
 
 USUAL = ("quadratic", "cubic", "odd_quadratic", "temperature_bias", "temperature_scale", "bias_drift")
 """Effects that people ask about first."""
@@ -62,10 +62,10 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     single = len(c.estimate) == 1
     size = amount(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
     significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
-    rivals = tuple(title(m) for m in c.members if m != c.effect) if significant else ()
+    rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(
         effect=c.effect,
-        title=title(c.effect),
+        title=spelled(c.effect),
         about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
         facts=(
             size,
@@ -101,7 +101,7 @@ def limits(found: Diagnosis) -> list[list[str]]:
     for name, effect in usual:
         size = found.scan.detection_limits.get(name, math.inf)
         if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
-            told.append([title(name), with_unit(number(size, 3), effect.unit)])
+            told.append([spelled(name), with_unit(number(size, 3), effect.unit)])
     return told
 
 
@@ -135,7 +135,7 @@ def asides(state: State, found: Diagnosis) -> list[str]:
 def ties(found: Diagnosis) -> list[tuple[str, str]]:
     """Members that cannot be told apart, and the experiment that would."""
     several = [t for t in found.classes if len(t.members) > 1]
-    return [(", ".join(title(m) for m in t.members), t.experiment) for t in (*several, *found.inseparable)]
+    return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *found.inseparable)]
 
 
 def may_add(state: State, found: Diagnosis | None) -> bool:

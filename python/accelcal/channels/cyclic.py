@@ -7,10 +7,10 @@ import math
 import numpy as np
 import scipy
 
+from accelcal.adjoint import asked_of_readings
 from accelcal.channels.finding import ALARM, ChannelFinding
-from accelcal.channels.lines import carried, local_level, pair_fit, reading_grid
+from accelcal.channels.lines import carried, local_level, pair_fit
 from accelcal.channels.residuals import Residuals
-from accelcal.recording import Array
 
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods of the scale that are looked for, m; the shortest is at least three counts."""
@@ -40,7 +40,7 @@ def encoder_cyclic(seen: Residuals) -> ChannelFinding:
     place = p / cell
     low = place.astype(np.intp)
     share = place - low
-    wanted = backward(seen)
+    wanted = asked_of_readings(seen.state, y)
     cells = np.bincount(low, wanted * (1.0 - share), n) + np.bincount(low + 1, wanted * share, n)
     kappa = np.fft.rfftfreq(n, cell)
     rows = slice(*np.searchsorted(kappa, [max(1.0 / LONGEST, 4.0 / travel), 1.0 / shortest]))
@@ -62,18 +62,6 @@ def encoder_cyclic(seen: Residuals) -> ChannelFinding:
     text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     return ChannelFinding("encoder_cyclic", gained, p_value, amplitude, "m", std, text, parts)
-
-
-def backward(seen: Residuals) -> Array:
-    """What the innovations ask of an error added to each reading: the steady filter, transposed, (m,)."""
-    track, T = seen.state.track, seen.run.reading_step
-    kp, kv = (float(np.median(track.series(name))) for name in ("gain_p", "gain_v"))
-    F, K, H = np.array([[1.0, T], [0.0, 1.0]]), np.array([[kp], [kv]]), np.array([[1.0, 0.0]])
-    b, a = scipy.signal.ss2tf(F @ (np.eye(2) - K @ H), F @ K, -H, np.eye(1))
-    _, y, _ = reading_grid(seen)
-    asked = scipy.signal.lfilter(b[0], a, y[::-1])[::-1]
-    t = seen.run.t[seen.state.counts]
-    return np.asarray(asked[np.rint((t - t[0]) / T).astype(np.intp)])
 
 
 def cyclic_fit(seen: Residuals, kappa: float) -> tuple[float, float, float, float]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from accelcal.adjoint import asked_of_output
 from accelcal.effects import find
 from accelcal.passes import Pass
 from accelcal.recording import Array
@@ -112,7 +113,8 @@ def folded(one: Pass, x: Array, lowest: float, highest: float) -> tuple[Array, A
     low, span, cell = float(np.min(x)), float(np.ptp(x)), 1.0 / (CELLS * highest)
     n = scipy.fft.next_fast_len(int(PADDED * span / cell) + 2, real=True)
     place = (np.interp(one.run.t[one.counts] - one.run.origins.t, s.t, x) - low) / cell
-    cells = np.bincount(np.rint(np.maximum(place, 0.0)).astype(np.intp), asked_of_output(one), n)
+    wanted = asked_of_output(one, one.whitened[one.counts])
+    cells = np.bincount(np.rint(np.maximum(place, 0.0)).astype(np.intp), wanted, n)
     kappa = np.fft.rfftfreq(n, cell)
     rows = slice(*np.searchsorted(kappa, [lowest, highest]))
     power: Array = np.abs(scipy.fft.rfft(cells)[rows]) ** 2
@@ -134,13 +136,3 @@ def ripples(one: Pass) -> list[Pick]:
 
 PICKS = {"jumps": jumps, "waves": waves, "ripples": ripples}
 """How values of a shape parameter are sought in a record, by what is sought."""
-
-
-def asked_of_output(one: Pass) -> Array:
-    """What the innovations ask of the output at each reading that counts: the steady filter, transposed, (m,)."""
-    T = one.run.reading_step
-    kp, kv = (float(np.median(one.track.series(name))) for name in ("gain_p", "gain_v"))
-    left = np.array([[1.0 - kp, 0.0], [-kv, 1.0]])
-    F, G, H = np.array([[1.0, T], [0.0, 1.0]]), np.array([[T * T / 2.0], [T]]), np.array([[1.0, 0.0]])
-    b, a = scipy.signal.ss2tf(F @ left, G, H, np.zeros((1, 1)))
-    return np.asarray(scipy.signal.lfilter(b[0], a, one.whitened[one.counts][::-1])[::-1])

@@ -13,7 +13,7 @@ from accelcal.effects import (  # noqa: F401  (importing a file enters its effec
     thermal,
     together,
 )
-from accelcal.effects.cards import card, cards
+from accelcal.effects.cards import card, cards, spelled
 from accelcal.effects.catalogue import CATALOGUE, Effect, Shape, effect, find
 from accelcal.effects.channels import side_channel, side_channels
 from accelcal.effects.expression import ExpressionError, Own, from_expression
@@ -46,4 +46,5 @@ __all__ = [
     "load_effects",
     "side_channel",
     "side_channels",
+    "spelled",
 ]

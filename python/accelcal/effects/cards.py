@@ -68,6 +68,17 @@ def card(effect: Effect) -> str:
     return "\n".join(lines) + "\n"
 
 
+def spelled(name: str) -> str:
+    """A name of the catalogue as people write it.
+
+    Examples
+    --------
+    >>> spelled("odd_quadratic")
+    'odd quadratic'
+    """
+    return name.replace("_", " ")
+
+
 def _refined(effect: Effect) -> str:
     return ", ".join(name for name, shape in effect.shapes.items() if shape.refined) or "–"
 

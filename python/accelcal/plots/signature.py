@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.effects import Effect
+from accelcal.effects import Effect, spelled
 from accelcal.motion import motion
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
@@ -76,7 +76,7 @@ def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
     faint = s.a * (largest / float(np.max(np.abs(s.a))))
     axes[0].plot(s.t, faint, color=look.grid, linewidth=0.7, label="acceleration, scaled")
     lines = look.residual, look.other, look.floor
-    drawn = [(one, name or effect.name.replace("_", " ")) for one, name in zip(lines, curves, strict=False)]
+    drawn = [(one, name or spelled(effect.name)) for one, name in zip(lines, curves, strict=False)]
     for (one, name), y in zip(drawn, curves.values(), strict=True):
         style.trace(axes[0], s.t, y, one, factor=factor, name=name, columns=len(s.t))
     if "frequency" in shape:

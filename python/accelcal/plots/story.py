@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal.compare import Comparison
+from accelcal.effects import spelled
 from accelcal.ladder import Ladder
 from accelcal.loop import Diagnosis
 from accelcal.plots import style
@@ -136,7 +137,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
                 fontsize=style.SMALL,
             )
         begin = end + 1
-    axes.set_yticks(range(len(flat)), [c.effect.replace("_", " ") for c in flat])
+    axes.set_yticks(range(len(flat)), [spelled(c.effect) for c in flat])
     axes.set_ylim(len(flat) - 0.4, -0.6)
     axes.set_xlim(0.0, 1.45 * top)
     return figure

@@ -8,7 +8,7 @@ from typing import Any
 
 from accelcal._core import __version__
 from accelcal.budget import COVERAGE_FACTOR, Component
-from accelcal.effects import CATALOGUE, find
+from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.findings import sizes
 from accelcal.fit import tied_sum
 from accelcal.gauss_newton import Estimate
@@ -93,15 +93,10 @@ def with_unit(text: str, unit: str) -> str:
     return text if unit in ("", "1") else f"{text} {unit}"
 
 
-def title(name: str) -> str:
-    """An effect's name as people write it."""
-    return name.replace("_", " ")
-
-
 def spoken(text: str) -> str:
     """A sentence of the library without the identifiers of the catalogue."""
     for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
-        text = text.replace(name, title(name))
+        text = text.replace(name, spelled(name))
     return text.replace(" sigma", " σ")
 
 
@@ -226,7 +221,7 @@ def apart(content: Content) -> list[dict[str, str]]:
     ties += [(t, "on this rig as it stands") for t in d.inseparable]
     return [
         {
-            "members": ", ".join(map(title, t.members)),
+            "members": ", ".join(map(spelled, t.members)),
             "where": where,
             "experiment": f"{t.experiment[:1].upper()}{t.experiment[1:]}.",
         }
@@ -290,7 +285,7 @@ def volts(content: Content) -> list[dict[str, Any]]:
         value, std = factor * one["value"], factor * one["std"]
         rows.append(
             {
-                "name": key.replace("_", " "),
+                "name": spelled(key),
                 "value": value,
                 "std": std,
                 "unit": unit,

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from accelcal.app import parts, words
-from accelcal.effects import HOUSE
+from accelcal.effects import HOUSE, spelled
 from accelcal.effects.expression import FUNCTIONS, MOTION
 from accelcal.fit import tied_sum
 from accelcal.gauss_newton import Estimate
-from accelcal.report.view import number, title, usual
+from accelcal.report.view import number, usual
 
 if TYPE_CHECKING:
     from accelcal.app.page import Page
@@ -57,7 +57,7 @@ def parameters(page: Page) -> None:
                 return
             with ui.row().classes("line tight"):
                 value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value at which {parts.attribute(title(e.name))} is held"'
+                    f'dense outlined aria-label="Value at which {parts.attribute(spelled(e.name))} is held"'
                 )
 
                 async def hold() -> None:
@@ -72,7 +72,7 @@ def parameters(page: Page) -> None:
 
         rows.append(
             [
-                title(e.name),
+                spelled(e.name),
                 e.symbol,
                 words.value(e),
                 usual(e.unit, e.value, e.std),
@@ -103,18 +103,18 @@ def added(page: Page) -> None:
         ui.label("None yet: this is the base model.")
     for name in step.fit.model.added:
         with ui.row().classes("line spread"):
-            ui.label(title(name)).classes("strong")
+            ui.label(spelled(name)).classes("strong")
             parts.button(
                 "Remove",
                 "remove",
                 lambda name=name: page.improve(bench.drop, name),
-                label=f"Remove {title(name)}",
+                label=f"Remove {spelled(name)}",
             )
     known = [e.name for e in HOUSE if e.visible and e.port != "noise" and e.name not in step.fit.model.effects]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(
-            {name: title(name) for name in known},
+            {name: spelled(name) for name in known},
             label="Put in by hand, with or without evidence",
             with_input=True,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from accelcal.effects import find
+from accelcal.effects import find, spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
 from accelcal.plots.style import ThemeName
@@ -59,7 +59,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         vertical_spacing=GAP / room if len(panels) > 1 else 0.0,
     )
     for row, (several, unit, _) in enumerate(panels, 1):
-        names = [sheet.plain(s.effect.replace("_", " ")) for s in several]
+        names = [sheet.plain(spelled(s.effect)) for s in several]
         figure.add_scatter(
             x=[s.largest for s in several],
             y=names,
@@ -75,7 +75,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         title = sheet.axis_title("largest contribution at the smallest size that is found", unit)
         figure.update_xaxes(**scale, title_text=title, row=row, col=1)
         figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
-    blind = [s.effect.replace("_", " ") for s in power.sights if not s.seen]
+    blind = [spelled(s.effect) for s in power.sights if not s.seen]
     sheet.dress(
         figure,
         look,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from accelcal.diagnose import Candidate
+from accelcal.effects import spelled
 from accelcal.loop import Diagnosis
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
@@ -50,7 +51,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     if not groups:
         return sheet.message(figure, look, "Candidates", "No candidate could be tested on this record.")
     flat = [c for group in groups for c in group]
-    names = [sheet.plain(c.effect.replace("_", " ")) for c in flat]
+    names = [sheet.plain(spelled(c.effect)) for c in flat]
     for said, chosen, filled in (("significant", look.model, True), ("no evidence", look.floor, False)):
         rows = [i for i, c in enumerate(flat) if (c.p_value < diagnosis.alpha) == filled]
         if not rows:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from accelcal.effects import spelled
 from accelcal.likeness import Likeness, likeness
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
@@ -53,7 +54,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     figure = sheet.canvas()
     if len(seen.names) < 2:
         return sheet.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
-    names = [sheet.plain(n.replace("_", " ")) for n in seen.names]
+    names = [sheet.plain(spelled(n)) for n in seen.names]
     texts = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in seen.correlation]
     figure.add_heatmap(
         z=seen.correlation,

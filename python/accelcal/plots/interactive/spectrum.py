@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal.channels import ChannelFinding
 from accelcal.compare import Comparison, Spectrum, accel_spectrum, one_step_spectrum
+from accelcal.effects import spelled
 from accelcal.fit import Fit
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 def lines(findings: Sequence[ChannelFinding]) -> list[tuple[float, str]]:
     """Frequencies that were found, Hz, each with its name."""
-    return [(f.parts["frequency"], f.effect.replace("_", " ")) for f in findings if "frequency" in f.parts]
+    return [(f.parts["frequency"], spelled(f.effect)) for f in findings if "frequency" in f.parts]
 
 
 def spectrum(

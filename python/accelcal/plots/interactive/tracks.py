@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from accelcal.effects import spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
 from accelcal.plots.style import ThemeName
@@ -40,7 +41,7 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
     look = style.theme_of(theme)
     count = min(MOST, len(track.names))
     rows = math.ceil(count / COLUMNS)
-    names = [sheet.plain(n.replace("_", " ")) for n in track.names[:count]]
+    names = [sheet.plain(spelled(n)) for n in track.names[:count]]
     figure = sheet.canvas(
         rows, COLUMNS, subplot_titles=names, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.11
     )
