@@ -355,3 +355,15 @@ def test_a_column_that_nobody_understands_makes_no_planned_motion(write):
     refused(path, "no column for accel; columns are: t_s, out, position_m", need_accel=False)
     refused(path, "A planned motion has columns for time and position alone", need_accel=False)
     assert len(io.load(write("t_s,position_m\n0,0\n1,1\n2,2\n"), need_accel=False).accel) == 0
+
+
+def test_a_sidecar_that_names_another_output_makes_no_planned_motion(write):
+    lines = '[channels]\naccel = { column = "ai0", unit = "g" }\nposition = { column = "enc", unit = "m" }\n'
+    path = write(f"t_s,ai1,enc\n{ROWS}", lines)
+    refused(path, 'no column "ai0", which run.toml names for accel; did you mean "ai1"?', need_accel=False)
+    assert len(io.load(write("t_s,enc\n0,0\n1,1\n2,2\n", lines), need_accel=False).accel) == 0
+
+
+def test_an_output_without_any_sample_makes_no_planned_motion(write):
+    path = write("t_s,accel_g,position_m\n0,,0\n1,,1\n2,,2\n")
+    refused(path, 'column "accel_g": every cell is empty', need_accel=False)

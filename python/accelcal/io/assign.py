@@ -47,7 +47,7 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     for name in ("accel", "position"):
         if name in required and name not in sources:
             raise RecordingError(_absent(table, name, sidecar, declared.channels))
-        if name in sources and name not in required and sources[name].column not in table.columns:
+        if name in sources and name not in required and not _recorded(table, sources, name, declared.time):
             del sources[name]
     if "accel" not in sources and notes:  # one of the columns that nobody asked for may be the output
         alone = "A planned motion has columns for time and position alone."
@@ -114,6 +114,14 @@ def _common_clock(table: Table, sidecar: Path) -> Clock | None:
             f"{table.path}: columns {names} can both be time; " + fix(sidecar, line("time", common[0], "..."))
         )
     return Clock(column=common[0]) if common else None
+
+
+def _recorded(table: Table, sources: Mapping[str, Source], channel: str, clock: Clock | None) -> bool:
+    """Whether the file holds the column of a channel, or one that nobody claims and that may be it."""
+    claimed = {source.column for source in sources.values()}
+    claimed |= {time.column for time in (clock, *(source.time for source in sources.values())) if time and time.column}
+    stamps = {column for column in table.columns if naming.role(naming.take_apart(column).base) == "time"}
+    return sources[channel].column in table.columns or bool({*table.columns} - claimed - stamps)
 
 
 def _has_unit(table: Table, column: str) -> bool:

@@ -58,6 +58,11 @@ def load(
     findings = notes + unused
     channels = {}
     for name, samples in _samples(table, plan, declared.rig):
+        if not len(samples.t) and name == "accel" and not need_accel:
+            raise RecordingError(
+                f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
+                "accelerometer; a planned motion has columns for time and position alone."
+            )
         if not len(samples.t) and name not in required:
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
             continue

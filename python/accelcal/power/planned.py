@@ -126,22 +126,29 @@ def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), a
     t, p = recording.position.t, recording.position.y
     motion = through(t, p, recording.name)
     rate = 1.0 / float(np.median(np.diff(t)))
-    model, noise = Model.linear(), planned_noise(recording.rig)
+    model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
     one = planned_pass(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
     return sight_of(one, model, extra, alpha)
 
 
-def planned_noise(rig: Rig, encoder_noise: float | None = None) -> Noise:
-    """Noise of the data sheet: q = N²/2 for a one-sided density N, R = noise² + resolution²/12."""
+def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:
+    """Noise of the data sheet: q = N²/2 for a one-sided density N, R = noise² + resolution²/12.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not declared; messages call the motion `name`.
+    """
     if rig.sensor.noise is None:
         raise ValueError(
-            "the noise density of the sensor is not declared, so nothing can be said of a planned motion. "
+            f"{name}: the noise density of the sensor is not declared, so nothing can be said of a planned motion. "
             'Write in the sidecar\n[sensor]\nnoise = "225 ug/sqrt(Hz)"'
         )
     if rig.resolution is None and encoder_noise is None:
         raise ValueError(
-            "neither resolution nor noise of the encoder are known, so nothing can be said of a planned motion. "
-            'Write in the sidecar\n[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
+            f"{name}: neither resolution nor noise of the encoder are known, so nothing can be said of a planned "
+            "motion. Write in the sidecar\n"
+            '[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
         )
     step = rig.resolution or 0.0
     own = step if encoder_noise is None else encoder_noise
