@@ -161,13 +161,28 @@ def load(path: str | Path) -> Fit:
         ) from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if schema != MODEL_SCHEMA:
-        raise ModelFileError(f"{path}: expected schema {MODEL_SCHEMA!r}, found {schema!r}")
+        found = "none" if schema is None else f'"{schema}"'
+        raise ModelFileError(
+            f'{path}: expected a model file with the schema "{MODEL_SCHEMA}", found {found}; make one with: '
+            "accelcal fit RUN.csv -o MODEL.json"
+        )
     try:
         return from_dict(content)
     except ModelFileError as error:
         raise ModelFileError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelFileError(f"{path}: the model file is damaged or incomplete: {error}") from None
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
+        raise ModelFileError(
+            f"{path}: the model file is damaged or incomplete ({what}); take a copy that is whole, or fit again"
+        ) from None
+
+
+KINDS: Mapping[str, tuple[type, str]] = {
+    "method": (str, "a text"),
+    **dict.fromkeys(("parameters", "data", "noise", "remarks"), (list, "a list")),
+    **dict.fromkeys(("model", "covariance", "rig", "origins", "validity"), (dict, "an object")),
+}
+"""What must stand in a model file, and as what."""
 
 
 def from_dict(content: Mapping[str, Any]) -> Fit:
@@ -178,6 +193,9 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
     KeyError, TypeError, ValueError
         If something is missing or of the wrong kind.
     """
+    for key, (kind, expected) in KINDS.items():
+        if not isinstance(content[key], kind):
+            raise ValueError(f"{key}: expected {expected}, found {json.dumps(content[key])[:40]}")
     model = content["model"]
     require_known(model)
     rig = dict(content["rig"])
@@ -185,7 +203,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
     rig["lowpass"] = LowPass(**rig["lowpass"]) if rig["lowpass"] else None
     rig["uncertainty"] = Uncertainty(**rig["uncertainty"])
     rig["assumptions"] = tuple(rig["assumptions"])
-    return Fit(
+    fit = Fit(
         model=Model(
             tuple(model["effects"]),
             dict(model["fixed"]),
@@ -215,6 +233,12 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
     )
+    if fit.covariance.shape != (len(fit.free),) * 2:
+        raise ValueError(
+            f"covariance.matrix has the shape {fit.covariance.shape}, expected a row and a column for each of "
+            f"{', '.join(e.name for e in fit.free)}"
+        )
+    return fit
 
 
 def require_known(model: Mapping[str, Any]) -> None:

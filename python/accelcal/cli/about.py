@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from accelcal.cli.data import write_recording
-from accelcal.cli.frame import Json, app, emit, progress, reported, say
+from accelcal.cli.frame import Json, app, emit, folder, progress, reported, say
 from accelcal.cli.printing import show_comparison, show_diagnosis, show_fit, show_steps
 
 if TYPE_CHECKING:
@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 @app.command()
 @reported
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write into.")] = Path("demo"),
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write into.", callback=folder)] = Path(
+        "demo"
+    ),
     seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 1,
     effect: Annotated[
         str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and walk the loop.")
@@ -93,7 +95,9 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
 @reported
 def paper(
     full: Annotated[bool, typer.Option("--full", help="All runs of the paper; minutes instead of seconds.")] = False,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="Folder for the figures.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=folder)
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 2007,
     json: Json = False,
 ) -> None:

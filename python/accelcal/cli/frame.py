@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -15,6 +16,10 @@ import typer
 if TYPE_CHECKING:
     from accelcal.effects import Effect
 
+WRITTEN = ("output", "c", "rust", "dcc")
+"""Parameters that name a file to write."""
+RECORDINGS = (".csv", ".parquet")
+"""What a recording is written as, with a sidecar beside it."""
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERRUPTED = 2, 3, 4, 130
 app = typer.Typer(
     name="accelcal",
@@ -31,7 +36,32 @@ Band = Annotated[str | None, typer.Option("--band", help='Trust the encoder up t
 From = Annotated[str | None, typer.Option("--from", help="Begin here on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End here on the position clock, s.")]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random; stored in what is written.")]
-Output = Annotated[Path | None, typer.Option("-o", "--output", help="Write the result here.")]
+
+
+def new_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse a place where no file can be written before any work is done."""
+    if path is None:
+        return None
+    name = f"--{option.name} {path}"
+    if path.is_dir():
+        fail(f"{name}: this is a folder; give the name of a file", USAGE)
+    if not path.parent.is_dir():
+        fail(f"{name}: there is no folder {path.parent}; make it first, or write elsewhere", USAGE)
+    if not os.access(path.parent, os.W_OK):
+        fail(f"{name}: the folder {path.parent.absolute()} may not be written to; write elsewhere", USAGE)
+    return path
+
+
+def folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse a folder that is none, or lies in a file, before any work is done."""
+    if path is not None:
+        for part in (path, *path.parents):
+            if part.exists() and not part.is_dir():
+                fail(f"--{option.name} {path}: {part} is a file; give the name of a folder", USAGE)
+    return path
+
+
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="Write the result here.", callback=new_file)]
 Holdout = Annotated[Path | None, typer.Option("--holdout", help="Recording that is not fitted.")]
 EffectsFile = Annotated[
     list[Path] | None,
@@ -52,6 +82,7 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
+            require_apart(kwargs)
             command(*args, **kwargs)
         except KeyboardInterrupt:
             fail("interrupted; nothing was left half-written", INTERRUPTED)
@@ -63,6 +94,30 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {name: p.annotation for name, p in signature.parameters.items()} | {"return": None}
     return run
+
+
+def require_apart(given: Mapping[str, Any]) -> None:
+    """Refuse to write over a recording or a sidecar that the command reads; a model may be replaced by the next one.
+
+    Raises
+    ------
+    Usage
+        Naming the option.
+    """
+    written = {name: given[name] for name in WRITTEN if isinstance(given.get(name), Path)}
+    if not written:
+        return
+    from accelcal.io import sidecar_of
+
+    values = [value for name, value in given.items() if name not in (*WRITTEN, "model", "models")]
+    read = {
+        path for value in values for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path)
+    }
+    kept = {path.resolve() for one in read for path in (one, sidecar_of(one))}
+    for name, path in written.items():
+        for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
+            if made.resolve() in kept:
+                raise Usage(f"--{name} {path}: {made} is read by this command and would be lost; give another name")
 
 
 def code_of(error: Exception) -> int:

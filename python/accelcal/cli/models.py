@@ -22,6 +22,7 @@ from accelcal.cli.frame import (
     amount,
     app,
     emit,
+    folder,
     own_effects,
     progress,
     reported,
@@ -128,7 +129,9 @@ def compare(
     band: Band = None,
     start: From = None,
     end: To = None,
-    plots: Annotated[Path | None, typer.Option("--plots", help="Write pictures into this folder.")] = None,
+    plots: Annotated[
+        Path | None, typer.Option("--plots", help="Write pictures into this folder.", callback=folder)
+    ] = None,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
@@ -290,6 +293,7 @@ def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
     from accelcal import io
 
     if rig is None and not io.sidecar_of(run).exists():
+        recording = io.load(run, fitted.rig)
         say(f"{run}: no sidecar; the rig stored in the model is assumed")
-        return io.load(run, fitted.rig)
+        return recording
     return io.load(run, rig)

@@ -20,6 +20,7 @@ from accelcal.cli.frame import (
     Usage,
     app,
     emit,
+    new_file,
     own_effects,
     progress,
     reported,
@@ -79,9 +80,11 @@ def report(
 @reported
 def export(
     model: ModelFile,
-    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.")] = None,
-    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.")] = None,
-    dcc: Annotated[Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).")] = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.", callback=new_file)] = None,
+    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.", callback=new_file)] = None,
+    dcc: Annotated[
+        Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=new_file)
+    ] = None,
     lab: Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")] = None,
     schema: Annotated[Path | None, typer.Option("--schema", help="Hold --dcc against this dcc.xsd.")] = None,
     without: Annotated[

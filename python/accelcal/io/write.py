@@ -6,7 +6,7 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,11 @@ from accelcal.rig import Rig
 def atomic(path: str | Path) -> Iterator[Path]:
     """Give a name to write to; it becomes `path` when the block ends well, and vanishes when it does not.
 
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the text names it and says why.
+
     Examples
     --------
     >>> import tempfile
@@ -36,8 +41,12 @@ def atomic(path: str | Path) -> Iterator[Path]:
     try:
         yield part
         os.replace(part, path)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise OSError(f"{path}: cannot be written ({reason}); write to a folder that exists and is yours") from None
     finally:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # what could not be made cannot be removed
+            part.unlink(missing_ok=True)
 
 
 def atomic_write(path: str | Path, content: str | bytes) -> None:
