@@ -295,7 +295,7 @@ _USUAL = {
 def display(unit: str, value: float, std: float) -> str | None:
     """Return an SI value in the unit that test engineers use for it, None where SI is that unit.
 
-    A value with a standard deviation has as many decimals as two digits of that need.
+    A value with a standard deviation is rounded to two digits of that.
 
     Examples
     --------
@@ -303,6 +303,8 @@ def display(unit: str, value: float, std: float) -> str | None:
     '1 ug/g²'
     >>> display("m/s²", 0.050011, 2.8e-5)
     '5.0997 ± 0.0029 mg'
+    >>> display("(m/s²)⁻²", 9.945e-4, 2.87e-6)
+    '95640 ± 280 ug/g³'
     """
     if unit not in _USUAL:
         return None
@@ -310,5 +312,6 @@ def display(unit: str, value: float, std: float) -> str | None:
     if std <= 0.0:
         return f"{value / size:.4g} {name}"
     spread = std / size
-    decimals = min(12, max(0, 1 - math.floor(math.log10(spread))))
-    return f"{value / size:.{decimals}f} ± {spread:.{decimals}f} {name}"
+    last = 1 - math.floor(math.log10(spread))
+    decimals = min(12, max(0, last))
+    return f"{round(value / size, last):.{decimals}f} ± {round(spread, last):.{decimals}f} {name}"

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from accelcal.cli.data import write_recording
+from accelcal.cli.data import values_of, write_recording
 from accelcal.cli.frame import Json, app, emit, folder, progress, reported, say
-from accelcal.cli.printing import show_comparison, show_diagnosis, show_fit, show_steps
+from accelcal.cli.printing import show_comparison, show_fit, show_improvement
 
 if TYPE_CHECKING:
     pass
@@ -54,7 +54,7 @@ def demo(
         rng = np.random.default_rng(each)
         made = simulate_rig("interleaved", seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, path)
-        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples, truth {truth}")
+        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples; the truth is {values_of(truth)}")
     print(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     found = fit_replay(Model.linear(), first)
@@ -72,6 +72,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and walk the loop."""
     from accelcal import findings, store
     from accelcal.demo import hide, seal
+    from accelcal.effects import find
     from accelcal.loop import improve as improve_with
 
     hidden = hide(effect, seed)
@@ -84,10 +85,9 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     with progress("improve") as report:
         found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
     store.save(found.diagnosis.fit, output / "best.json", seed=seed)
-    content = findings.improvement_to_dict(found)
-    show_diagnosis(content)
-    show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
-    truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g}"
+    show_improvement(found, findings.improvement_to_dict(found))
+    unit = "" if hidden.effect is None else find(hidden.effect).unit
+    truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g} {unit}".removesuffix(" 1")
     print(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden was: {truth}.")
 
 

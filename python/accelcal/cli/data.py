@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -114,7 +115,15 @@ def simulate(
     if json:
         emit({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
     else:
-        say(f"wrote {output} and {sidecar}; the truth is {truth}")
+        say(f"wrote {output} and {sidecar}; the truth is {values_of(truth)}")
+
+
+def values_of(truth: Mapping[str, float]) -> str:
+    """True parameters that are not zero, each with its unit."""
+    from accelcal.effects import find
+
+    told = [f"{name} {value:g} {find(name).unit}".removesuffix(" 1") for name, value in truth.items() if value]
+    return ", ".join(told) or "a perfect sensor"
 
 
 def write_recording(recording: Recording, path: Path) -> Path:

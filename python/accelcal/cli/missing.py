@@ -27,7 +27,7 @@ from accelcal.cli.frame import (
     say,
 )
 from accelcal.cli.models import load_like
-from accelcal.cli.printing import limit, show_diagnosis, show_plan, show_power, show_steps
+from accelcal.cli.printing import limit, show_diagnosis, show_improvement, show_plan, show_power, show_steps
 
 if TYPE_CHECKING:
     from accelcal.power import Plan
@@ -113,11 +113,8 @@ def improve(
     content = findings.improvement_to_dict(found)
     if json:
         emit(content)
-        return
-    show_diagnosis(content)
-    if found.same_run:
-        print("held out: the end of the same run; it cannot show set-up or slow-drift errors")
-    show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
+    else:
+        show_improvement(found, content)
 
 
 @app.command()

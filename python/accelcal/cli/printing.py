@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import functools
+import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from accelcal.cli.frame import Usage, amount
 
 if TYPE_CHECKING:
     from accelcal.fit import Fit
+    from accelcal.loop import Improvement
     from accelcal.recording import Recording
 
 
@@ -44,7 +46,6 @@ def limit(text: str, kind: str, option: str) -> float:
 def show_power(content: dict[str, Any]) -> None:
     """Print the smallest detectable size of every effect, then what could not be told apart."""
     from rich.console import Console
-    from rich.table import Column, Table
 
     console = Console()
     share = f"{100 * content['probability']:.0f} %"
@@ -54,9 +55,7 @@ def show_power(content: dict[str, Any]) -> None:
         style="bold",
         highlight=False,
     )
-    whole, folded = functools.partial(Column, no_wrap=True), functools.partial(Column, overflow="fold")
-    columns = (whole("effect"), whole("smallest size"), whole("unit"), folded("largest contribution"))
-    table = Table(*columns, folded("cannot be told from"), box=None)
+    rows = []
     for each in content["effects"]:
         sizes = each["smallest_detectable"]
         every = sizes if isinstance(sizes, list) else [sizes]
@@ -64,14 +63,15 @@ def show_power(content: dict[str, Any]) -> None:
         # Two parts are told one by one; of the many pieces of a shape the one that is seen best speaks for all.
         sized = every if len(every) <= 2 else [min(known, default=None)]
         largest = each["largest_contribution"]
-        table.add_row(
-            each["effect"],
-            " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not visible",
-            each["unit"],
-            f"{largest:.2g} {each['largest_contribution_unit']}" if largest is not None else "",
-            ", ".join(each["class"][1:]),
+        rows.append(
+            (
+                each["effect"],
+                " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not visible",
+                each["unit"],
+                f"{largest:.2g} {each['largest_contribution_unit']}" if largest is not None else "",
+            )
         )
-    console.print(table)
+    show_table(("effect", "smallest size", "unit", "largest contribution"), rows)
     if any(not each["class"][1:] and each["smallest_detectable"] is None for each in content["effects"]):
         console.print("not visible: the base model takes it up, or it would have to be as large as the motion itself")
     for tie in content["ties"]:
@@ -93,34 +93,49 @@ def show_plan(content: dict[str, Any]) -> None:
         highlight=False,
     )
     show_power({**content, "name": "this motion", "probability": 0.95, "ties": []})
+    for each in content["effects"]:
+        if each["class"][1:]:
+            console.print(f"{each['effect']} cannot be told from {', '.join(each['class'][1:])}", highlight=False)
     for pair in content["correlations"]:
         console.print(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}", highlight=False)
+
+
+def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
+    """Print what was found, what the grown model still lacks, its parameters, and the falling error."""
+    from rich.console import Console
+
+    if found.effects:
+        Console().print(f"Found: {', '.join(found.effects)}. What is left:", style="bold", highlight=False)
+    show_diagnosis(content)
+    show_parameters(found.diagnosis.fit)
+    if found.same_run:
+        print("held out: the end of the same run; it cannot show set-up or slow-drift errors")
+    show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
     """Print a sentence first, then the candidates and what cannot be told apart."""
     from rich.console import Console
-    from rich.table import Table
 
     console = Console()
     for text in content["suspect_data"]:
         console.print(f"suspect data: {text}", style="bold red", highlight=False)
     console.print(content["sentence"], style="bold", highlight=False)
     if content.get("candidates"):
-        table = Table("candidate", "estimate", "unit", "sigma", "p", "largest, m/s²", "cannot be told from", box=None)
-        for c in content["candidates"][:8]:
-            single = isinstance(c["estimate"], float)
-            rivals = [m for m in c["class"] if m != c["effect"]]
-            table.add_row(
+        rows = [
+            (
                 c["effect"],
-                f"{c['estimate']:.4g} ± {c['std']:.2g}" if single else f"{len(c['estimate'])} coefficients",
+                short(c["estimate"], c["std"])
+                if isinstance(c["estimate"], float)
+                else f"{len(c['estimate'])} coefficients",
                 c["unit"],
                 f"{c['snr']:.1f}",
                 f"{c['p_value']:.2g}" if c["p_value"] > 0.0 else "<1e-300",
                 contribution(c["largest_contribution"]).split(" m/s²")[0],
-                ", ".join(rivals[:3]) + (f" and {len(rivals) - 3} more" if len(rivals) > 3 else ""),
             )
-        console.print(table)
+            for c in content["candidates"][:8]
+        ]
+        show_table(("candidate", "estimate (std)", "unit", "sigma", "p", "largest, m/s²"), rows)
         console.print(
             f"p is family-wise over {content['candidates_examined']} candidates; largest is the largest contribution "
             "over the used range",
@@ -171,18 +186,17 @@ def effect_lines(content: dict[str, Any]) -> list[str]:
 def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
     """Print the falling error on held-out data; the least floor, since a model takes what it lacks for noise."""
     from rich.console import Console
-    from rich.table import Table
 
-    table = Table("model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um", box=None)
+    rows = []
     for name, seen in steps:
         drift = [seen["coast_rms_m"][h] for h in ("1", "5", "10")]
         cells = ["-" if v is None else f"{1e3 * v:.4g}" for v in drift]
-        table.add_row(name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}")
+        rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}"))
     floors = [[one["coast_floor_m"][h] for _, one in steps if one["coast_floor_m"][h]] for h in ("1", "5", "10")]
-    table.add_row("noise alone", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), "")
+    rows.append(("noise alone", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), ""))
     console = Console()
-    console.print("unaided drift on held-out data (rezeroed)")
-    console.print(table)
+    console.print("rms unaided drift on held-out data (rezeroed) after", highlight=False)
+    show_table(("model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"), rows)
     for text in outside_lines(steps[-1][1]):
         console.print(f"held out: {text}", highlight=False)
 
@@ -190,33 +204,99 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
 def show_fit(found: Fit, recording: Recording) -> None:
     """Print a fit as a table with what must be read beside it."""
     from rich.console import Console
-    from rich.table import Table
-    from uncertainties import ufloat
 
-    from accelcal.fit import tied_sum
+    from accelcal.effects import spelled
     from accelcal.store import electrical
-    from accelcal.units import display
 
     console = Console()
-    table = Table("parameter", "value (std)", "unit", "95 % interval", "usual unit", "what it really is here", box=None)
-    for e in (*found.estimates, *found.shapes):
-        name = e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]"
-        value = f"{ufloat(e.value, e.std):.2uS}" if e.std > 0.0 else f"{e.value:.6g} (held)"
-        interval = f"{e.value - 1.96 * e.std:.6g} .. {e.value + 1.96 * e.std:.6g}" if e.std > 0.0 else ""
-        shown = f"{e.symbol} = {value}"
-        usual = "" if e in found.shapes else display(e.unit, e.value, e.std) or ""
-        table.add_row(name, shown, e.unit, interval, usual, tied_sum(found, e.name))
     console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
-    console.print(table)
-    volts = electrical(found, recording.rig)
-    if volts is not None:
-        for key, one in volts.items():
-            console.print(f"{key.replace('_', ' ')}: {ufloat(one['value'], one['std']):.2uS} {one['unit']}")
+    show_parameters(found)
+    for key, one in (electrical(found, recording.rig) or {}).items():
+        console.print(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}", highlight=False)
     for run in found.runs:
         for line in noise_lines(run.noise):
             console.print(line, highlight=False)
     for text in (*recording.rig.assumptions, *found.remarks):
         console.print(f"note: {text}", highlight=False)
+
+
+def show_parameters(found: Fit) -> None:
+    """Print every parameter with its uncertainty, and what it really is on this rig."""
+    from accelcal.fit import tied_sum
+    from accelcal.units import display
+
+    rows, told = [], {}
+    for e in (*found.estimates, *found.shapes):
+        held = e.std <= 0.0
+        rows.append(
+            (
+                e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]",
+                f"{e.value:.6g} (held)" if held else short(e.value, e.std),
+                e.unit,
+                "" if held else interval(e.value, e.std),
+                "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
+            )
+        )
+        told[e.name] = tied_sum(found, e.name)
+    show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
+    for name, what in told.items():
+        print(f"  {name} really is {what} here")
+
+
+def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """Print a table whole: wider than the terminal rather than with numbers cut off."""
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Column, Table
+
+    table = Table(*(Column(name, no_wrap=True) for name in head), box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*row)
+    console = Console()
+    needed = Measurement.get(console, console.options.update(max_width=1000), table).maximum
+    Console(width=max(console.width, needed)).print(table)
+
+
+def short(value: float, std: float) -> str:
+    """A value with the last two digits of its standard deviation in parentheses.
+
+    Examples
+    --------
+    >>> short(0.0009945, 2.8e-6), short(-4.5e-7, 4.4e-7)
+    ('0.0009945(28)', '-4.5(4.4)e-07')
+    """
+    from uncertainties import ufloat
+
+    return f"{ufloat(value, std):.2uS}"
+
+
+def plus_minus(value: float, std: float) -> str:
+    """A value with two digits of its standard deviation, where that is known.
+
+    Examples
+    --------
+    >>> plus_minus(229.04, 3.52), plus_minus(-1.598e-4, 2.1e-4), plus_minus(1.04321, math.nan)
+    ('229.0 ± 3.5', '-0.00016 ± 0.00021', '1.043')
+    """
+    from uncertainties import ufloat
+
+    if not math.isfinite(std) or std <= 0.0:
+        return f"{value:.4g}"
+    return f"{ufloat(value, std):.2u}".replace("+/-", " ± ")
+
+
+def interval(value: float, std: float) -> str:
+    """The interval that holds the truth with 95 % probability, to two digits of the standard deviation.
+
+    Examples
+    --------
+    >>> interval(0.04984, 2.1e-4), interval(9e-7, 3.2e-6)
+    ('0.04943 .. 0.05025', '-5.4e-06 .. 7.2e-06')
+    """
+    last = 1 - math.floor(math.log10(std))
+    low, high = (round(value + side * 1.96 * std, last) for side in (-1.0, 1.0))
+    digits = max(1, 1 + last + math.floor(math.log10(max(abs(low), abs(high)))))
+    return f"{low:.{digits}g} .. {high:.{digits}g}"
 
 
 def noise_lines(report: Any) -> list[str]:
@@ -226,10 +306,9 @@ def noise_lines(report: Any) -> list[str]:
     lines = []
     for label, one in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
         if one is not None:
-            lines.append(
-                f"{label}: {one.density / MICRO_G:.4g} ± {one.density_std / MICRO_G:.2g} ug/sqrt(Hz), "
-                f"encoder {1e6 * one.reading:.4g} um, {one.count} readings"
-            )
+            density = plus_minus(one.density / MICRO_G, one.density_std / MICRO_G)
+            reading = plus_minus(1e6 * one.reading, 1e6 * one.reading_std)
+            lines.append(f"{label}: {density} ug/sqrt(Hz), encoder {reading} um, {one.count} readings")
     if report.declared is not None:
         lines.append(
             f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); fitted is {report.ratio:.3g} times that"
@@ -242,26 +321,26 @@ def noise_lines(report: Any) -> list[str]:
 def show_comparison(content: dict[str, Any]) -> None:
     """Print a comparison: unaided drift first."""
     from rich.console import Console
-    from rich.table import Table
 
     def millimetres(value: float | None) -> str:
         return "-" if value is None else f"{1e3 * value:.4g}"
 
     console = Console()
     console.print(f"{content['recording'] or 'recording'}", style="bold")
-    table = Table("unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points", box=None)
-    for horizon, value in content["coast_rms_m"].items():
-        table.add_row(
+    rows = [
+        (
             f"{horizon} s",
             millimetres(value),
             millimetres(content["coast_frozen_rms_m"][horizon]),
             millimetres(content["coast_floor_m"][horizon]),
             str(content["coast_starts"][horizon]),
         )
-    console.print(table)
+        for horizon, value in content["coast_rms_m"].items()
+    ]
+    show_table(("rms unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points"), rows)
     setup = content["setup_bias_m_per_s2"]
     if setup["std"] is not None:
-        console.print(f"set-up or turn-on bias: {setup['value']:+.4g} ± {setup['std']:.2g} m/s²", highlight=False)
+        console.print(f"set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²", highlight=False)
     nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
     console.print(f"one step ahead: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}", highlight=False)
     steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
@@ -271,7 +350,7 @@ def show_comparison(content: dict[str, Any]) -> None:
         highlight=False,
     )
     console.print(f"worst: {content['worst']}", highlight=False)
-    for text in (*outside_lines(content), *content["remarks"]):
+    for text in outside_lines(content) or content["remarks"]:
         console.print(f"note: {text}", highlight=False)
 
 

@@ -1,0 +1,74 @@
+"""What stands in a terminal: whole numbers in narrow windows, units, digits that the uncertainty supports."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import accelcal as ac
+from accelcal import findings
+from accelcal.cli import app
+from accelcal.cli.printing import interval, show_fit, show_improvement, show_table
+from accelcal.loop import improve
+
+TRUTH = {"bias": 0.05, "cubic": 1e-3}
+
+
+@pytest.fixture(scope="module")
+def recording():
+    rng = np.random.default_rng(21)
+    return ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "40")
+
+
+def test_a_table_that_is_wider_than_the_terminal_keeps_every_number(capsys):
+    cells = [f"{k}.23456789e-0{k}" for k in range(8)]
+    show_table(tuple(f"head {k}" for k in range(8)), [tuple(cells)])
+    head, row = capsys.readouterr().out.splitlines()
+    assert row.split() == cells
+    assert head.split("  ")[0] == "head 0"
+
+
+def test_a_fit_is_told_with_units_and_what_its_parameters_really_are(recording, capsys):
+    found = ac.fit(ac.Model.cubic(), recording)
+    show_fit(found, recording)
+    said = capsys.readouterr().out
+    for estimate in found.estimates:
+        row = next(line for line in said.splitlines() if line.startswith(estimate.name))
+        assert estimate.unit in row.split()
+        assert "…" not in row
+    said = " ".join(said.split())
+    assert "bias really is K0 + g0 tilt + g0 misalignment here" in said
+    assert re.search(r"noise: [\d.]+ ± [\d.]+ ug/sqrt\(Hz\), encoder [\d.]+ ± [\d.]+ um", said)
+
+
+def test_the_loop_prints_what_it_found_with_its_uncertainty(recording, capsys):
+    found = improve(recording)
+    show_improvement(found, findings.improvement_to_dict(found))
+    said = capsys.readouterr().out
+    assert found.effects[0] in said.splitlines()[0]
+    row = next(line for line in said.splitlines() if line.startswith(found.effects[0]) and "(" in line)
+    assert found.diagnosis.fit[found.effects[0]].unit in row
+
+
+@given(value=st.floats(-1e3, 1e3), std=st.floats(1e-6, 1e2))
+def test_an_interval_is_rounded_to_two_digits_of_the_deviation(value, std):
+    low, high = (float(end) for end in interval(value, std).split(" .. "))
+    last = 10.0 ** (math.floor(math.log10(std)) - 1)
+    assert low == pytest.approx(value - 1.96 * std, abs=0.51 * last)
+    assert high == pytest.approx(value + 1.96 * std, abs=0.51 * last)
+
+
+def test_a_simulation_tells_the_truth_with_units(tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        app(["simulate", "-o", str(tmp_path / "run.csv"), "--seconds", "5", "--cubic", "1e-3", "--scale-factor", "0"])
+    assert "the truth is bias 0.05 m/s², cubic 0.001 (m/s²)⁻²" in capsys.readouterr().err
