@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal.effects.memory import since_reversal
-from accelcal.fit import Fit
+from accelcal.fit import Fit, require_band
 from accelcal.predict import Coasting, Prediction, accumulated, rms
 from accelcal.recording import Array, Recording
 from accelcal.replay import Flags, Noise
@@ -197,6 +197,7 @@ def compare(
     run, e, S = ahead.run, ahead.e, ahead.S
     counts = ahead.counts
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
+    require_band(run, band)
     seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t_res, residual, motion = accel_residual(ahead, seen_band)
     bins: tuple[Bins, ...] = ()

@@ -11,7 +11,7 @@ import numpy as np
 from accelcal.gauss_newton import MAX_ROUNDS, Estimate, Layout, NotIdentifiable, Solution, estimated, iterate
 from accelcal.model import Model, Prior
 from accelcal.passes import LEAST_BLOCKS, Pass, RunFit
-from accelcal.recording import Array, Recording, RecordingError
+from accelcal.recording import Array, Recording, RecordingError, require_same_sensor
 from accelcal.replay import Noise, Run, Values
 from accelcal.rig import STANDARD_GRAVITY, Rig
 from accelcal.shaping import held_shapes, shaped
@@ -142,11 +142,13 @@ def solve_runs(
 
     Parameters and errors are those of :func:`fit`.
     """
+    require_distinct(recordings)
     model = complete(model, recordings)
     first = Run(recordings[0], origins, start=start, end=end)
     runs = [first, *(Run(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
         require_motion(run)
+        require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
         bands = [choose_band(model, one) if one.coloured else None for one in solution.passes]
@@ -272,6 +274,39 @@ def require_motion(run: Run) -> None:
         raise NotIdentifiable(
             f"{run.recording.name or 'recording'}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
             "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
+        )
+
+
+def require_distinct(recordings: Sequence[Recording]) -> None:
+    """Refuse a recording that is given twice, for its readings would count twice, and one of another sensor.
+
+    Raises
+    ------
+    RecordingError
+        Naming the recording.
+    """
+    for number, recording in enumerate(recordings):
+        for before in recordings[:number]:
+            if recording.digest and recording.digest == before.digest:
+                raise RecordingError(
+                    f"{recording.name} is {before.name} once more: its readings would count twice. Give it once"
+                )
+        require_same_sensor(recording, recordings[0].rig, recordings[0].name or "the first recording")
+
+
+def require_band(run: Run, band: float | None) -> None:
+    """Refuse a band that is none, or lies beyond what the readings can show.
+
+    Raises
+    ------
+    ValueError
+        With the limits.
+    """
+    most = 0.5 / run.reading_step
+    if band is not None and not 0.0 < band < most:
+        raise ValueError(
+            f"{name_of(run)}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
+            f"readings, {most:.4g} Hz"
         )
 
 

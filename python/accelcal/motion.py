@@ -259,6 +259,8 @@ def motion(
 
 
 def _scaled(planned: Motion, now: float, wanted: float) -> Motion:
+    if not 0.0 < wanted < math.inf:
+        raise ValueError(f"motion {planned.name!r} is to be scaled to {wanted:g}; give a positive number.")
     if now == 0.0:
         raise ValueError(f"motion {planned.name!r} stands still and cannot be scaled.")
     return planned.scaled(wanted / now)

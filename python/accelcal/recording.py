@@ -117,3 +117,20 @@ class Recording:
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
         side = {name: channel for name, channel in side.items() if len(channel)}
         return replace(self, accel=accel, position=position, side=side, digest=digest)
+
+
+def require_same_sensor(recording: Recording, rig: Rig, other: str) -> None:
+    """Refuse a recording whose sidecar declares another sensor than `rig`, which belongs to `other`.
+
+    Raises
+    ------
+    RecordingError
+        Naming both; what is declared on one side only is not compared.
+    """
+    for key in ("model", "serial"):
+        here, there = getattr(recording.rig.sensor, key), getattr(rig.sensor, key)
+        if here and there and here != there:
+            raise RecordingError(
+                f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '
+                "Give a recording of the same one, or correct [sensor] in the sidecar"
+            )

@@ -173,7 +173,7 @@ def test_a_missing_recording_is_not_said_to_lack_a_sidecar(refused):
 
 def test_estimates_of_every_method_are_read_back(here):
     recording = ac.load("run.csv")
-    held = ac.fit(ac.Model.linear().freeze(bias=0.05), [recording, dataclasses.replace(recording, name="again.csv")])
+    held = ac.fit(ac.Model.linear().freeze(bias=0.05), [recording, dataclasses.replace(recording, digest="of another")])
     store.save(held, "held.json")
     assert store.load("held.json").covariance.shape == (3, 3)  # scale factor, a delay of each run
     with pytest.raises(SystemExit) as ended:

@@ -23,7 +23,7 @@ from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.compare import Comparison, accel_residual, compare
 from accelcal.effects import Effect, from_expression
 from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
-from accelcal.fit import Fit
+from accelcal.fit import Fit, require_distinct
 from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop, fit
 from accelcal.model import Model
 from accelcal.plots.interactive import marks
@@ -161,6 +161,7 @@ class Workbench:
                 raise Refused("load the recording to learn from first")
             beside = io.sidecar_of(path).exists()
             other = io.load(path) if beside else io.load(path, state.recording.rig)
+            require_distinct([state.recording, other])
             return again(replace(state, other=other, held_out=None))
 
         self._do(f"reading {path.name}", work)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -87,7 +88,7 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:
             fail("interrupted; nothing was left half-written", INTERRUPTED)
         except (ValueError, OSError, ImportError) as error:
-            fail(str(error), code_of(error))
+            fail(told(error), code_of(error))
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
@@ -118,6 +119,13 @@ def require_apart(given: Mapping[str, Any]) -> None:
         for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
             if made.resolve() in kept:
                 raise Usage(f"--{name} {path}: {made} is read by this command and would be lost; give another name")
+
+
+def told(error: Exception) -> str:
+    """What an error says; one of the operating system in the order that the others have, the file first."""
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        return f"{error.filename}: {error.strerror.lower()}; check the path and who may write there"
+    return str(error)
 
 
 def code_of(error: Exception) -> int:
@@ -158,13 +166,15 @@ def amount(text: str | None, kind: str, option: str) -> float | None:
     if text is None:
         return None
     try:
-        return float(text)
+        found = float(text)
     except ValueError:
-        pass
-    try:
-        return quantity(text, kind)
-    except UnitError as error:
-        raise Usage(f"{option} {text!r}: {error}") from None
+        try:
+            found = quantity(text, kind)
+        except UnitError as error:
+            raise Usage(f"{option} {text!r}: {error}") from None
+    if not math.isfinite(found):
+        raise Usage(f"{option} {text!r}: expected a finite {kind}")
+    return found
 
 
 @contextmanager

@@ -93,14 +93,18 @@ def improve(
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
     from accelcal import findings, io, store
+    from accelcal.fit import require_distinct
     from accelcal.loop import improve as improve_with
 
     extra = own_effects(effects_file)
     recordings = [io.load(path, rig) for path in runs]
+    unseen = None if holdout is None else io.load(holdout, rig)
+    if unseen is not None:
+        require_distinct([*recordings, unseen])
     with progress("improve") as report:
         found = improve_with(
             recordings,
-            holdout=None if holdout is None else io.load(holdout, rig),
+            holdout=unseen,
             most=most,
             extra=extra,
             start=amount(start, "time", "--from"),

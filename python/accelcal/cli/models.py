@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,9 +36,14 @@ if TYPE_CHECKING:
     from accelcal.recording import Recording
 
 
+OF_FILTERS = ("form", "interpolation", "integrator", "order", "carrier")
+"""Options that choose a live filter."""
+
+
 @app.command()
 @reported
 def fit(
+    context: typer.Context,
     runs: Annotated[list[Path], typer.Argument(help="One or several recordings of the same sensor.", metavar="RUN...")],
     rig: Rig = None,
     model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
@@ -72,6 +78,10 @@ def fit(
     width = amount(band, "frequency", "--band")
     recordings = [io.load(path, rig) for path in runs]
     if method == "replay":
+        for name in OF_FILTERS:
+            source = context.get_parameter_source(name)
+            if source is not None and source.name == "COMMANDLINE":
+                raise Usage(f"--{name} chooses a live filter; add --method aci or --method cwpa, or leave it out")
         with progress("fit") as report:
             found = fit_replay(chosen(), recordings, start=begin, end=stop, band=width, report=report)
     else:
@@ -86,7 +96,7 @@ def fit(
     if json:
         emit(store.to_dict(found, seed=seed))
     else:
-        show_fit(found, recordings[0])
+        show_fit(found, *recordings)
     if output is not None:
         say(f"wrote {output}")
 
@@ -264,13 +274,17 @@ def freeze(
     own_effects(effects_file)
     fitted = store.load(model)
     recording = load_like(fitted, run, rig)
+    if not at and not release:
+        raise Usage("say what to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
     for text in at or ():
         name, _, value = text.partition("=")
         try:
             held[name] = float(value)
+            if not math.isfinite(held[name]):
+                raise ValueError
         except ValueError:
-            raise Usage(f"--at {text!r}: expected NAME=VALUE in SI, such as bias=0.05") from None
+            raise Usage(f"--at {text!r}: expected NAME=VALUE with a number in SI, such as bias=0.05") from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
     finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
 
@@ -289,11 +303,13 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
 
 
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
-    """Read a recording; without a sidecar of its own, under the rig of the model."""
+    """Read a recording of the model's sensor; without a sidecar of its own, under the rig of the model."""
     from accelcal import io
+    from accelcal.recording import require_same_sensor
 
-    if rig is None and not io.sidecar_of(run).exists():
-        recording = io.load(run, fitted.rig)
+    declared = rig is not None or io.sidecar_of(run).exists()
+    recording = io.load(run, rig if declared else fitted.rig)
+    require_same_sensor(recording, fitted.rig, "the model")
+    if not declared:
         say(f"{run}: no sidecar; the rig stored in the model is assumed")
-        return recording
-    return io.load(run, rig)
+    return recording

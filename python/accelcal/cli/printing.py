@@ -201,7 +201,7 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
         console.print(f"held out: {text}", highlight=False)
 
 
-def show_fit(found: Fit, recording: Recording) -> None:
+def show_fit(found: Fit, *recordings: Recording) -> None:
     """Print a fit as a table with what must be read beside it."""
     from rich.console import Console
 
@@ -211,12 +211,16 @@ def show_fit(found: Fit, recording: Recording) -> None:
     console = Console()
     console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
     show_parameters(found)
-    for key, one in (electrical(found, recording.rig) or {}).items():
+    for key, one in (electrical(found, recordings[0].rig) or {}).items():
         console.print(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}", highlight=False)
     for run in found.runs:
         for line in noise_lines(run.noise):
             console.print(line, highlight=False)
-    for text in (*recording.rig.assumptions, *found.remarks):
+    for recording in recordings:
+        for finding in recording.findings:
+            if finding.severity == "warning":
+                console.print(f"warning: {recording.name}: {finding.text}", style="bold red", highlight=False)
+    for text in (*recordings[0].rig.assumptions, *found.remarks):
         console.print(f"note: {text}", highlight=False)
 
 
