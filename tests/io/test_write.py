@@ -77,6 +77,24 @@ def test_declared_rig_survives_writing_and_reading(tmp_path, kind, rig):
     assert same(run.accel, back.accel)
 
 
+def test_round_numbers_stand_in_the_units_of_data_sheets(tmp_path):
+    (tmp_path / "run.toml").write_text('[sensor]\nnoise = "225 ug/sqrt(Hz)"\nrange = "5 g"\n')
+    rig = read_sidecar(tmp_path / "run.toml").rig
+    io.write_sidecar(rig, {"position": Source("p", "m")}, tmp_path / "made.toml")
+    text = (tmp_path / "made.toml").read_text()
+    assert 'noise = "225 ug/sqrt(Hz)"\nrange = "5 g"\n' in text
+
+
+@settings(max_examples=50, deadline=None)
+@given(noise=st.floats(1e-7, 1e-1), full=st.floats(1e-2, 1e4), step=st.floats(1e-10, 1e-3))
+def test_every_number_of_a_sidecar_survives(tmp_path_factory, noise, full, step):
+    path = tmp_path_factory.mktemp("sidecar") / "made.toml"
+    rig = dataclasses.replace(RIG, sensor=Sensor(noise=noise, range=full), resolution=step, tolerance=step)
+    io.write_sidecar(rig, {"accel": Source("a", "m/s^2"), "position": Source("p", "m")}, path)
+    assert read_sidecar(path).rig.sensor == rig.sensor
+    assert (read_sidecar(path).rig.resolution, read_sidecar(path).rig.tolerance) == (step, step)
+
+
 def test_assumptions_survive_writing_and_reading(tmp_path):
     path = tmp_path / "run.csv"
     columns = io.write_csv(recording(), path)

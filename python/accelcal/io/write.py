@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal import units
 from accelcal.io import naming, sidecar
 from accelcal.io.sidecar import Clock, Source
 from accelcal.recording import Channel, Recording, RecordingError
@@ -116,7 +117,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
         "clock": _clock(rig),
         "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
-        "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2")}),
+        "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2", "mg")}),
     }
     text = "\n".join(
         f"[{name}]\n" + "".join(f"{toml_key(key)} = {value}\n" for key, value in entries.items())
@@ -183,8 +184,16 @@ def _declared(entries: Mapping[str, str | None]) -> dict[str, str]:
     return {key: value for key, value in entries.items() if value is not None}
 
 
-def _amount(value: float | None, unit: str) -> str | None:
-    return None if value is None else f'"{value!r} {unit}"'
+def _amount(value: float | None, unit: str, usual: str = "") -> str | None:
+    """A quantity in its usual unit where it is round there and reads back as the same number, else in SI in full."""
+    if value is None:
+        return None
+    if usual:
+        factor = units.conversion(usual).factor
+        number = f"{value / factor:.6g}"
+        if float(number) * factor == value:
+            return f'"{number} {usual}"'
+    return f'"{value!r} {unit}"'
 
 
 def _ratio(value: float | None) -> str | None:
@@ -197,8 +206,8 @@ def _sensor(rig: Rig) -> dict[str, str]:
         {
             "model": toml_text(sensor.model) if sensor.model else None,
             "serial": toml_text(sensor.serial) if sensor.serial else None,
-            "noise": _amount(sensor.noise, "m/s^2/Hz^0.5"),
-            "range": _amount(sensor.range, "m/s^2"),
+            "noise": _amount(sensor.noise, "m/s^2/Hz^0.5", "ug/sqrt(Hz)"),
+            "range": _amount(sensor.range, "m/s^2", "g"),
             "scale": _amount(sensor.scale, f"{sensor.scale_unit}/(m/s^2)"),
             "zero": _amount(sensor.zero, sensor.scale_unit),
         }
@@ -218,7 +227,7 @@ def _rig(rig: Rig) -> dict[str, str]:
 
 def _clock(rig: Rig) -> dict[str, str]:
     assumed = sidecar.ASSUMED_OFFSET_TOLERANCE in rig.assumptions
-    return _declared({"offset_tolerance": None if assumed else _amount(rig.offset_tolerance, "s")})
+    return _declared({"offset_tolerance": None if assumed else _amount(rig.offset_tolerance, "s", "us")})
 
 
 def _uncertainty(rig: Rig) -> dict[str, str]:
@@ -246,7 +255,7 @@ def _channel(rig: Rig, name: str, source: Clock | Source) -> dict[str, str]:
         low = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}
         entries["lowpass"] = _inline(_declared(low))
     if name == "position":
-        entries["resolution"] = _amount(rig.resolution, "m")
+        entries["resolution"] = _amount(rig.resolution, "m", "um")
     return _declared(entries)
 
 
