@@ -14,6 +14,8 @@ from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.replay import Run, Values
 
+LEAST_ROUNDS = 3
+"""Rounds of a fit that begins at a first guess."""
 MAX_ROUNDS = 12
 """Rounds of linearisation; a start within a fifth of a period of the true delay needs four."""
 USUAL_ROUNDS = 6
@@ -87,8 +89,16 @@ def iterate(
     return solution
 
 
-def estimated(model: Model, passes: list[Pass], report: Callable[[float], None] = lambda share: None) -> Solution:
+def estimated(
+    model: Model,
+    passes: list[Pass],
+    report: Callable[[float], None] = lambda share: None,
+    *,
+    least: int = LEAST_ROUNDS,
+) -> Solution:
     """The same for who asks for estimates and covariance alone: the passes stay where the last step began.
+
+    `least` rounds are made in any case; two do for passes that begin at another fit.
 
     Raises
     ------
@@ -111,7 +121,7 @@ def estimated(model: Model, passes: list[Pass], report: Callable[[float], None] 
         x = x + step
         report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         converged = bool(np.all(np.abs(step) <= CONVERGED * np.sqrt(np.diag(covariance))))
-        if round_number >= 2 and converged:
+        if round_number + 1 >= least and converged:
             break
     if any(one.band is not None for one in passes):
         covariance = robust(covariance, layout, passes, belief)

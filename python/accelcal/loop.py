@@ -393,7 +393,7 @@ def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:
     try:
         for finding in found.found:
             model = finding.enter(model)
-        again = estimated(model, [one.grown(model) for one in solution.passes])
+        again = estimated(model, [one.grown(model) for one in solution.passes], least=2)
         judge(again.layout, again.x, again.covariance, [one.run for one in solution.passes])
         estimates = again.layout.estimates(again.x, again.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=again.covariance)
@@ -556,11 +556,20 @@ class Story:
         """Names, in the order of entry."""
         return tuple(tie.effect for tie in self.ties)
 
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """Those without a name."""
+        return tuple(name for name in self.effects if find(name).family)
+
     def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
         """One effect more; a shape without a name stands in the place of the names that it wears out."""
-        self.gains[finding.effect] = gain + sum(self.gains.pop(name, 0.0) for name in worn)
-        self.ties = [tie for tie in self.ties if tie.effect not in worn]
+        self.gains[finding.effect] = gain + sum(self.leave(name) for name in worn)
         self.ties.append(Tie(finding.effect, finding.members, finding.experiment))
+
+    def leave(self, name: str) -> float:
+        """One effect less, if it is there; what it explained."""
+        self.ties = [tie for tie in self.ties if tie.effect != name]
+        return self.gains.pop(name, 0.0)
 
     def told(self, left: Sequence[Candidate]) -> list[Tie]:
         """Every effect with its class, once nothing more enters and `left` is what the model leaves over."""
@@ -646,14 +655,23 @@ def improve(
             return None
         return replace(shape.entered[0], members=(family.name, *worn)), judged, grown
 
+    def leaner(shape: str) -> tuple[Diagnosis, Gated] | None:
+        """The fit without a shape that was there before the names were, judged; None where it is still asked for."""
+        try:
+            left = advance(state.solution.model.drop(shape), state)
+            judged = judge_model(left, stretch, extra, alpha)
+        except (NotIdentifiable, ValueError):
+            return None
+        return None if any(shape in one.members for one in judged.scan.found) else (judged, left)
+
     state = advance(Model.linear(), None)
     verdict = judge_model(state, stretch, extra, alpha)
     report(0.3)
     fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
     story = Story()
     examined = verdict.scan.examined
-    for number in range(most):
-        if not verdict.scan.found:
+    for number in range(2 * most):
+        if not verdict.scan.found or len(story.effects) >= most:
             break
         step = entered(verdict.scan)
         if step is None:
@@ -669,8 +687,14 @@ def improve(
             (entering, verdict, state), worn = step, behind[1]
             examined += verdict.scan.examined
         story.enter(entering, gain, worn)
+        for shape in () if find(entering.effect).family else story.shapes:
+            lean = leaner(shape)
+            if lean:
+                verdict, state = lean
+                examined += verdict.scan.examined
+                story.leave(shape)
         fits.append((story.effects, verdict.fit))
-        report(0.3 + 0.6 * (number + 1) / most)
+        report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     story.ties = story.told(verdict.scan.candidates)
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))

@@ -74,7 +74,7 @@ class NoiseReport:
         )
 
 
-def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None = None) -> Noise:
+def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None = None, reach: float = 1.0) -> Noise:
     """Most likely q and R given the nominal motion (physics 6.3).
 
     Parameters
@@ -82,6 +82,7 @@ def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None
     run, drive : a record and the acceleration between its readings.
     start : where to begin; ten times off is near enough.
     counts : (n,) optional; readings that are to count.
+    reach : first steps of the search in log q and log R; it goes further where it must.
 
     Returns
     -------
@@ -101,7 +102,7 @@ def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None
         return -likelihood(log_q, max(log_r, floor)) + 1e3 * max(0.0, floor - log_r)
 
     x0 = np.log([start.q, max(start.r, math.exp(floor) * 1.01)])
-    simplex = x0 + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    simplex = x0 + reach * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     best = scipy.optimize.minimize(
         cost,
         x0,

@@ -21,6 +21,8 @@ LEAST_BLOCKS = 8
 """Fewer blocks than this do not measure a scatter."""
 MOST_BLOCKS = 40
 """More blocks are not needed to measure one."""
+NEAR, GROWN = 0.05, 0.3
+"""Logarithms of q and R within which they are sought at least, and once the model has grown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,8 @@ class Pass:
         self.signals: Signals | None = None
         self.loud = noise
         """Noise by likelihood, before a band was imposed."""
+        self.reach = 1.0
+        """How far off it may be, in logarithms."""
 
     @classmethod
     def begin(cls, run: Run, model: Model, band: float | None) -> Pass:
@@ -80,13 +84,17 @@ class Pass:
     def grown(self, model: Model) -> Pass:
         """A pass for a model with further effects, begun at the nominal and the noise of this one."""
         nominal = {name: value for name, value in self.values.by_name.items() if name in NOMINAL}
-        return Pass(self.run, Values(at_first(model) | nominal, model.terms), self.loud, model.free, self.band)
+        begun = Pass(self.run, Values(at_first(model) | nominal, model.terms), self.loud, model.free, self.band)
+        begun.reach = GROWN
+        return begun
 
     def refresh(self, *, noise_too: bool) -> None:
         """Nominal, noise, filter, smoothed signals and normal equations at the current values."""
         self.drive = self.run.drive(self.values, self.signals)
         if noise_too:
-            self.loud = estimate_noise(self.run, self.drive, self.loud)
+            before, self.loud = self.loud, estimate_noise(self.run, self.drive, self.loud, reach=self.reach)
+            moved = max(abs(math.log(self.loud.q / before.q)), abs(math.log(self.loud.r / before.r)))
+            self.reach = min(max(2.0 * moved, NEAR), 1.0)
             self.noise = self.loud if self.band is None else within(self.band, self.run, self.loud)
         vars(self).pop("track", None)  # gone before the next is made: each holds nine series
         self.track = self.run.track(self.drive, self.noise)
@@ -217,7 +225,7 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
     r = run.reading_variance_guess
     rate = 1.0 / run.reading_step
     best: tuple[float, float, float, float] | None = None
-    for crossover in np.geomspace(4.0 / (plain.t[-1] - plain.t[0]), 0.15 * rate, 12):
+    for crossover in np.geomspace(4.0 / (plain.t[-1] - plain.t[0]), 0.15 * rate, 9):
         noise = Noise((2.0 * np.pi * crossover) ** 4 * r * run.reading_step, r)
         tracks = [run.track(d, noise) for d in (encoder, output, ones)]
         S = tracks[0].series("S")

@@ -50,8 +50,12 @@ class Search:
         return dof > 0 and log_survival(gain, dof) + math.log(item.looks) < self.threshold
 
     def price(self, gain: float, dof: int, item: Item) -> float:
-        """Gain less what an effect pays for its freedom, for having been picked, and for having no name."""
-        told = gain * (SHAPELESS if item.effect.port == "process" else NAMELESS if item.effect.family else 1.0)
+        """Gain less what an effect pays for its freedom, for having been picked, and for having no name or course."""
+        return self.evidence(gain * (SHAPELESS if item.effect.port == "process" else 1.0), dof, item)
+
+    def evidence(self, gain: float, dof: int, item: Item) -> float:
+        """The same of a bias that wanders as if it had a course: who follows any course cannot be told from it."""
+        told = gain * (NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
         dof += max(0, sum(shape.refined for shape in item.effect.shapes.values()) - FREE_SHAPES)
         return told - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)

@@ -67,7 +67,7 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
         theirs, their_dof = float(gains[j]), int(dofs[j])
         if their_dof == 0:
             continue
-        gap = (own - rules.price(theirs / inflation, their_dof, rival)) / 2.0
+        gap = (own - rules.evidence(theirs / inflation, their_dof, rival)) / 2.0
         if gap < RIVAL_EVIDENCE or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *(name for _, name in sorted(rivals)))
