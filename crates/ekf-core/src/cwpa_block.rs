@@ -257,7 +257,8 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         ];
         let theta = product(&self.spread, &h).plus(slope, self.ca);
         let mut e = z - expected;
-        let mut s = slope.times_plus(motion[2], h.dot(theta)) + R;
+        // The parameters' part is known last.
+        let mut s = slope.times_plus(motion[2], R) + h.dot(theta);
         if order == Order::Second {
             let dPd =
                 da.times_plus(da.times_plus(self.paa, da.like(2.0) * d.dot(self.ca)), d.dot(product(&self.spread, &d)));
