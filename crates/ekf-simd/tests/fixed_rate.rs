@@ -1,6 +1,8 @@
 //! Filters at a fixed rate against runs of the core's filters over the same samples.
 #![allow(non_snake_case)] // as in the crates
 
+mod common;
+
 use ekf_core::aci_block::AciBlock;
 use ekf_core::aci_staged::Course;
 use ekf_core::effect::{Driven, WithEffects};
@@ -200,12 +202,8 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
     }
 }
 
-fn cases() -> u32 {
-    if std::env::var("ACCELCAL_HYPOTHESIS").is_ok_and(|value| value == "long") { 600 } else { 32 }
-}
-
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(cases()) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(common::cases()) })]
 
     #[test]
     fn a_fixed_rate_gives_what_a_record_gives(choice in choices()) {

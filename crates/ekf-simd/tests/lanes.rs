@@ -1,6 +1,8 @@
 //! Lanes, threads and instructions change the speed of a batch, not its answer.
 #![allow(non_snake_case)] // as in the crate
 
+mod common;
+
 use ekf_core::{Aci, Belief, Carrier, Cwpa, Filter, Form, Integrator, Interpolation, Order, Samples, Sensor, Wander};
 use ekf_simd::{Batch, Final, Path, Prior, run_aci, run_cwpa};
 use nalgebra::{SMatrix, SVector};
@@ -148,7 +150,7 @@ fn cwpa<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(48) })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(common::cases()) })]
 
     #[test]
     fn a_batch_of_aci_has_one_answer(choice in choices()) {
