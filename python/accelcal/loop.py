@@ -364,8 +364,7 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
         sigma = f"{candidate.snr:.0f} sigma; " if candidate is not None else ""
         effect = find(first.effect)
         if effect.family:
-            variable = first.effect.replace("shape_of_", "").replace("_", " ")
-            return "shape", f"Something is missing that has no name here: a function of {variable} ({sigma}{looked})."
+            return "shape", f"Something is missing that has no name here: {effect.summary} ({sigma}{looked})."
         others = [m for m in first.members if m != first.effect]
         text = f"{first.effect} explains what the model lacks ({sigma}{looked})."
         if others:
@@ -506,7 +505,9 @@ def add(
         alone = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not alone.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
-            why = f"it needs the channel {' and '.join(lacking)}" if lacking else "this record does not excite it"
+            why = "this record does not excite it; `accelcal power` says what it can see"
+            if lacking:
+                why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
             if effect.beside and effect.beside not in model.effects:
                 why = f"it is sought beside {effect.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")

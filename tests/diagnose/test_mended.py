@@ -67,3 +67,14 @@ def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():
         ("shape_of_acceleration",),
         ("velocity",),
     ]
+
+
+def test_what_leaves_a_story_takes_what_it_explained_along():
+    story = Story()
+    story.enter(finding("shape_of_position"), 400.0)
+    story.enter(finding("rail_wave"), 300.0)
+    assert story.shapes == ("shape_of_position",)
+    assert story.told([])[1].members == ("rail_wave", "shape_of_position")
+    assert story.leave("shape_of_position") == 400.0
+    assert story.effects == ("rail_wave",)
+    assert story.told([])[0].members == ("rail_wave",)

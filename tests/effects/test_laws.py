@@ -281,3 +281,23 @@ def test_shapes_of_a_record_describe_the_same_function_on_another():
     for k in range(0, len(two.t), 5000):
         near = np.argmin(np.abs(one.v - two.v[k]))
         np.testing.assert_allclose(part[k], whole[near], atol=0.01)  # nearest of 25 000 speeds
+
+
+@pytest.mark.parametrize("power", [0, 1, 2])
+def test_a_drag_that_changes_along_the_rail_holds_any_parabola_of_position(power):
+    s = one_tone()
+    ends = {"low": float(np.min(s.p)), "high": float(np.max(s.p))}
+    columns = find("shape_of_position_and_velocity").column(s, **ends)
+    target = s.v * s.p**power
+    left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+    assert np.max(np.abs(left)) < 1e-9 * np.max(np.abs(target))
+
+
+def test_a_rippling_characteristic_holds_its_ripple_and_two_harmonics():
+    s = one_tone()
+    low, high, period = -AMPLITUDE, AMPLITUDE, AMPLITUDE / 5.0
+    columns = find("shape_of_acceleration").column(s, low=low, high=high, ripple=period)
+    for k in (1, 2, 3):
+        target = np.sin(2.0 * np.pi * k * s.a / period + 0.3)
+        left = target - columns @ np.linalg.lstsq(columns, target, rcond=None)[0]
+        assert np.max(np.abs(left)) < 1e-9

@@ -84,6 +84,20 @@ def test_two_names_that_mend_each_other_are_one_shape() -> None:
     assert not hold(6, by_evidence_alone, "certain")
 
 
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("drag_along_rail", "shape_of_position_and_velocity"), ("micro_nonlinearity", "shape_of_acceleration")],
+)
+def test_what_has_two_variables_or_a_fine_ripple_is_told_as_such(name: str, shape: str) -> None:
+    # 5 %
+    found = outcomes(Trial(6, 3, 1, (name,), 30.0))
+    assert hold(6, found, "right variable", "certain")
+    assert shape in found[0]["effects"]
+    skewed = [{**o, "effects": ["clock_skew"], "classes": [["clock_skew"]]} for o in found]
+    assert not hold(6, skewed, "right variable")
+    assert not hold(6, skewed, "certain")
+
+
 def test_two_true_functions_of_one_variable_keep_their_names() -> None:
     # 10 %
     assert hold(4, outcomes(Trial(4, 0, 1, ("quadratic", "cubic"), 20.0)), "pairs: both")

@@ -111,6 +111,12 @@ class Effect:
         return inspect.getdoc(self.function) or ""
 
     @property
+    def summary(self) -> str:
+        """The first line of its card, to stand within a sentence."""
+        first = self.card.partition("\n")[0].rstrip(".")
+        return first[:1].lower() + first[1:]
+
+    @property
     def width(self) -> int:
         """Number of columns."""
         return len(self.parts)
