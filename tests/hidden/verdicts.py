@@ -189,9 +189,15 @@ def right_variable(outcome: Outcome) -> bool:
     return any(variables(name) <= truth if "_and_" in name else truth & variables(name) for name in alike)
 
 
+SUMS = {"rail_two_waves": {"rail_wave", "rail_second_wave"}}
+"""What is a sum of effects of the catalogue: to name them all is as right as to tell their shape."""
+
+
 def right_shape(outcome: Outcome) -> bool:
     """Whether the shape of the right variable entered."""
     truth = set(OUTSIDE[outcome["names"][0]].explains)
+    if SUMS.get(outcome["names"][0], {""}) <= set(named(outcome)):
+        return True
     return any(_family(name) and variables(name) == truth for name in named(outcome))
 
 

@@ -129,6 +129,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     parts=SPLINES,
     family=True,
     covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
+    bends=(("rail_wave", "rail_second_wave"),),
     includes=("bias",),
 )
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
