@@ -13,7 +13,14 @@ from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding, channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Candidate, Finding, Scan, Verdict, scan
-from accelcal.diagnose.mended import not_the_whole, rest_of, shape_behind, sum_of
+from accelcal.diagnose.mended import (
+    not_the_whole,
+    rest_of,
+    shape_behind,
+    significance,
+    sum_of,
+    wandering_behind,
+)
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
@@ -557,11 +564,6 @@ class Story:
         """Names, in the order of entry."""
         return tuple(tie.effect for tie in self.ties)
 
-    @property
-    def shapes(self) -> tuple[str, ...]:
-        """Those without a name."""
-        return tuple(name for name in self.effects if find(name).family)
-
     def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
         """One effect more; a shape without a name stands in the place of the names that it wears out."""
         self.gains[finding.effect] = gain + sum(self.leave(name) for name in worn)
@@ -640,30 +642,38 @@ def improve(
                 return finding, judged, grown
         return None
 
-    def unnamed(family: Effect, worn: Sequence[str]) -> tuple[Finding, Diagnosis, Gated] | None:
-        """The fit with a shape without a name in the place of names, judged; None where it leaves a name of its
-        variable, or one in whose place it stands, something to explain, or where no fit is possible."""
+    def instead(effect: Effect, worn: Sequence[str]) -> tuple[Finding, Diagnosis, Gated] | None:
+        """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
+        something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
         try:
-            model = state.solution.model.drop(*worn, *({family.name} & set(state.solution.model.effects)))
-            shape = scan(advance(model, state).solution.passes, model, extra=extra, only=(family,))
-            if not shape.entered:
+            model = state.solution.model.drop(*worn, *({effect.name} & set(state.solution.model.effects)))
+            alone = scan(advance(model, state).solution.passes, model, extra=extra, only=(effect,))
+            if not alone.entered:
                 return None
-            grown = advance(shape.entered[0].enter(model), state)
+            grown = advance(alone.entered[0].enter(model), state)
             judged = judge_model(grown, stretch, extra, alpha)
         except (NotIdentifiable, ValueError):
             return None
-        if any(one.effect in (*family.covers, *worn) for one in judged.scan.found):
+        left = {one.effect for one in judged.scan.found}
+        if left & {*effect.covers, *worn} or (left and effect.port == "process"):
             return None
-        return replace(shape.entered[0], members=(family.name, *worn)), judged, grown
+        return replace(alone.entered[0], members=(effect.name, *worn)), judged, grown
 
-    def leaner(shape: str) -> tuple[Diagnosis, Gated] | None:
-        """The fit without a shape that was there before the names were, judged; None where it is still asked for."""
+    def leaner(name: str) -> tuple[Diagnosis, Gated] | None:
+        """The fit without an effect that entered before others, judged; None where it is still asked for."""
         try:
-            left = advance(state.solution.model.drop(shape), state)
+            left = advance(state.solution.model.drop(name), state)
             judged = judge_model(left, stretch, extra, alpha)
         except (NotIdentifiable, ValueError):
             return None
-        return None if any(shape in one.members for one in judged.scan.found) else (judged, left)
+        return None if any(name in one.members for one in judged.scan.found) else (judged, left)
+
+    def doubtful(name: str) -> bool:
+        """Whether an effect may have stood for those that entered after it: a shape may, a name if it lost its size."""
+        effect = find(name)
+        if effect.family or effect.port == "process":
+            return effect.family
+        return significance(verdict.fit, name) > math.log(alpha / verdict.scan.examined)
 
     state = advance(Model.linear(), None)
     verdict = judge_model(state, stretch, extra, alpha)
@@ -682,18 +692,22 @@ def improve(
         gain = explained.get(entering.effect, 0.0)
         worn: tuple[str, ...] = ()
         examined += verdict.scan.examined
-        behind = shape_behind(verdict.fit, entering.effect, entering.members)
-        step = unnamed(*behind) if behind else None
-        if behind and step:
-            (entering, verdict, state), worn = step, behind[1]
-            examined += verdict.scan.examined
+        for behind in (
+            shape_behind(verdict.fit, entering.effect, entering.members),
+            wandering_behind([tie.members for tie in story.ties], entering.effect),
+        ):
+            step = instead(*behind) if behind and not worn else None
+            if behind and step:
+                (entering, verdict, state), worn = step, behind[1]
+                examined += verdict.scan.examined
         story.enter(entering, gain, worn)
-        for shape in () if find(entering.effect).family else story.shapes:
-            lean = leaner(shape)
+        earlier = () if find(entering.effect).family else story.effects[:-1]
+        for name in (name for name in earlier if doubtful(name)):
+            lean = leaner(name)
             if lean:
                 verdict, state = lean
                 examined += verdict.scan.examined
-                story.leave(shape)
+                story.leave(name)
         fits.append((story.effects, verdict.fit))
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     story.ties = story.told(verdict.scan.candidates)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal.diagnose import Candidate, Finding
-from accelcal.diagnose.mended import not_the_whole, rest_of, sum_of
+from accelcal.diagnose.mended import not_the_whole, rest_of, significance, sum_of, wandering_behind
 from accelcal.effects import HOUSE, find
 from accelcal.loop import Story
 
@@ -73,8 +77,26 @@ def test_what_leaves_a_story_takes_what_it_explained_along():
     story = Story()
     story.enter(finding("shape_of_position"), 400.0)
     story.enter(finding("rail_wave"), 300.0)
-    assert story.shapes == ("shape_of_position",)
     assert story.told([])[1].members == ("rail_wave", "shape_of_position")
     assert story.leave("shape_of_position") == 400.0
     assert story.effects == ("rail_wave",)
     assert story.told([])[0].members == ("rail_wave",)
+
+
+def test_a_bias_that_wanders_may_stand_behind_a_shape_that_is_not_all():
+    classes = [("velocity",), ("shape_of_time", "bias_random_walk", "bias_step")]
+    behind = wandering_behind(classes, "warm_up")
+    assert behind is not None
+    assert (behind[0].name, behind[1]) == ("bias_random_walk", ("shape_of_time", "warm_up"))
+    assert wandering_behind([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
+    assert wandering_behind([("shape_of_position",)], "warm_up") is None
+
+
+def test_an_effect_of_no_size_is_where_it_is_by_chance():
+    rng = np.random.default_rng(7)
+    run = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"quadratic": 1e-3}, rng=rng).recording
+    fit = ac.fit(ac.Model.linear().add("quadratic").add("velocity"), run)
+    assert significance(fit, "quadratic") < math.log(1e-9)
+    assert significance(fit, "velocity") > math.log(1e-3)  # by chance 0.1 %
+    z = fit["velocity"].value / fit["velocity"].std
+    assert significance(fit, "velocity") == pytest.approx(math.log(math.erfc(abs(z) / math.sqrt(2.0))))

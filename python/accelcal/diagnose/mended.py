@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from accelcal.diagnose.gains import log_survival
 from accelcal.diagnose.scan import Candidate
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.fit import Fit
@@ -42,6 +43,30 @@ def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> tuple[
         elif family.name in members and worn and find(entering).port == "process":
             return family, (*worn, entering)
     return None
+
+
+def wandering_behind(classes: Sequence[Sequence[str]], entering: str) -> tuple[Effect, tuple[str, ...]] | None:
+    """A bias that wanders, and the two effects in whose place it may stand, when a shape that it could not be told from
+    turns out not to be all.
+
+    Parameters
+    ----------
+    classes : of the effects that entered before, each led by the effect itself.
+    entering : what came last.
+    """
+    for name, *members in classes:
+        courses = [find(other) for other in members if find(other).port == "process"]
+        if find(name).family and courses:
+            return courses[0], (name, entering)
+    return None
+
+
+def significance(fit: Fit, name: str) -> float:
+    """Log of the probability that an effect of a fitted model is where it is by chance, beside all others."""
+    owners = {term.name: term.effect.name for term in fit.model.terms}
+    own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
+    x = np.array([fit.free[k].value for k in own])
+    return log_survival(float(x @ np.linalg.solve(fit.covariance[np.ix_(own, own)], x)), len(own))
 
 
 def alike(fit: Fit, one: str, other: str) -> float:
