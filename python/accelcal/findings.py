@@ -12,7 +12,8 @@ from accelcal.diagnose import Candidate
 from accelcal.effects import find
 from accelcal.gating import Dropped
 from accelcal.importance import Importance, Size
-from accelcal.loop import Diagnosis, Improvement, Tie
+from accelcal.judgement import Diagnosis, Tie
+from accelcal.loop import Improvement
 from accelcal.rig import STANDARD_GRAVITY
 from accelcal.store import comparison_to_dict, estimate_to_dict, to_dict
 

@@ -12,7 +12,8 @@ from accelcal.breaks import usable
 from accelcal.compare import Comparison, compare
 from accelcal.effects import find
 from accelcal.fit import Fit, fit
-from accelcal.loop import HELD_OUT, Diagnosis
+from accelcal.judgement import Diagnosis
+from accelcal.loop import HELD_OUT
 from accelcal.model import Model
 from accelcal.recording import Recording
 

@@ -14,7 +14,8 @@ from accelcal.app.words import cards, limits, value
 from accelcal.budget import COVERAGE_FACTOR
 from accelcal.compare import Comparison
 from accelcal.fit import Fit, tied_sum
-from accelcal.loop import Diagnosis, History, Improvement
+from accelcal.judgement import Diagnosis
+from accelcal.loop import History, Improvement
 from accelcal.overview import describe
 from accelcal.plots import style
 from accelcal.recording import Recording

@@ -34,6 +34,7 @@ LAYERS = (
     ("store",),
     ("power", "diagnose", "breaks", "channels", "detectable"),
     ("gating", "importance"),
+    ("judgement",),
     ("loop", "campaign"),
     ("findings", "ladder", "likeness"),
 )

@@ -12,8 +12,9 @@ import accelcal as ac
 from accelcal.channels import ChannelFinding
 from accelcal.compare import accel_spectrum, compare, one_step_spectrum
 from accelcal.consistency import cumulative_periodogram
+from accelcal.judgement import Tie
 from accelcal.ladder import ladder
-from accelcal.loop import Tie, diagnose
+from accelcal.loop import diagnose
 from accelcal.plots import interactive, style
 from accelcal.plots.compare import normalised
 from accelcal.plots.interactive.ranking import classes

@@ -24,7 +24,8 @@ from accelcal.compare import Comparison, accel_residual, compare
 from accelcal.effects import Effect, from_expression
 from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.fit import Fit, require_distinct
-from accelcal.loop import HELD_OUT, Diagnosis, add, diagnose, drop, fit
+from accelcal.judgement import Diagnosis
+from accelcal.loop import HELD_OUT, add, diagnose, drop, fit
 from accelcal.model import Model
 from accelcal.plots.interactive import marks
 from accelcal.predict import Prediction

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from accelcal.app.state import State
 from accelcal.compare import Comparison
 from accelcal.effects import spelled
+from accelcal.judgement import Diagnosis
 from accelcal.ladder import Ladder, Rung
-from accelcal.loop import Diagnosis
 from accelcal.plots import interactive, style
 from accelcal.plots.style import ThemeName
 from accelcal.recording import Recording

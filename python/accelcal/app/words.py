@@ -11,7 +11,7 @@ from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.findings import sizes
 from accelcal.gauss_newton import Estimate
 from accelcal.importance import Size
-from accelcal.loop import Diagnosis
+from accelcal.judgement import Diagnosis
 from accelcal.plots.interactive.ranking import classes
 from accelcal.report.view import VERDICTS, amount, number, probability, spoken, with_unit
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from accelcal.compare import Comparison
 from accelcal.effects import spelled
+from accelcal.judgement import Diagnosis
 from accelcal.ladder import Ladder
-from accelcal.loop import Diagnosis
 from accelcal.plots import style
 from accelcal.plots.compare import WIDTH
 from accelcal.plots.interactive.falling import headline, steps

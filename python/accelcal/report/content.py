@@ -11,8 +11,9 @@ from accelcal.budget import Budget, budget
 from accelcal.compare import Comparison, compare
 from accelcal.effects import Effect
 from accelcal.fit import Fit
+from accelcal.judgement import Diagnosis
 from accelcal.ladder import Ladder, ladder
-from accelcal.loop import Diagnosis, diagnose
+from accelcal.loop import diagnose
 from accelcal.overview import describe
 from accelcal.plots.interactive.timeline import Marks, marks
 from accelcal.power import Power, power

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from accelcal.diagnose import Candidate
 from accelcal.effects import spelled
-from accelcal.loop import Diagnosis
+from accelcal.judgement import Diagnosis
 from accelcal.plots import style
 from accelcal.plots.interactive import sheet
 from accelcal.plots.style import ThemeName
