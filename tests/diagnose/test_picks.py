@@ -61,3 +61,14 @@ def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> No
     assert "rail_second_wave" in {item.effect.name for item in candidates_for(one, held)}
     with pytest.raises(ValueError, match="add that first"):
         add(ac.fit(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
+
+
+def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_often(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    wandering = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
+    for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
+        alone, beside = (
+            next(item.looks for item in candidates_for(one, model) if item.effect.name == name)
+            for model in (Model.linear(), wandering)
+        )
+        assert (alone, beside) == (1, more)

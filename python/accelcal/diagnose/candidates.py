@@ -13,6 +13,9 @@ from accelcal.model import Model, Term, terms_of
 from accelcal.passes import Pass
 from accelcal.shaping import linearised, signals_of
 
+WANDERED = 100
+"""Looks at a course of time beside a bias that wanders: what is left of any wandering drifts and steps a little."""
+
 
 @dataclass(frozen=True, slots=True)
 class Item:
@@ -37,6 +40,8 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
     assert s is not None
     recorded = [(name, channel.unit) for name, channel in one.run.recording.side.items()]
     offered = (*HOUSE, *side_channels(recorded), *extra)
+    wanders = any(find(name).port == "process" for name in model.effects)
+    courses = find("shape_of_time").covers if wanders else ()
     items = []
     for effect in offered:
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
@@ -48,7 +53,7 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
         for picks in itertools.product(*tried.values()):
             chosen = dict(zip(tried, picks, strict=True))
             near = {name: pick.near for name, pick in chosen.items() if pick.near}
-            looks = math.prod(pick.looks for pick in picks)
+            looks = math.prod(pick.looks for pick in picks) * (WANDERED if effect.name in courses else 1)
             items.append(Item(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
     return items
 
