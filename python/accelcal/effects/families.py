@@ -56,12 +56,12 @@ def splines(x: Array, low: float, high: float) -> Array:
 
 
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
-    """A smooth course over [low, high] and one that repeats: Legendre polynomials of degree 2 to 5, then sines and
-    cosines of the period, its half and its third; as many columns as splines, (n, PIECES + 3)."""
+    """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
+    many columns as splines, (n, PIECES + 3)."""
     u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
-    smooth = np.polynomial.legendre.legvander(u, 5)[:, 2:]
-    angle = (2.0 * np.pi / period) * x[:, None] * np.arange(1, (PIECES + 3 - 4) // 2 + 1)
-    return np.hstack([smooth, np.sin(angle), np.cos(angle)])
+    smooth = np.polynomial.legendre.legvander(u, PIECES + 2)[:, 2:]
+    angle = (2.0 * np.pi / period) * x
+    return np.column_stack([smooth, np.sin(angle), np.cos(angle)])
 
 
 def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:
@@ -183,7 +183,7 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
 def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
     """A characteristic of the sensor that is some function of acceleration.
 
-    Equation: e = sum_j c_j B_j(a), cubic splines; where it ripples: four polynomials and three harmonics of the ripple.
+    Equation: e = sum_j c_j B_j(a), cubic splines; where it ripples: polynomials, sine and cosine of the ripple.
     Looks like: a residual that depends on acceleration only.
     Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
     Separate by: several amplitudes at several frequencies.
