@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from accelcal.cli.data import values_of, write_recording
 from accelcal.cli.frame import Json, app, emit, folder, progress, reported, say
 from accelcal.cli.printing import show_comparison, show_fit, show_improvement
-
-if TYPE_CHECKING:
-    pass
 
 
 @app.command()

@@ -58,10 +58,14 @@ def splines(x: Array, low: float, high: float) -> Array:
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
     """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
     many columns as splines, (n, PIECES + 3)."""
-    u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
-    smooth = np.polynomial.legendre.legvander(u, PIECES + 2)[:, 2:]
     angle = (2.0 * np.pi / period) * x
-    return np.column_stack([smooth, np.sin(angle), np.cos(angle)])
+    return np.column_stack([legendre(x, low, high, PIECES + 2)[:, 2:], np.sin(angle), np.cos(angle)])
+
+
+def legendre(x: Array, low: float, high: float, degree: int) -> Array:
+    """Legendre polynomials of degree 0 and up over [low, high]; x is held at the ends; (n, degree + 1)."""
+    u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
+    return np.asarray(np.polynomial.legendre.legvander(u, degree))
 
 
 def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:

@@ -6,10 +6,8 @@ them the response stays as it is there.
 
 from __future__ import annotations
 
-import numpy as np
-
 from accelcal.effects.catalogue import effect
-from accelcal.effects.families import RECORD, over
+from accelcal.effects.families import RECORD, legendre, over
 from accelcal.recording import Array
 from accelcal.signals import Signals
 
@@ -19,8 +17,7 @@ COURSE = ("mean", "slope", "bend")
 
 def course(x: Array, low: float, high: float) -> Array:
     """Legendre polynomials of degree 0 to 2 over [low, high]; x is held at the ends; (n, 3)."""
-    u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
-    return np.column_stack([np.ones_like(u), u, 1.5 * u**2 - 0.5])
+    return legendre(x, low, high, len(COURSE) - 1)
 
 
 @effect(
