@@ -9,6 +9,9 @@ from accelcal.effects.memory import play
 from accelcal.recording import Array
 from accelcal.signals import TINY, Signals
 
+OUT_OF_LEVEL = 0.02
+"""Gravity along the axis of a rig that is taken for level, m/s²: 0.1 degree."""
+
 
 @effect("quadratic", unit="(m/s²)⁻¹", symbol="K2", scale=1e-4, source="0.1 % of ±2 g: ADXL358, IIS2ICLX")
 def quadratic(s: Signals) -> Array:
@@ -69,17 +72,21 @@ def _thresholds(s: Signals) -> tuple[float, float]:
     symbol="K0'/2",
     scale=1e-3,
     source="no published figure; 0.1 mg",
-    shapes={"width": Shape("m/s²", _thresholds, trials=3, spacing="log")},
+    shapes={
+        "width": Shape("m/s²", _thresholds, trials=3, spacing="log"),
+        "centre": Shape("m/s²", (-OUT_OF_LEVEL, OUT_OF_LEVEL), trials=3),
+    },
 )
-def dead_zone(s: Signals, width: float) -> Array:
+def dead_zone(s: Signals, width: float, centre: float = 0.0) -> Array:
     """Bias that changes sign with the acceleration: dead zone if negative (IEEE 1293 K0'/2).
 
-    Equation: e = (K0'/2) sgn a, straight across zero: clip(a/w, -1, 1); a plain dead zone has w = |K0'/2|.
+    Equation: e = (K0'/2) sgn(a - c), straight across c: clip((a - c)/w, -1, 1); a plain dead zone has w = |K0'/2|.
+    The sensor's zero is that of the whole specific force: a rig out of level moves it to c, less gravity along the axis.
     Looks like: a step of the residual where the acceleration passes zero.
     Easily confused with: hysteresis, coulomb.
     Separate by: fast and slow motion; a dead zone does not depend on velocity and has no loop.
     """
-    return np.clip(s.a / width, -1.0, 1.0)
+    return np.clip((s.a - centre) / width, -1.0, 1.0)
 
 
 def _levels(s: Signals) -> tuple[float, float]:
