@@ -10,6 +10,7 @@ from accelcal.channels import channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, Candidate, Finding, Scan, scan
 from accelcal.diagnose.mended import (
+    Mend,
     not_the_whole,
     rest_of,
     shape_behind,
@@ -348,12 +349,13 @@ def improve(
                 return finding, judged, grown
         return None
 
-    def instead(effect: Effect, worn: Sequence[str]) -> tuple[Finding, Diagnosis, Gated] | None:
+    def instead(mend: Mend) -> tuple[Finding, Diagnosis, Gated] | None:
         """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
         something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
         try:
-            model = state.solution.model.drop(*worn, *({effect.name} & set(state.solution.model.effects)))
-            alone = scan(advance(model, state).solution.passes, model, extra=extra, only=(effect,))
+            known = state.solution.model
+            model = known.drop(*{*mend.worn, *({mend.effect.name} & set(known.effects))})
+            alone = scan(advance(model, state).solution.passes, model, extra=extra, only=(mend.effect,))
             if not alone.entered:
                 return None
             grown = advance(alone.entered[0].enter(model), state)
@@ -361,9 +363,9 @@ def improve(
         except (NotIdentifiable, ValueError):
             return None
         left = {one.effect for one in judged.scan.found}
-        if left & {*effect.covers, *worn} or (left and effect.port == "process"):
+        if left & {*mend.effect.covers, *mend.worn} or (left and mend.effect.port == "process"):
             return None
-        return replace(alone.entered[0], members=(effect.name, *worn)), judged, grown
+        return replace(alone.entered[0], members=mend.members), judged, grown
 
     def leaner(name: str) -> tuple[Diagnosis, Gated] | None:
         """The fit without an effect that entered before others, judged; None where it is still asked for."""
@@ -398,13 +400,13 @@ def improve(
         gain = explained.get(entering.effect, 0.0)
         worn: tuple[str, ...] = ()
         examined += verdict.scan.examined
-        for behind in (
+        for mend in (
             shape_behind(verdict.fit, entering.effect, entering.members),
-            wandering_behind([tie.members for tie in story.ties], entering.effect),
+            wandering_behind([tie.members for tie in story.ties], entering.effect, entering.members),
         ):
-            step = instead(*behind) if behind and not worn else None
-            if behind and step:
-                (entering, verdict, state), worn = step, behind[1]
+            step = instead(mend) if mend and not worn else None
+            if mend and step:
+                (entering, verdict, state), worn = step, mend.worn
                 examined += verdict.scan.examined
         story.enter(entering, gain, worn)
         earlier = () if find(entering.effect).family else story.effects[:-1]

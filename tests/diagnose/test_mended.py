@@ -87,9 +87,25 @@ def test_a_bias_that_wanders_may_stand_behind_a_shape_that_is_not_all():
     classes = [("velocity",), ("shape_of_time", "bias_random_walk", "bias_step")]
     behind = wandering_behind(classes, "warm_up")
     assert behind is not None
-    assert (behind[0].name, behind[1]) == ("bias_random_walk", ("shape_of_time", "warm_up"))
+    assert behind.members == ("bias_random_walk", "shape_of_time", "warm_up")
+    assert behind.worn == ("shape_of_time", "warm_up")
     assert wandering_behind([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
     assert wandering_behind([("shape_of_position",)], "warm_up") is None
+
+
+def test_a_bias_that_wanders_may_stand_behind_two_names_that_are_each_tied_with_it():
+    classes = [("velocity",), ("temperature_bias", "bias_gauss_markov", "bias_random_walk")]
+    behind = wandering_behind(classes, "warm_up", ("warm_up", "bias_gauss_markov"))
+    assert behind is not None
+    assert behind.members == ("bias_gauss_markov", "temperature_bias", "warm_up")
+    both = wandering_behind(classes, "warm_up", ("warm_up", "bias_gauss_markov", "bias_random_walk"))
+    assert both is not None
+    assert both.members == ("bias_gauss_markov", "bias_random_walk", "temperature_bias", "warm_up")
+    itself = wandering_behind(classes, "bias_random_walk", ("bias_random_walk", "bias_gauss_markov"))
+    assert itself is not None
+    assert itself.worn == ("temperature_bias", "bias_random_walk")
+    assert itself.members.count("bias_random_walk") == 1
+    assert wandering_behind(classes, "warm_up", ("warm_up", "creep")) is None  # it could be told from the second
 
 
 def test_an_effect_of_no_size_is_where_it_is_by_chance():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +18,23 @@ BESIDE = 0.01
 """Chance below which a shape that explains something beside a name of its variable makes the name unsure."""
 
 
-def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> tuple[Effect, tuple[str, ...]] | None:
+@dataclass(frozen=True, slots=True)
+class Mend:
+    """What may stand in the place of names that mend each other."""
+
+    effect: Effect
+    worn: tuple[str, ...]
+    """Effects of the model that leave."""
+    rivals: tuple[str, ...] = ()
+    """What else they could be, beside themselves."""
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """The class of the effect that stands there now."""
+        return (self.effect.name, *self.rivals, *(name for name in self.worn if name != self.effect.name))
+
+
+def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> Mend | None:
     """What a function of one variable is when the effect that came last shows that its name was wrong.
 
     Parameters
@@ -28,8 +45,7 @@ def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> tuple[
 
     Returns
     -------
-    The family without a name, and the effects of the model in whose place it may stand; None where nothing says that
-    a name is wrong.
+    The family without a name in the place of effects of the model; None where nothing says that a name is wrong.
     """
     for family in HOUSE:
         worn = [name for name in fit.model.effects if name in family.covers]
@@ -37,27 +53,28 @@ def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> tuple[
             same = {name for bend in family.bends if entering in bend for name in bend}
             worn = [n for n in worn if n == entering or n in same or alike(fit, n, entering) > ALIKE]
             if len(worn) > 1:
-                return family, tuple(worn)
+                return Mend(family, tuple(worn))
         elif entering == family.name and worn:
-            return family, tuple(worn)
+            return Mend(family, tuple(worn))
         elif family.name in members and worn and find(entering).port == "process":
-            return family, (*worn, entering)
+            return Mend(family, (*worn, entering))
     return None
 
 
-def wandering_behind(classes: Sequence[Sequence[str]], entering: str) -> tuple[Effect, tuple[str, ...]] | None:
-    """A bias that wanders, and the two effects in whose place it may stand, when a shape that it could not be told from
-    turns out not to be all.
+def wandering_behind(classes: Sequence[Sequence[str]], entering: str, members: Sequence[str] = ()) -> Mend | None:
+    """A bias that wanders, in the place of two courses of time: a shape that it could not be told from and that turns
+    out not to be all, or two names of which it could be told from neither.
 
     Parameters
     ----------
     classes : of the effects that entered before, each led by the effect itself.
     entering : what came last.
+    members : what it cannot be told from.
     """
-    for name, *members in classes:
-        courses = [find(other) for other in members if find(other).port == "process"]
-        if find(name).family and courses:
-            return courses[0], (name, entering)
+    for name, *rivals in classes:
+        courses = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
+        if courses:
+            return Mend(find(courses[0]), (name, entering), tuple(c for c in courses[1:] if c != entering))
     return None
 
 

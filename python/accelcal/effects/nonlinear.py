@@ -81,7 +81,7 @@ def dead_zone(s: Signals, width: float, centre: float = 0.0) -> Array:
     """Bias that changes sign with the acceleration: dead zone if negative (IEEE 1293 K0'/2).
 
     Equation: e = (K0'/2) sgn(a - c), straight across c: clip((a - c)/w, -1, 1); a plain dead zone has w = |K0'/2|.
-    The sensor's zero is that of the whole specific force: a rig out of level moves it to c, less gravity along the axis.
+    The sensor's zero is that of the whole specific force: out of level, it lies at c, less gravity along the axis.
     Looks like: a step of the residual where the acceleration passes zero.
     Easily confused with: hysteresis, coulomb.
     Separate by: fast and slow motion; a dead zone does not depend on velocity and has no loop.
