@@ -15,6 +15,7 @@ from accelcal.diagnose.mended import (
     rest_of,
     shape_behind,
     significance,
+    sum_behind,
     sum_of,
     wandering_behind,
 )
@@ -418,6 +419,13 @@ def improve(
                 story.leave(name)
         fits.append((story.effects, verdict.fit))
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
+    mend = sum_behind(story.effects, verdict.scan.candidates)
+    step = instead(mend) if mend else None
+    if mend and step:
+        entering, verdict, state = step
+        examined += verdict.scan.examined
+        story.enter(entering, 0.0, mend.worn)
+        fits.append((story.effects, verdict.fit))
     story.ties = story.told(verdict.scan.candidates)
     if delayed(fits[-1][1], verdict.scan, alpha):
         held = result(solve(undelayed(original), state.recordings))

@@ -9,15 +9,15 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnose import Candidate, Finding
-from accelcal.diagnose.mended import not_the_whole, rest_of, significance, sum_of, wandering_behind
+from accelcal.diagnose.mended import not_the_whole, rest_of, significance, sum_behind, sum_of, wandering_behind
 from accelcal.effects import HOUSE, find
 from accelcal.loop import Story
 
 FAMILIES = [effect for effect in HOUSE if effect.family]
 
 
-def candidate(effect: str, p_raw: float) -> Candidate:
-    return Candidate(effect, {}, (0.0,), (1.0,), "m/s²", 1.0, 8, p_raw, 1.0, 0.0, 0.0)
+def candidate(effect: str, p_raw: float, looks: int = 1) -> Candidate:
+    return Candidate(effect, {}, (0.0,), (1.0,), "m/s²", 1.0, 8, p_raw, 1.0, 0.0, 0.0, looks=looks)
 
 
 def finding(effect: str) -> Finding:
@@ -56,6 +56,17 @@ def test_a_shape_that_explains_something_beside_a_name_makes_it_unsure():
     left = [candidate("shape_of_acceleration", 1e-4), candidate("shape_of_position", 1e-4)]
     assert not_the_whole("cubic", left) == ("shape_of_acceleration",)
     assert not_the_whole("cubic", [candidate("shape_of_acceleration", 0.3)]) == ()
+
+
+def test_a_sum_of_names_that_is_not_the_whole_gives_way_to_a_shape():
+    mend = sum_behind(("velocity", "cubic", "coulomb"), [candidate("shape_of_velocity", 1e-3)])
+    assert mend is not None
+    assert mend.worn == ("velocity", "coulomb")
+    assert mend.members == ("shape_of_velocity", "velocity", "coulomb")
+    assert sum_behind(("velocity", "cubic"), [candidate("shape_of_velocity", 1e-3)]) is None  # one name is no sum
+    assert sum_behind(("velocity", "coulomb"), [candidate("shape_of_velocity", 0.1)]) is None
+    ripple = candidate("shape_of_acceleration", 1e-3, looks=60)  # the best of sixty periods is often as good
+    assert sum_behind(("cubic", "quadratic"), [ripple]) is None
 
 
 def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():

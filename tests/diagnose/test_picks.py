@@ -1,4 +1,4 @@
-"""Trial shapes that a record proposes: the ripple of a characteristic and the wave of a rail that are in it."""
+"""Trial shapes: the ripple of a characteristic and the wave of a rail that are in a record, and how fine a curve is."""
 
 from __future__ import annotations
 
@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnose import scan
 from accelcal.diagnose.candidates import candidates_for
+from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.picks import ripples, waves
+from accelcal.effects import find
 from accelcal.fit import solve_runs
 from accelcal.loop import add
 from accelcal.model import Model
@@ -18,6 +21,7 @@ from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.simulate import Simulated
 
+INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 
 
@@ -44,7 +48,7 @@ def test_a_ripple_over_acceleration_is_tried_at_its_period(plain: Simulated, per
     assert none.value == 0.0
     assert found.value == pytest.approx(period, rel=0.03)
     shapes = [item.shape["ripple"] for item in candidates_for(one, Model.linear()) if "ripple" in item.shape]
-    assert shapes == [0.0, found.value]
+    assert shapes == [0.0, found.value, 0.0]  # the last is the coarse one, which has no ripple
 
 
 def test_a_wave_over_position_is_tried_near_its_period(plain: Simulated) -> None:
@@ -72,3 +76,32 @@ def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_of
             for model in (Model.linear(), wandering)
         )
         assert (alone, beside) == (1, more)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "coarse"),
+    [
+        (lambda p: 20.0 * p**2, True),
+        (lambda p: 20.0 * p**3, True),
+        (lambda p: 0.01 * np.sin(2.0 * np.pi * p / 0.02), False),
+    ],
+    ids=["square", "cube", "wave"],
+)
+def test_a_curve_is_as_fine_as_the_record_pays_for(
+    plain: Simulated, hidden: Callable[[Array], Array], coarse: bool
+) -> None:
+    one = fitted(plain, lambda t: hidden(plain.truth.motion.position(t)))
+    (found,) = scan([one], Model.linear(), only=(find("shape_of_position"),)).entered
+    assert (set(found.fixed) >= INNER) == coarse
+
+
+def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    offered = [item for item in candidates_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
+    fine, coarse = offered
+    runs = [Known(one, Model.linear())]
+    both, alone = Evidence(runs, [coarse, fine]), Evidence(runs, [coarse])
+    assert [part.stop - part.start for part in both.columns] == [4, 10]
+    assert (len(both.terms), len(alone.terms)) == (10, 4)
+    assert both.gain(0)[:2] == pytest.approx(alone.gain(0)[:2], rel=1e-9)
+    assert both.gain(1)[0] > both.gain(0)[0]

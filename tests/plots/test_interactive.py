@@ -51,7 +51,7 @@ class Story:
         self.track = track(self.fit, self.run)
         self.marks = interactive.marks(self.run)
         shaped = ac.Model.linear().add("shape_of_position", shapes=self.ends)
-        constant_and_slope = {"shape_of_position.s5": 0.0, "shape_of_position.s6": 0.0}
+        constant_and_slope = {"shape_of_position.p0": 0.0, "shape_of_position.p1": 0.0}
         self.shaped = ac.fit(shaped.freeze(**constant_and_slope), self.run)
 
     @property
@@ -345,12 +345,17 @@ def test_a_base_at_the_floor_explains_nothing(story):
 def test_recovered_shape_is_the_fitted_function(story):
     (one,) = shapes(story.shaped)
     effect = "shape_of_position"
-    coefficients = np.array([story.shaped[f"{effect}.s{j}"].value for j in range(1, 11)])
     from scipy.interpolate import BSpline
+    from scipy.special import eval_legendre
 
     low, high = story.ends[effect]["low"], story.ends[effect]["high"]
     knots = low + (high - low) / 7.0 * np.arange(-3, 11)
-    independent = BSpline(knots, coefficients, 3)(one.x - story.shaped.origins.p)
+    x = one.x - story.shaped.origins.p
+    share = 2 * (x - low) / (high - low) - 1
+    weights = [0.0, 0.0, *(story.shaped[f"{effect}.s{j}"].value for j in range(3, 9)), 0.0, 0.0]
+    independent = BSpline(knots, weights, 3)(x)
+    for degree in range(4):
+        independent += story.shaped[f"{effect}.p{degree}"].value * eval_legendre(degree, share)
     inside = slice(1, -1)  # the ends stand on a knot
     np.testing.assert_allclose(one.value[inside], independent[inside], rtol=1e-8, atol=1e-12)  # same polynomials
     assert np.all(one.std > 0.0)

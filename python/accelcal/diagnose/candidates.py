@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from accelcal.diagnose.picks import PICKS, Pick
 from accelcal.effects import HOUSE, Effect, find, side_channels
@@ -27,11 +27,18 @@ class Item:
     """Alternatives that this one was picked from before it was tried."""
     near: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Where the shape parameters that were picked may be refined."""
+    leading: int | None = None
+    """Columns that it has, where it is the coarser shape of its effect."""
 
     @property
     def terms(self) -> tuple[Term, ...]:
         """Its coefficients."""
-        return terms_of(self.effect, self.shape)
+        return terms_of(self.effect, self.shape)[: self.leading]
+
+    @property
+    def held(self) -> tuple[Term, ...]:
+        """Coefficients of its effect that it does without."""
+        return terms_of(self.effect, self.shape)[len(self.terms) :]
 
 
 def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> list[Item]:
@@ -42,7 +49,7 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
     offered = (*HOUSE, *side_channels(recorded), *extra)
     wanders = any(find(name).port == "process" for name in model.effects)
     courses = find("shape_of_time").covers if wanders else ()
-    items = []
+    items: list[Item] = []
     for effect in offered:
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
         early = effect.beside and effect.beside not in model.effects
@@ -50,11 +57,14 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
             continue
         tried = {n: [Pick(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked}
         tried |= {n: PICKS[shape.picked](one) for n, shape in effect.shapes.items() if shape.picked}
+        first = len(items)
         for picks in itertools.product(*tried.values()):
             chosen = dict(zip(tried, picks, strict=True))
             near = {name: pick.near for name, pick in chosen.items() if pick.near}
             looks = math.prod(pick.looks for pick in picks) * (WANDERED if effect.name in courses else 1)
             items.append(Item(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
+        if effect.coarse:
+            items.append(replace(items[first], leading=effect.coarse))
     return items
 
 

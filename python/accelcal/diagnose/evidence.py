@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import pairwise
 
 import numpy as np
 import scipy
@@ -82,6 +81,18 @@ class Known:
         return G, score, own, weights
 
 
+def columns_of(items: Sequence[Item]) -> tuple[list[Term], list[slice]]:
+    """Coefficients of all items, and where each item's stand: a coarser shape is the beginning of the finer one."""
+    terms: list[Term] = []
+    begins: dict[tuple[object, ...], int] = {}
+    keys = [(item.effect.name, *item.shape.items()) for item in items]
+    for key, item in sorted(zip(keys, items, strict=True), key=lambda one: one[1].leading is not None):
+        if key not in begins:
+            begins[key] = len(terms)
+            terms += item.terms
+    return terms, [slice(begins[k], begins[k] + len(item.terms)) for k, item in zip(keys, items, strict=True)]
+
+
 class Evidence:
     """Gram matrix and scores of the candidates over all runs, and what follows from them."""
 
@@ -94,9 +105,7 @@ class Evidence:
     ) -> None:
         self.items = items
         self.runs = runs
-        self.terms = [term for item in items for term in item.terms]
-        edges = np.cumsum([0, *(item.effect.width for item in items)])
-        self.columns = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        self.terms, self.columns = columns_of(items)
         m = len(self.terms)
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
         self.own: Array = np.zeros(m)

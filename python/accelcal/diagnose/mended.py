@@ -14,8 +14,8 @@ from accelcal.fit import Fit
 
 ALIKE = 0.9
 """Correlation of two coefficients from which one does little but bend the other's function."""
-BESIDE = 0.01
-"""Chance below which a shape that explains something beside a name of its variable makes the name unsure."""
+BESIDE = 0.02
+"""Chance below which a shape that explains something beside names of its variable makes one unsure, several wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,22 @@ def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> Mend |
             return Mend(family, tuple(worn))
         elif family.name in members and worn and find(entering).port == "process":
             return Mend(family, (*worn, entering))
+    return None
+
+
+def sum_behind(model: Sequence[str], left: Sequence[Candidate]) -> Mend | None:
+    """A shape without a name in the place of several functions of its variable whose sum is not the whole.
+
+    Parameters
+    ----------
+    model : names that entered.
+    left : what the model leaves over.
+    """
+    for one in left:
+        family = find(one.effect)
+        worn = tuple(name for name in model if name in family.covers)
+        if len(worn) > 1 and one.chance < BESIDE:
+            return Mend(family, worn)
     return None
 
 
@@ -127,4 +143,4 @@ def of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
 
 def not_the_whole(name: str, left: Sequence[Candidate]) -> tuple[str, ...]:
     """Shapes that explain something beside a named effect of their variable, among what a model leaves over."""
-    return tuple(one.effect for one in left if name in find(one.effect).covers and one.p_raw < BESIDE)
+    return tuple(one.effect for one in left if name in find(one.effect).covers and one.chance < BESIDE)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence, Known
+from accelcal.diagnose.search import Search, chance
 from accelcal.recording import Array
 
 FINALISTS = 8
@@ -18,21 +19,25 @@ EVALUATIONS = 14
 """Trials of each shape parameter."""
 
 
-def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]]) -> list[int]:
-    """Items worth refining: all that the search kept, and the strongest rivals at each place of its best set."""
+def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]], rules: Search) -> list[int]:
+    """Items worth refining: all that the search kept, and the strongest rivals at each place of its best set.
+
+    Each at the trial shape and fineness at which it exceeds its price most; where it never does, is least by chance.
+    """
     chosen = sets[0]
     kept = list(dict.fromkeys(i for one in sets for i in one))
     names = {evidence.items[i].effect.name for i in kept}
     for position in range(max(1, len(chosen))):
         gains, dofs = evidence.gains(tuple(i for k, i in enumerate(chosen) if k != position))
-        best: dict[str, tuple[float, int]] = {}
-        for i, item in enumerate(evidence.items):
-            gain, dof = float(gains[i]), int(dofs[i])
-            if dof and gain - dof > best.get(item.effect.name, (-math.inf, -1))[0]:
-                best[item.effect.name] = (gain - dof, i)
-        strongest = sorted(best.values(), reverse=True)[:FINALISTS]
-        kept += [i for _, i in strongest if evidence.items[i].effect.name not in names]
-        names |= {evidence.items[i].effect.name for _, i in strongest}
+        best: dict[str, int] = {}
+        told = list(zip(gains.tolist(), dofs.tolist(), evidence.items, strict=True))
+        worth = [(max(rules.price(*one), 0.0), -chance(*one)) for one in told]
+        for i in np.flatnonzero(dofs).tolist():
+            name = evidence.items[i].effect.name
+            best[name] = max(best.get(name, i), i, key=lambda j: worth[j])
+        strongest = sorted(best.values(), key=lambda i: told[i][0] - told[i][1], reverse=True)[:FINALISTS]
+        kept += [i for i in strongest if evidence.items[i].effect.name not in names]
+        names |= {evidence.items[i].effect.name for i in strongest}
     return kept
 
 
@@ -58,14 +63,14 @@ def refined(runs: Sequence[Known], item: Item, gain: float) -> Item:
             continue
 
         def loss(value: float, name: str = name) -> float:
-            trial = Evidence(runs, [Item(item.effect, {**shape, name: value})])
+            trial = Evidence(runs, [replace(item, shape={**shape, name: value})])
             return -trial.gain(0)[0]
 
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
         if -float(best.fun) > gain:
             shape[name], gain = float(best.x), -float(best.fun)
-    return Item(item.effect, shape, item.looks, item.near)
+    return replace(item, shape=shape)
 
 
 def neighbours(grid: Array, span: tuple[float, float], value: float) -> tuple[float, float]:

@@ -50,6 +50,13 @@ class Candidate:
     """Largest contribution over the used range, m/s² (m at the encoder)."""
     members: tuple[str, ...] = ()
     """Effects that cannot be told from it on this record, itself included."""
+    looks: int = 1
+    """Values of a shape parameter that the record was searched for this one."""
+
+    @property
+    def chance(self) -> float:
+        """Of a gain as large where the effect is not there, had it been the only one that was looked at."""
+        return min(1.0, self.p_raw * self.looks)
 
     @property
     def snr(self) -> float:
@@ -116,7 +123,7 @@ def scan(
     runs = [Known(one, model, apart) for one in passes]
     report(0.1)
     evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
-    finalists = shortlist(evidence, search_in.beam(evidence))
+    finalists = shortlist(evidence, search_in.beam(evidence), search_in)
     report(0.65)
     refined = refine(evidence, finalists)
     report(0.8)
@@ -177,6 +184,7 @@ def rank(
                 log_evidence=rules.price(gain, dof, item) / 2.0,
                 largest=max(largest(item, estimate, one) for one in passes),
                 members=members(evidence, robust, i, others, rules),
+                looks=item.looks,
             )
         )
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
@@ -189,4 +197,4 @@ def largest(item: Item, estimate: Array, one: Pass) -> float:
     columns = item.effect.column(s, **item.shape).reshape(len(s.t), -1)
     if item.effect.port == "process":
         return float(estimate[0] * np.max(np.linalg.norm(columns, axis=1)))
-    return float(np.max(np.abs(columns @ estimate)))
+    return float(np.max(np.abs(columns[:, : len(estimate)] @ estimate)))

@@ -47,7 +47,7 @@ class Search:
 
     def significant(self, gain: float, dof: int, item: Item) -> bool:
         """Whether a gain is beyond what the best of all alternatives would show by chance."""
-        return dof > 0 and log_survival(gain, dof) + math.log(item.looks) < self.threshold
+        return dof > 0 and chance(gain, dof, item) < self.threshold
 
     def price(self, gain: float, dof: int, item: Item) -> float:
         """Gain less what an effect pays for its freedom, for having been picked, and for having no name or course."""
@@ -141,6 +141,11 @@ class Search:
             if len(kept) == WIDTH:
                 break
         return list(kept.values())
+
+
+def chance(gain: float, dof: int, item: Item) -> float:
+    """Log probability of a gain where nothing is, over the values that the item was picked from."""
+    return log_survival(gain, dof) + math.log(item.looks)
 
 
 def block_length(one: Pass) -> float:

@@ -110,9 +110,11 @@ def smooth_alike(item: Item, s: Signals) -> tuple[str, ...]:
 
 
 def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
-    """Columns of an item that the base and the item's other columns already contain (pivoted Cholesky)."""
+    """Columns of an item's effect that it does without, or that the base and the item's other columns already contain
+    (pivoted Cholesky)."""
     columns = evidence.columns[i]
     names = [term.name for term in evidence.items[i].terms]
+    held = tuple(term.name for term in evidence.items[i].held)
     if len(names) == 1:
         return ()
     size = np.sqrt(np.maximum(np.diag(evidence.G[columns, columns]), 1e-300))
@@ -127,4 +129,4 @@ def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
             break
         A = A - np.outer(A[:, k], A[k]) / A[k, k]
         kept.append(k)
-    return tuple(name for k, name in enumerate(names) if k not in kept)
+    return (*(name for k, name in enumerate(names) if k not in kept), *held)

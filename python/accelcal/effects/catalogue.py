@@ -78,6 +78,8 @@ class Effect:
     """Names of its columns where it has several (sine and cosine, splines)."""
     family: bool = False
     """A shape without a name, not a physical cause."""
+    coarse: int = 0
+    """Leading columns that are a coarser shape by themselves, and are tried so too; 0: none are."""
     covers: tuple[str, ...] = ()
     """Named effects that a family generalises: functions of its variable alone."""
     bends: tuple[tuple[str, ...], ...] = ()
@@ -147,6 +149,7 @@ def effect(
     needs: tuple[str, ...] = (),
     parts: tuple[str, ...] = ("",),
     family: bool = False,
+    coarse: int = 0,
     covers: tuple[str, ...] = (),
     bends: tuple[tuple[str, ...], ...] = (),
     visible: bool = True,
@@ -171,6 +174,7 @@ def effect(
     needs : side channels it uses.
     parts : names of its columns when the function returns (n, m).
     family : a shape without a name.
+    coarse : leading columns that are a coarser shape by themselves.
     covers : named effects that a family generalises.
     bends : groups of them that describe one bend in several ways.
     visible : False for what a level, untouched rig can never show.
@@ -195,6 +199,7 @@ def effect(
         "needs": needs,
         "parts": parts,
         "family": family,
+        "coarse": coarse,
         "covers": covers,
         "bends": bends,
         "visible": visible,

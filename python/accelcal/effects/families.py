@@ -18,7 +18,10 @@ from accelcal.signals import TINY, Signals
 
 PIECES = 7
 """Pieces of a cubic spline."""
-SPLINES = tuple(f"s{j}" for j in range(1, PIECES + 4))
+CURVE = ("p0", "p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
+"""Columns of a curve: the coefficients of the polynomials and of the inner splines."""
+COARSE = 4
+"""The first of them, the polynomials: what is coarse is seen with less."""
 KNOT_NOISE = 6.0
 """Knots stand at least this many standard deviations apart, or noise of the variable blurs the pieces."""
 COSINES = tuple(f"c{j}" for j in range(1, 13))
@@ -55,9 +58,15 @@ def splines(x: Array, low: float, high: float) -> Array:
     return flat.reshape(PIECES + 3, n).T
 
 
+def curve(x: Array, low: float, high: float) -> Array:
+    """All that cubic splines on [low, high] can be, cubics first: polynomials of degree 0 to 3, then the inner splines;
+    x is held at the ends; (n, PIECES + 3)."""
+    return np.column_stack([legendre(x, low, high, COARSE - 1), splines(x, low, high)[:, 2:-2]])
+
+
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
     """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
-    many columns as splines, (n, PIECES + 3)."""
+    many columns as a curve, (n, PIECES + 3)."""
     angle = (2.0 * np.pi / period) * x
     return np.column_stack([legendre(x, low, high, PIECES + 2)[:, 2:], np.sin(angle), np.cos(angle)])
 
@@ -130,8 +139,9 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
     bends=(("rail_wave", "rail_second_wave"),),
     includes=("bias",),
@@ -139,12 +149,12 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of the place on the rail.
 
-    Equation: e = sum_j c_j B_j(p), cubic splines.
+    Equation: e = sum_j c_j B_j(p), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on position only, at any speed.
     Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
     Separate by: a very slow traverse; two speeds.
     """
-    return s.rig.polarity * splines(s.p, low, high)
+    return s.rig.polarity * curve(s.p, low, high)
 
 
 @effect(
@@ -155,20 +165,21 @@ def shape_of_position(s: Signals, low: float, high: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s", lambda s: (s.v, s.v_std)),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"),
     includes=("bias",),
 )
 def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of velocity.
 
-    Equation: e = sum_j c_j B_j(v), cubic splines.
+    Equation: e = sum_j c_j B_j(v), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on velocity only.
     Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
     Separate by: several steady speeds in both directions.
     """
-    return s.rig.polarity * splines(s.v, low, high)
+    return s.rig.polarity * curve(s.v, low, high)
 
 
 @effect(
@@ -178,8 +189,9 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
     bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
     includes=("bias", "scale_factor"),
@@ -187,12 +199,12 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
 def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
     """A characteristic of the sensor that is some function of acceleration.
 
-    Equation: e = sum_j c_j B_j(a), cubic splines; where it ripples: polynomials, sine and cosine of the ripple.
+    Equation: e = sum_j c_j B_j(a), polynomials of degree 0 to 3, then cubic splines; a ripple: 2 to 9, sine and cosine.
     Looks like: a residual that depends on acceleration only.
     Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
     Separate by: several amplitudes at several frequencies.
     """
-    return rippled(s.a, low, high, ripple) if ripple else splines(s.a, low, high)
+    return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high)
 
 
 @effect(
@@ -203,19 +215,20 @@ def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     includes=("bias", "time_offset"),
 )
 def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     """An error that is some function of the rate of change of acceleration.
 
-    Equation: e = sum_j c_j B_j(jerk), cubic splines.
+    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on jerk only.
     Easily confused with: hysteresis, time_offset, a slew-rate limit.
     Separate by: rests after either direction; several amplitudes.
     """
-    return splines(s.jerk, low, high)
+    return curve(s.jerk, low, high)
 
 
 @effect(
@@ -226,20 +239,21 @@ def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     source="0.1 mg",
     shapes=over("K", lambda s: (s.temperature, 0.0)),
     needs=("temperature",),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     covers=("temperature_bias",),
     includes=("bias",),
 )
 def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     """A bias that is some function of temperature.
 
-    Equation: e = sum_j c_j B_j(T), cubic splines.
+    Equation: e = sum_j c_j B_j(T), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on temperature only.
     Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
     Separate by: a temperature cycle that is not monotone in time.
     """
-    return splines(s.temperature, low, high)
+    return curve(s.temperature, low, high)
 
 
 @effect(
@@ -251,20 +265,21 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     source="0.1 mg",
     shapes=over("m/s²", lambda s: (s.side["a_y"], 0.0)),
     needs=("a_y",),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
+    coarse=COARSE,
     covers=("cross_axis", "cross_axis_quadratic"),
     includes=("bias",),
 )
 def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     """A response that is some function of the lateral acceleration.
 
-    Equation: e = sum_j c_j B_j(a_y), cubic splines.
+    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on the lateral acceleration only.
     Easily confused with: cross_axis, cross_axis_quadratic.
     Separate by: lateral motion of two sizes; turning the sensor about its input axis.
     """
-    return splines(s.side["a_y"], low, high)
+    return curve(s.side["a_y"], low, high)
 
 
 @effect(
@@ -304,16 +319,16 @@ def shape_since_reversal(s: Signals) -> Array:
     scale=1e-6,
     source="at most 10 µm (paper)",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=SPLINES,
+    parts=CURVE,
     family=True,
     covers=("encoder_nonlinearity", "encoder_cyclic"),
 )
 def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An error of the encoder that is some function of position; its straight part is encoder_scale.
 
-    Equation: b = sum_j c_j B_j(p), cubic splines.
+    Equation: b = sum_j c_j B_j(p), polynomials of degree 0 to 3, then cubic splines.
     Looks like: a residual that depends on position and grows with the square of speed.
     Easily confused with: encoder_nonlinearity, encoder_cyclic, shape_of_position.
     Separate by: two speeds; a shifted start position.
     """
-    return splines(s.p, low, high)
+    return curve(s.p, low, high)

@@ -276,7 +276,7 @@ def largest_at(item: Item, smallest: tuple[float, ...], one: Pass) -> float:
     """Largest contribution of the part that is seen best, at its smallest detectable size."""
     if not math.isfinite(min(smallest)):
         return math.inf
-    estimate = np.zeros(1 if item.effect.port == "process" else item.effect.width)
+    estimate = np.zeros(1 if item.effect.port == "process" else len(item.terms))
     k = int(np.argmin(smallest))
     estimate[k] = smallest[k]
     return largest(item, estimate, one)
