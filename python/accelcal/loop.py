@@ -2,41 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from accelcal.channels import channel_findings
 from accelcal.compare import Comparison, compare
-from accelcal.diagnose import ALPHA, Candidate, Finding, Scan, scan
-from accelcal.diagnose.mended import (
-    Mend,
-    not_the_whole,
-    rest_of,
-    shape_behind,
-    significance,
-    sum_behind,
-    sum_of,
-    wandering_behind,
-)
+from accelcal.diagnose import ALPHA, scan
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
-from accelcal.gating import CHANNEL_OF, Dropped, Gated, gated, wild
+from accelcal.gating import Dropped, gated, wild
 from accelcal.gauss_newton import NotIdentifiable, Solution
 from accelcal.importance import Importance, split
-from accelcal.judgement import DELAY_CLASS, DELAY_EXPERIMENT, Diagnosis, Stretch, Tie, delayed, judge_model, within
+from accelcal.judgement import Diagnosis, Stretch, Tie, judge_model, within
 from accelcal.model import Model
 from accelcal.recording import Recording
 from accelcal.shown import shown
 from accelcal.signals import Origins
+from accelcal.walk import Walk
 
 HELD_OUT = 0.3
 """Share at the end of a recording that is held out when no other recording is."""
 MOST_EFFECTS = 3
 """Effects that `improve` adds unless told otherwise."""
-MOST_NAMED = 2
-"""Named effects that are tried in the place of a shape without a name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,43 +247,6 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     return History(tuple(fits), tuple(compare(one, recording) for one in fits))
 
 
-@dataclass(slots=True)
-class Story:
-    """What has entered a model so far, in order, each with its class and what it explained."""
-
-    ties: list[Tie] = field(default_factory=list)
-    gains: dict[str, float] = field(default_factory=dict)
-    """Twice the log-likelihood that each explained when it entered."""
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Names, in the order of entry."""
-        return tuple(tie.effect for tie in self.ties)
-
-    def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
-        """One effect more; a shape without a name stands in the place of the names that it wears out."""
-        self.gains[finding.effect] = gain + sum(self.leave(name) for name in worn)
-        self.ties.append(Tie(finding.effect, finding.members, finding.experiment))
-
-    def leave(self, name: str) -> float:
-        """One effect less, if it is there; what it explained."""
-        self.ties = [tie for tie in self.ties if tie.effect != name]
-        return self.gains.pop(name, 0.0)
-
-    def told(self, left: Sequence[Candidate]) -> list[Tie]:
-        """Every effect with its class, once nothing more enters and `left` is what the model leaves over."""
-        return [
-            tie.beside(
-                (
-                    *sum_of(tie.effect, self.effects),
-                    *rest_of(tie.effect, self.gains),
-                    *not_the_whole(tie.effect, left),
-                )
-            )
-            for tie in self.ties
-        ]
-
-
 def improve(
     recordings: Recording | Sequence[Recording],
     *,
@@ -324,121 +275,19 @@ def improve(
     stretch = Stretch.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
-
-    def solve(model: Model, these: Sequence[Recording]) -> Solution:
-        return solve_runs(model, these, start=begin if len(these) == 1 else None, end=split)
-
-    def advance(model: Model, known: Gated | None) -> Gated:
-        told = () if known is None else [test for test in known.tests if test.effect in CHANNEL_OF and test.at]
-        return gated(original if known is None else known.recordings, lambda these: solve(model, these), told)
-
-    def entered(found: Scan) -> tuple[Finding, Diagnosis, Gated] | None:
-        """The fit with the effect that comes first, judged; None where no fit is possible.
-
-        A shape without a name gives way to a named effect of its class whose fit leaves nothing for it, nor for
-        anything that cannot be told from it.
-        """
-        first, model = found.found[0], state.solution.model
-        for finding in (*found.named[:MOST_NAMED], first):
-            try:
-                # readings beside a jump that is not in the model look wild: they are judged anew once it is
-                grown = advance(finding.enter(model), None if "instant" in finding.shape else state)
-                judged = judge_model(grown, stretch, extra, alpha)
-            except (NotIdentifiable, ValueError):
-                continue
-            if finding is first or not any(first.effect in left.members for left in judged.scan.found):
-                return finding, judged, grown
-        return None
-
-    def instead(mend: Mend) -> tuple[Finding, Diagnosis, Gated] | None:
-        """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
-        something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
-        try:
-            known = state.solution.model
-            model = known.drop(*{*mend.worn, *({mend.effect.name} & set(known.effects))})
-            alone = scan(advance(model, state).solution.passes, model, extra=extra, only=(mend.effect,))
-            if not alone.entered:
-                return None
-            grown = advance(alone.entered[0].enter(model), state)
-            judged = judge_model(grown, stretch, extra, alpha)
-        except (NotIdentifiable, ValueError):
-            return None
-        left = {one.effect for one in judged.scan.found}
-        if left & {*mend.effect.covers, *mend.worn} or (left and mend.effect.port == "process"):
-            return None
-        return replace(alone.entered[0], members=mend.members), judged, grown
-
-    def leaner(name: str) -> tuple[Diagnosis, Gated] | None:
-        """The fit without an effect that entered before others, judged; None where it is still asked for."""
-        try:
-            left = advance(state.solution.model.drop(name), state)
-            judged = judge_model(left, stretch, extra, alpha)
-        except (NotIdentifiable, ValueError):
-            return None
-        return None if any(name in one.members for one in judged.scan.found) else (judged, left)
-
-    def doubtful(name: str) -> bool:
-        """Whether an effect may have stood for those that entered after it: a shape may, a name if it lost its size."""
-        effect = find(name)
-        if effect.family or effect.port == "process":
-            return effect.family
-        return significance(verdict.fit, name) > math.log(alpha / verdict.scan.examined)
-
-    state = advance(Model.linear(), None)
-    verdict = judge_model(state, stretch, extra, alpha)
+    walk = Walk.begin(original, stretch, split, extra, alpha)
     report(0.3)
-    fits: list[tuple[tuple[str, ...], Fit]] = [((), verdict.fit)]
-    story = Story()
-    examined = verdict.scan.examined
     for number in range(2 * most):
-        if not verdict.scan.found or len(story.effects) >= most:
+        if len(walk.story.effects) >= most or not walk.step():
             break
-        step = entered(verdict.scan)
-        if step is None:
-            break
-        explained = {one.effect: one.gain for one in verdict.scan.candidates}
-        entering, verdict, state = step
-        gain = explained.get(entering.effect, 0.0)
-        worn: tuple[str, ...] = ()
-        examined += verdict.scan.examined
-        for mend in (
-            shape_behind(verdict.fit, entering.effect, entering.members),
-            wandering_behind([tie.members for tie in story.ties], entering.effect, entering.members),
-        ):
-            step = instead(mend) if mend and not worn else None
-            if mend and step:
-                (entering, verdict, state), worn = step, mend.worn
-                examined += verdict.scan.examined
-        story.enter(entering, gain, worn)
-        earlier = () if find(entering.effect).family else story.effects[:-1]
-        for name in (name for name in earlier if doubtful(name)):
-            lean = leaner(name)
-            if lean:
-                verdict, state = lean
-                examined += verdict.scan.examined
-                story.leave(name)
-        fits.append((story.effects, verdict.fit))
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
-    mend = sum_behind(story.effects, verdict.scan.candidates)
-    step = instead(mend) if mend else None
-    if mend and step:
-        entering, verdict, state = step
-        examined += verdict.scan.examined
-        story.enter(entering, 0.0, mend.worn)
-        fits.append((story.effects, verdict.fit))
-    story.ties = story.told(verdict.scan.candidates)
-    if delayed(fits[-1][1], verdict.scan, alpha):
-        held = result(solve(undelayed(original), state.recordings))
-        story.ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-        fits = [((), held), *((("time_offset", *names), one) for names, one in fits)]
-    heard_of = {test.effect for test in verdict.channels} - set(story.effects)
-    story.ties += [tie for tie in verdict.classes if tie.effect in heard_of]
-    fits[-1] = (story.effects, fits[-1][1])
+    walk.finish()
+    verdict, state = walk.at.verdict, walk.at.state
     dropped = state.dropped(original)
     test = original[0] if holdout is None else holdout
     test_begin, test_end = (split, finish) if same_run else (None, None)
     if dropped:
-        test, lost = gated_holdout(fits[0][1].model, test, test_begin, test_end)
+        test, lost = gated_holdout(walk.fits[0][1].model, test, test_begin, test_end)
         dropped = (*dropped, *lost)
     steps = [
         Step(
@@ -447,9 +296,10 @@ def improve(
             compare(one, state.recordings[0], start=begin, end=split),
             compare(one, test, start=test_begin, end=test_end),
         )
-        for names, one in fits
+        for names, one in walk.fits
     ]
-    return Improvement(tuple(steps), replace(verdict, dropped=dropped), tuple(story.ties), examined, same_run)
+    told = replace(verdict, dropped=dropped)
+    return Improvement(tuple(steps), told, tuple(walk.story.ties), walk.examined, same_run)
 
 
 def gated_holdout(
@@ -462,10 +312,3 @@ def gated_holdout(
         return recording, ()
     found = state.dropped([recording])
     return state.recordings[0], tuple(replace(d, recording=f"held out, {d.recording or 'recording'}") for d in found)
-
-
-def undelayed(recordings: Sequence[Recording]) -> Model:
-    """The base model without any freedom to be late: neither an offset of the clocks nor a slower low-pass."""
-    if any(r.rig.lowpass_prior > 0.0 for r in recordings):
-        return Model.linear().add("lowpass_error").freeze(time_offset=0.0, lowpass_error=0.0)
-    return Model.linear().freeze(time_offset=0.0)

@@ -11,7 +11,7 @@ import accelcal as ac
 from accelcal.diagnose import Candidate, Finding
 from accelcal.diagnose.mended import not_the_whole, rest_of, significance, sum_behind, sum_of, wandering_behind
 from accelcal.effects import HOUSE, find
-from accelcal.loop import Story
+from accelcal.walk import Story
 
 FAMILIES = [effect for effect in HOUSE if effect.family]
 

@@ -101,7 +101,7 @@ def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(pla
     fine, coarse = offered
     runs = [Known(one, Model.linear())]
     both, alone = Evidence(runs, [coarse, fine]), Evidence(runs, [coarse])
-    assert [part.stop - part.start for part in both.columns] == [4, 10]
-    assert (len(both.terms), len(alone.terms)) == (10, 4)
+    assert [part.stop - part.start for part in both.columns] == [3, 9]
+    assert (len(both.terms), len(alone.terms)) == (9, 3)
     assert both.gain(0)[:2] == pytest.approx(alone.gain(0)[:2], rel=1e-9)
     assert both.gain(1)[0] > both.gain(0)[0]

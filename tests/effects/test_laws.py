@@ -7,7 +7,7 @@ import pytest
 
 from accelcal import _core
 from accelcal.effects import HOUSE, find
-from accelcal.effects.families import COARSE, cosines, curve, splines
+from accelcal.effects.families import CUBIC, cosines, curve, splines
 from accelcal.rig import Rig
 
 from .motions import PERIOD, moves, sines
@@ -230,16 +230,17 @@ def test_splines_hold_every_cubic_and_sum_to_one():
     np.testing.assert_array_equal(splines(np.array([-9.0, 9.0]), -2.0, 5.0), B[[0, -1]])
 
 
-def test_a_curve_is_any_cubic_spline_and_begins_with_the_cubics():
+def test_a_curve_is_any_cubic_spline_but_for_the_constant_and_begins_with_the_cubics():
     x = np.linspace(-2.0, 5.0, 400)
-    C = curve(x, -2.0, 5.0)
-    for power in range(4):
-        weights, *_ = np.linalg.lstsq(C[:, :COARSE], x**power, rcond=None)
-        np.testing.assert_allclose(C[:, :COARSE] @ weights, x**power, atol=1e-11)
+    whole = np.column_stack([np.ones_like(x), curve(x, -2.0, 5.0)])
+    for power in range(CUBIC + 1):
+        weights, *_ = np.linalg.lstsq(whole[:, : CUBIC + 1], x**power, rcond=None)
+        np.testing.assert_allclose(whole[:, : CUBIC + 1] @ weights, x**power, atol=1e-11)
     B = splines(x, -2.0, 5.0)
-    weights, *_ = np.linalg.lstsq(C, B, rcond=None)
-    np.testing.assert_allclose(C @ weights, B, atol=1e-12)
-    np.testing.assert_array_equal(curve(np.array([-9.0, 9.0]), -2.0, 5.0), C[[0, -1]])
+    weights, *_ = np.linalg.lstsq(whole, B, rcond=None)
+    np.testing.assert_allclose(whole @ weights, B, atol=1e-12)
+    np.testing.assert_array_equal(curve(np.array([-9.0, 9.0]), -2.0, 5.0), whole[[0, -1], 1:])
+    np.testing.assert_array_equal(curve(x, -2.0, 5.0, first=2), whole[:, 2:])
 
 
 def test_knots_keep_their_distance_from_noise():

@@ -35,6 +35,7 @@ LAYERS = (
     ("power", "diagnose", "breaks", "channels", "detectable"),
     ("gating", "importance"),
     ("judgement",),
+    ("walk",),
     ("loop", "campaign"),
     ("findings", "ladder", "likeness"),
 )

@@ -118,6 +118,8 @@ class Evidence:
             self.own += own
             self.c += c
             self._weights.append(weights)
+        swallowed = np.diag(self.G) <= DEGENERATE * self.own
+        self.G[swallowed], self.G[:, swallowed], self.c[swallowed] = 0.0, 0.0, 0.0
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
         self._positive: NDArray[np.bool_] = np.array([item.effect.positive for item in items], dtype=np.bool_)

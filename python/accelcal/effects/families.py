@@ -1,8 +1,8 @@
 """Shapes without a name: smooth functions of one variable, for what no physical effect explains.
 
 The ends of their range are set by the record of the fit and kept by the model, so that the same coefficients are the
-same function on any other record; beyond the range the function is held. The constant and the straight line are within
-their reach; who fits them removes what the base already explains.
+same function on any other record; beyond the range the function is held. What the base already explains, a constant and
+where it is the scale factor or a delay a straight line, is not within their reach.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from accelcal.signals import TINY, Signals
 
 PIECES = 7
 """Pieces of a cubic spline."""
-CURVE = ("p0", "p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
-"""Columns of a curve: the coefficients of the polynomials and of the inner splines."""
-COARSE = 4
-"""The first of them, the polynomials: what is coarse is seen with less."""
+CURVE = ("p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
+"""Columns of a curve: Legendre polynomials by their degree, then the inner splines. The constant is the bias's."""
+BENT = CURVE[1:]
+"""Those of a curve whose straight line the base already is."""
+CUBIC = 3
+"""Degree of the polynomials, which by themselves are a coarse curve: it is seen with less."""
 KNOT_NOISE = 6.0
 """Knots stand at least this many standard deviations apart, or noise of the variable blurs the pieces."""
 COSINES = tuple(f"c{j}" for j in range(1, 13))
@@ -58,17 +60,17 @@ def splines(x: Array, low: float, high: float) -> Array:
     return flat.reshape(PIECES + 3, n).T
 
 
-def curve(x: Array, low: float, high: float) -> Array:
-    """All that cubic splines on [low, high] can be, cubics first: polynomials of degree 0 to 3, then the inner splines;
-    x is held at the ends; (n, PIECES + 3)."""
-    return np.column_stack([legendre(x, low, high, COARSE - 1), splines(x, low, high)[:, 2:-2]])
+def curve(x: Array, low: float, high: float, first: int = 1) -> Array:
+    """All that cubic splines on [low, high] can be, less what is below the first degree, cubics first: Legendre
+    polynomials, then the inner splines; x is held at the ends; (n, 10 - first)."""
+    return np.column_stack([legendre(x, low, high, CUBIC)[:, first:], splines(x, low, high)[:, 2:-2]])
 
 
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
     """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
-    many columns as a curve, (n, PIECES + 3)."""
+    many columns as a bent curve, (n, 8)."""
     angle = (2.0 * np.pi / period) * x
-    return np.column_stack([legendre(x, low, high, PIECES + 2)[:, 2:], np.sin(angle), np.cos(angle)])
+    return np.column_stack([legendre(x, low, high, len(BENT) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
 
 
 def legendre(x: Array, low: float, high: float, degree: int) -> Array:
@@ -141,7 +143,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=CURVE,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC,
     covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
     bends=(("rail_wave", "rail_second_wave"),),
     includes=("bias",),
@@ -149,7 +151,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of the place on the rail.
 
-    Equation: e = sum_j c_j B_j(p), polynomials of degree 0 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines.
     Looks like: a residual that depends on position only, at any speed.
     Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
     Separate by: a very slow traverse; two speeds.
@@ -167,14 +169,14 @@ def shape_of_position(s: Signals, low: float, high: float) -> Array:
     shapes=over("m/s", lambda s: (s.v, s.v_std)),
     parts=CURVE,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC,
     covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"),
     includes=("bias",),
 )
 def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of velocity.
 
-    Equation: e = sum_j c_j B_j(v), polynomials of degree 0 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(v), polynomials of degree 1 to 3, then cubic splines.
     Looks like: a residual that depends on velocity only.
     Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
     Separate by: several steady speeds in both directions.
@@ -189,9 +191,9 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
-    parts=CURVE,
+    parts=BENT,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC - 1,
     covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
     bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
     includes=("bias", "scale_factor"),
@@ -199,12 +201,12 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
 def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
     """A characteristic of the sensor that is some function of acceleration.
 
-    Equation: e = sum_j c_j B_j(a), polynomials of degree 0 to 3, then cubic splines; a ripple: 2 to 9, sine and cosine.
+    Equation: e = sum_j c_j B_j(a), polynomials of degree 2 and 3, then cubic splines; a ripple: 2 to 7, a sine.
     Looks like: a residual that depends on acceleration only.
     Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
     Separate by: several amplitudes at several frequencies.
     """
-    return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high)
+    return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high, first=2)
 
 
 @effect(
@@ -215,20 +217,20 @@ def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
-    parts=CURVE,
+    parts=BENT,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC - 1,
     includes=("bias", "time_offset"),
 )
 def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     """An error that is some function of the rate of change of acceleration.
 
-    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 0 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 2 and 3, then cubic splines.
     Looks like: a residual that depends on jerk only.
     Easily confused with: hysteresis, time_offset, a slew-rate limit.
     Separate by: rests after either direction; several amplitudes.
     """
-    return curve(s.jerk, low, high)
+    return curve(s.jerk, low, high, first=2)
 
 
 @effect(
@@ -241,14 +243,14 @@ def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     needs=("temperature",),
     parts=CURVE,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC,
     covers=("temperature_bias",),
     includes=("bias",),
 )
 def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     """A bias that is some function of temperature.
 
-    Equation: e = sum_j c_j B_j(T), polynomials of degree 0 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(T), polynomials of degree 1 to 3, then cubic splines.
     Looks like: a residual that depends on temperature only.
     Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
     Separate by: a temperature cycle that is not monotone in time.
@@ -267,14 +269,14 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     needs=("a_y",),
     parts=CURVE,
     family=True,
-    coarse=COARSE,
+    coarse=CUBIC,
     covers=("cross_axis", "cross_axis_quadratic"),
     includes=("bias",),
 )
 def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     """A response that is some function of the lateral acceleration.
 
-    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 0 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 1 to 3, then cubic splines.
     Looks like: a residual that depends on the lateral acceleration only.
     Easily confused with: cross_axis, cross_axis_quadratic.
     Separate by: lateral motion of two sizes; turning the sensor about its input axis.
@@ -319,16 +321,16 @@ def shape_since_reversal(s: Signals) -> Array:
     scale=1e-6,
     source="at most 10 µm (paper)",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=CURVE,
+    parts=BENT,
     family=True,
     covers=("encoder_nonlinearity", "encoder_cyclic"),
 )
 def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An error of the encoder that is some function of position; its straight part is encoder_scale.
 
-    Equation: b = sum_j c_j B_j(p), polynomials of degree 0 to 3, then cubic splines.
+    Equation: b = sum_j c_j B_j(p), polynomials of degree 2 and 3, then cubic splines.
     Looks like: a residual that depends on position and grows with the square of speed.
     Easily confused with: encoder_nonlinearity, encoder_cyclic, shape_of_position.
     Separate by: two speeds; a shifted start position.
     """
-    return curve(s.p, low, high)
+    return curve(s.p, low, high, first=2)
