@@ -90,7 +90,9 @@ def wandering_behind(classes: Sequence[Sequence[str]], entering: str, members: S
     for name, *rivals in classes:
         courses = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
         if courses:
-            return Mend(find(courses[0]), (name, entering), tuple(c for c in courses[1:] if c != entering))
+            worn = (name, entering)
+            alike = (r for r in dict.fromkeys((*rivals, *members)) if r not in (courses[0], *worn))
+            return Mend(find(courses[0]), worn, tuple(alike))
     return None
 
 
