@@ -37,6 +37,13 @@ def test_what_explains_less_than_a_shape_may_be_a_part_or_the_rest_of_it(gain, e
     assert rest_of("bias_step", {"bias_step": gain, "shape_of_acceleration": 900.0, "cubic": 2000.0}) == expected
 
 
+@pytest.mark.parametrize(("gain", "expected"), [(800.0, ("shape_of_position",)), (1000.0, ())])
+def test_what_explains_less_than_two_names_of_one_bend_may_be_the_rest_of_their_shape(gain, expected):
+    told = {"rail_wave": 500.0, "rail_second_wave": 400.0, "encoder_cyclic": gain}
+    assert rest_of("encoder_cyclic", told) == expected
+    assert rest_of("encoder_cyclic", {"rail_wave": 500.0, "rail_slope": 400.0, "encoder_cyclic": 10.0}) == ()
+
+
 @pytest.mark.parametrize(
     ("name", "model", "expected"),
     [

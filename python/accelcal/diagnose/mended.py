@@ -116,15 +116,21 @@ def alike(fit: Fit, one: str, other: str) -> float:
 def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
     """Shapes of a model that a named effect may be a part of, or the rest of.
 
-    A shape without a name says that a cause is missing from the catalogue; what it is too coarse for, or no function
-    of, poses as a name that explains less.
+    A shape without a name says that a cause is missing from the catalogue, and so do two names that describe one bend:
+    what they are too coarse for, or no function of, poses as a name that explains less.
 
     Parameters
     ----------
     name : the named effect.
     told : twice the log-likelihood that each effect of the model explained when it entered.
     """
-    return tuple(other for other, gain in told.items() if find(other).family and told.get(name, 0.0) < gain)
+    shapes = {other: gain for other, gain in told.items() if find(other).family}
+    for family in HOUSE:
+        for bend in family.bends:
+            parts = [told[one] for one in bend if one in told]
+            if len(parts) > 1:
+                shapes[family.name] = sum(parts)
+    return tuple(other for other, gain in shapes.items() if told.get(name, 0.0) < gain)
 
 
 def sum_of(name: str, model: Sequence[str]) -> tuple[str, ...]:
