@@ -72,6 +72,8 @@ def test_what_is_left_out_is_said(folder):
     [
         (["m.json"], 2, "say what to write"),
         (["m.json", "--c", "x.h", "--schema", "dcc.xsd"], 2, "add --dcc draft.xml"),
+        (["m.json", "--dcc", "x.pdf"], 2, "--dcc x.pdf: expected a name that ends in .xml"),
+        (["m.json", "--c", "x.rs"], 2, "--c x.rs: expected a name that ends in .h or .c"),
         (["m.json", "--dcc", "x.xml", "--schema", "absent.xsd"], 3, "absent.xsd: there is no such file"),
         (["m.json", "--dcc", "x.xml", "--lab", "absent.toml"], 3, "absent.toml: no such file"),
         (["memory.json", "--c", "x.h", "--dcc", "x.xml"], 3, "hysteresis has a memory"),

@@ -107,6 +107,9 @@ def export(
         raise Usage("say what to write: --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
     if dcc is None and (lab or schema):
         raise Usage("--lab and --schema belong to a certificate; add --dcc draft.xml")
+    for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",)), ("--dcc", dcc, (".xml",))):
+        if path is not None and path.suffix not in endings:
+            raise Usage(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
     own_effects(effects_file)
     made = exports.calibrate(store.load(model), without=without or (), source=model.name)
     files: dict[Path, str] = {}
