@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from functools import cached_property
 from itertools import groupby, pairwise
 
 import numpy as np
 
 from accelcal import _core
+from accelcal.diagnose.multiples import multiples
 from accelcal.effects import is_local
 from accelcal.model import Term, evaluate
 from accelcal.passes import Pass
@@ -64,20 +65,25 @@ class Carrier:
 
         Yields
         ------
-        The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms.
+        The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
+        stretch take their place.
         """
-        state = np.zeros((len(terms), 2))
+        state, copies = np.zeros((len(terms), 2)), multiples(terms, self.signals)
         factor = -self.one.run.rig.polarity / self.signals.scale
-        begin = 0
+        begin, held = 0, np.empty(0)
         for readings in self._parts(len(terms)):
             bank = self._bank(readings)
-            sums = np.empty((len(terms), bank.rows))
-            for first, columns, port in self._columns(terms, readings):
+            if held.size < len(terms) * bank.rows:
+                held = np.empty(len(terms) * bank.rows)
+            sums = held[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
+            for first, columns, port in self._columns(terms, readings, copies):
                 here = slice(first, first + len(columns))
                 if port == "output":
                     bank.carry_inputs(columns, factor, state[here], sums[here])
                 else:
                     bank.carry_readings(columns, state[here], sums[here])
+            for k, (source, times) in copies.items():
+                np.multiply(sums[source], times, out=sums[k])
             yield slice(begin, begin + bank.rows), sums
             begin += bank.rows
 
@@ -122,16 +128,28 @@ class Carrier:
             self._last = (readings, bank)
         return self._last[1]
 
-    def _columns(self, terms: Sequence[Term], readings: slice) -> Iterator[tuple[int, list[Array], str]]:
-        """Columns over a stretch, of one port at a time: index of the first, at most `ABREAST` of them, the port."""
+    def _columns(
+        self, terms: Sequence[Term], readings: slice, copies: Container[int]
+    ) -> Iterator[tuple[int, list[Array], str]]:
+        """Columns over a stretch, of one port at a time, without `copies`: index of the first, at most `ABREAST` of
+        them, the port."""
         first = 0
-        for (port, local), run in groupby(terms, key=lambda term: (term.port, is_local(term.effect))):
+
+        def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
+            k, term = place
+            return k in copies, term.port, is_local(term.effect)
+
+        for (copied, port, local), places in groupby(enumerate(terms), key=kind):
+            run = [term for _, term in places]
+            if copied:
+                first += len(run)
+                continue
             s, rows = (self.signals, self._grid(readings)) if port == "output" else (self.at_readings, readings)
             if local:
                 s, rows = s.part(rows), slice(None)
             waiting: list[Array] = []
-            for column in evaluate(list(run), s):
-                waiting.append(np.ascontiguousarray(column[rows]))
+            for column in evaluate(run, s):
+                waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # the whole one goes
                 if len(waiting) == ABREAST:
                     yield first, waiting, port
                     first, waiting = first + ABREAST, []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +10,8 @@ import scipy
 
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence, Known
+from accelcal.diagnose.gains import variance_gain
+from accelcal.diagnose.multiples import sizes
 from accelcal.diagnose.search import Search, chance
 from accelcal.recording import Array
 
@@ -61,16 +63,27 @@ def refined(runs: Sequence[Known], item: Item, gain: float) -> Item:
         bounds = item.near.get(name) or neighbours(grid, declared.span(s), shape[name])
         if len(grid) < 2 or bounds[0] == bounds[1]:
             continue
-
-        def loss(value: float, name: str = name) -> float:
-            trial = Evidence(runs, [replace(item, shape={**shape, name: value})])
-            return -trial.gain(0)[0]
-
+        loss = along(runs, item, shape, name)
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
         if -float(best.fun) > gain:
             shape[name], gain = float(best.x), -float(best.fun)
     return replace(item, shape=shape)
+
+
+def along(runs: Sequence[Known], item: Item, shape: Mapping[str, float], name: str) -> Callable[[float], float]:
+    """Minus the gain of an item as a function of one shape parameter, the others as in `shape`; columns that only grow
+    and shrink with it are carried once."""
+    if not (item.effect.basis and item.effect.port == "process"):
+        return lambda value: -Evidence(runs, [replace(item, shape={**shape, name: value})]).gain(0)[0]
+    s = runs[0].carrier.signals
+    once, size = Evidence(runs, [replace(item, shape=dict(shape))]), sizes(item.effect, shape, s)
+
+    def resized(value: float) -> float:
+        times = (sizes(item.effect, {**shape, name: value}, s) / size)[: len(once.c)]
+        return -variance_gain(once.G * np.outer(times, times), once.c * times)[0]
+
+    return resized
 
 
 def neighbours(grid: Array, span: tuple[float, float], value: float) -> tuple[float, float]:

@@ -98,6 +98,9 @@ class Effect:
     """Whether its value at one time depends on the signals at other times."""
     beside: str = ""
     """An effect without which this one is not looked for."""
+    basis: str = ""
+    """Name of the functions that its columns are, each times a positive size: shape parameters that are not refined set
+    the functions, those that are refined set the sizes alone."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the house catalogue."""
     digest: str = ""
@@ -158,6 +161,7 @@ def effect(
     positive: bool = False,
     memory: bool = False,
     beside: str = "",
+    basis: str = "",
 ) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
     """Enter a function of :class:`Signals` (and its shape parameters, by keyword) into the catalogue.
 
@@ -184,6 +188,7 @@ def effect(
     memory : whether its value at one time depends on the signals at other times. Effects of a user's own are taken
         to have one whatever they say; a house effect without is evaluated on stretches of a long record.
     beside : an effect without which this one is not looked for.
+    basis : functions that its columns are, each times a size that refined shape parameters alone set.
 
     Raises
     ------
@@ -207,6 +212,7 @@ def effect(
         "positive": positive,
         "memory": memory,
         "beside": beside,
+        "basis": basis,
     }
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:

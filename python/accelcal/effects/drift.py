@@ -57,6 +57,7 @@ def bias_step(s: Signals, instant: float) -> Array:
     source="no published figure; Allan slope +1/2",
     shapes=RECORD,
     parts=WANDERING,
+    basis="cosines",
     includes=("bias",),
     positive=True,
 )
@@ -82,6 +83,7 @@ def bias_random_walk(s: Signals, start: float, length: float) -> Array:
     source="floor of 3.5 µg: ADXL355",
     shapes={**RECORD, "tau": Shape("s", slow(0.02, 0.5), trials=3, spacing="log")},
     parts=WANDERING,
+    basis="cosines",
     includes=("bias",),
     positive=True,
 )
