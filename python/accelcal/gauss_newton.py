@@ -94,11 +94,11 @@ def estimated(
     passes: list[Pass],
     report: Callable[[float], None] = lambda share: None,
     *,
-    least: int = LEAST_ROUNDS,
+    grown: bool = False,
 ) -> Solution:
     """The same for who asks for estimates and covariance alone: the passes stay where the last step began.
 
-    `least` rounds are made in any case; two do for passes that begin at another fit.
+    Passes that are `grown` from those of another fit have the normal equations of their first step.
 
     Raises
     ------
@@ -108,12 +108,13 @@ def estimated(
     layout = Layout.of(model, len(passes))
     x = layout.gather([p.values for p in passes])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
-    converged = False
+    converged, least = False, 2 if grown else LEAST_ROUNDS
     for round_number in range(MAX_ROUNDS):
         information, score = np.diag(belief), belief * (mean - x)
         for index, one in enumerate(passes):
             one.values = layout.scatter(x, model, index)
-            one.refresh(noise_too=round_number < NOISE_ROUNDS)
+            if round_number > 0 or not grown:
+                one.refresh(noise_too=round_number < NOISE_ROUNDS)
             rows = layout.rows(index)
             information[np.ix_(rows, rows)] += one.normal.gram
             score[rows] += one.normal.score

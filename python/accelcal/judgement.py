@@ -142,10 +142,10 @@ def judge_model(
     level = alpha / (found.examined + len(tests))
     loud = heard([t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found)
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
-    for one in solution.passes:  # what follows fits and predicts anew: one set of signals at a time
-        one.release()
     delay = "time_offset" not in model.fixed and delayed(profiled, found, alpha)
     delay = delay and delayed(completed(solution, profiled, found), found, alpha)
+    for one in solution.passes:  # what follows predicts anew: one set of signals at a time
+        one.release()
     if found.blocks < LEAST_BLOCKS:
         loud = ()
     ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
@@ -270,14 +270,20 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
 
 
 def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:
-    """The fit with the estimates beside everything that was found: what a missing effect leaves can pose as a delay."""
+    """The fit with the estimates beside everything that was found: what a missing effect leaves can pose as a delay.
+
+    The solution is used up.
+    """
     if not found.found:
         return profiled
     model = solution.model
     try:
         for finding in found.found:
             model = finding.enter(model)
-        again = estimated(model, [one.grown(model) for one in solution.passes], least=2)
+        passes = [one.grown(model) for one in solution.passes]
+        for one in solution.passes:
+            one.release()
+        again = estimated(model, passes, grown=True)
         judge(again.layout, again.x, again.covariance, [one.run for one in solution.passes])
         estimates = again.layout.estimates(again.x, again.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=again.covariance)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.model import NOMINAL, Model, Term
+from accelcal.model import Model, Term
 from accelcal.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
 from accelcal.recording import Array
 from accelcal.replay import Drive, Flags, Noise, Run, Values
@@ -82,10 +82,14 @@ class Pass:
         return cls(run, Values(start, model.terms), noise, model.free, band)
 
     def grown(self, model: Model) -> Pass:
-        """A pass for a model with further effects, begun at the nominal and the noise of this one."""
-        nominal = {name: value for name, value in self.values.by_name.items() if name in NOMINAL}
-        begun = Pass(self.run, Values(at_first(model) | nominal, model.terms), self.loud, model.free, self.band)
-        begun.reach = GROWN
+        """A pass for a model with further effects, begun where this one came to rest: its first normal equations are
+        those of the new coefficients at filter and signals of this one."""
+        values = Values(at_first(model) | dict(self.values.by_name), model.terms)
+        begun = Pass(self.run, values, self.noise, model.free, self.band)
+        begun.loud, begun.reach = self.loud, GROWN
+        begun.drive, begun.track, begun.signals = self.drive, self.track, self.signals
+        begun.counts, begun.whitened = self.counts, self.whitened
+        begun.normal = begun.normal_equations(begun.terms)
         return begun
 
     def refresh(self, *, noise_too: bool) -> None:
@@ -100,7 +104,8 @@ class Pass:
         self.track = self.run.track(self.drive, self.noise)
         self.signals = self.run.signals(self.drive, self.track, self.noise, self.values, self.signals, self.band)
         self.counts: Flags = self.drive.settled(self.run.wait(self.noise))
-        self.whitened: Array = self.track.series("e") / np.sqrt(self.track.series("S"))
+        self.whitened: Array = self.track.series("e")
+        self.whitened /= np.sqrt(self.track.series("S"))
         self.normal = self.normal_equations(self.terms)
 
     def release(self) -> None:
