@@ -1,7 +1,8 @@
 //! Python's view of parts of a record side by side; see `ekf_core::abreast`.
 
 use ekf_core::abreast::{self, Abreast};
-use ekf_core::replay::{Noise, Prior, Readings, ReplayError};
+use ekf_core::replay::{Noise, Readings, ReplayError};
+use ekf_simd::abreast as wide;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -46,10 +47,10 @@ impl Parts {
         py.detach(|| {
             let mut sum = 0.0;
             for rows in &self.eights {
-                sum += abreast::log_likelihood(rows, noise, prior)?;
+                sum += wide::log_likelihood(rows, noise, prior)?;
             }
             for rows in &self.singles {
-                sum += abreast::log_likelihood(rows, noise, prior)?;
+                sum += wide::log_likelihood(rows, noise, prior)?;
             }
             Ok(sum)
         })
@@ -80,10 +81,10 @@ pub fn innovations<'py>(
         let (fours, singles) = drives.as_chunks::<4>();
         let (several, alone) = found.split_at_mut(4 * n * fours.len());
         for (drives, rows) in fours.iter().zip(several.chunks_exact_mut((4 * n).max(1))) {
-            fill(*drives, noise, prior, rows)?;
+            wide::innovations(*drives, noise, prior, rows)?;
         }
         for (drive, rows) in singles.iter().zip(alone.chunks_exact_mut(n.max(1))) {
-            fill([*drive], noise, prior, rows)?;
+            wide::innovations([*drive], noise, prior, rows)?;
         }
         Ok(())
     })
@@ -105,21 +106,4 @@ fn readings_of<'a>(
 
 fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<Abreast<N>>> {
     Ok(abreast::side_by_side(*parts).map_err(refuse)?.collect())
-}
-
-/// Innovations of each drive, one row behind the other.
-fn fill<const N: usize>(
-    drives: [(Readings<'_>, &[bool]); N],
-    noise: Noise,
-    prior: Prior,
-    rows: &mut [f64],
-) -> Result<(), ReplayError> {
-    let n = drives[0].0.t.len();
-    let mut k = 0;
-    abreast::innovations(abreast::side_by_side(drives)?, noise, prior, |e| {
-        for (j, value) in e.into_iter().enumerate() {
-            rows[j * n + k] = value;
-        }
-        k += 1;
-    })
 }

@@ -2,6 +2,7 @@
 
 use ekf_core::bank::{self, Passage, Response, Stretch};
 use ekf_core::replay::{Cell, Grid, ReplayError};
+use ekf_simd::bank::{carry_inputs, carry_readings};
 use numpy::{PyReadonlyArray1, PyReadwriteArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -113,12 +114,14 @@ impl Bank {
                 let width = match n - at {
                     8.. => 8,
                     4..8 => 4,
+                    2..4 => 2,
                     _ => 1,
                 };
                 let (columns, state) = (&columns[at..at + width], &mut state[2 * at..2 * (at + width)]);
                 match width {
                     8 => self.some::<8>(columns, port, state, &mut sums),
                     4 => self.some::<4>(columns, port, state, &mut sums),
+                    2 => self.some::<2>(columns, port, state, &mut sums),
                     _ => self.some::<1>(columns, port, state, &mut sums),
                 }?;
                 at += width;
@@ -142,8 +145,8 @@ impl Bank {
             Response { p: core::array::from_fn(|j| state[2 * j]), v: core::array::from_fn(|j| state[2 * j + 1]) };
         let sums: [&mut [f64]; N] = core::array::from_fn(|_| sums.take());
         match port {
-            Port::Input { factor } => bank::carry_inputs(stretch, columns, factor, &mut response, sums),
-            Port::Reading => bank::carry_readings(stretch, columns, &mut response, sums),
+            Port::Input { factor } => carry_inputs(stretch, columns, factor, &mut response, sums),
+            Port::Reading => carry_readings(stretch, columns, &mut response, sums),
         }?;
         for (held, (p, v)) in state.chunks_exact_mut(2).zip(response.p.into_iter().zip(response.v)) {
             held.copy_from_slice(&[p, v]);

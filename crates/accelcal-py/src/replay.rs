@@ -78,9 +78,12 @@ pub(crate) fn prior_of((v, pp, pv, vv): (f64, f64, f64, f64)) -> Prior {
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct ReplayTrack {
     noise: Noise,
-    /// e, S, `gain_p`, `gain_v`, p, v, pp, pv, vv
-    data: [Vec<f64>; 9],
+    /// `SERIES`, one behind the other in one piece of memory: an allocator keeps many smaller ones when they are freed.
+    data: Vec<f64>,
 }
+
+/// What a track holds of each reading.
+const SERIES: [&str; 9] = ["e", "S", "gain_p", "gain_v", "p", "v", "pp", "pv", "vv"];
 
 #[pymethods]
 impl ReplayTrack {
@@ -102,8 +105,13 @@ impl ReplayTrack {
         let views = Views { t, z, first, second, restart };
         let readings = views.readings()?;
         let noise = Noise { q, R: r };
-        let mut data: [Vec<f64>; 9] = core::array::from_fn(|_| vec![0.0; readings.t.len()]);
-        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = &mut data;
+        let mut data = vec![0.0; SERIES.len() * readings.t.len()];
+        let mut left = data.as_mut_slice();
+        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = core::array::from_fn(|_| {
+            let (series, rest) = core::mem::take(&mut left).split_at_mut(readings.t.len());
+            left = rest;
+            series
+        });
         let mut track = Track { e, S: s, gain_p, gain_v, p, v, pp, pv, vv };
         py.detach(|| replay::filter(readings, noise, prior_of(prior), &mut track)).map_err(refuse)?;
         Ok(Self { noise, data })
@@ -132,12 +140,11 @@ impl ReplayTrack {
 
     /// One series of the track by name: e, S, `gain_p`, `gain_v`, p, v, pp, pv or vv.
     fn series<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Out<'py>> {
-        let names = ["e", "S", "gain_p", "gain_v", "p", "v", "pp", "pv", "vv"];
-        let index = names
+        let index = SERIES
             .iter()
             .position(|&known| known == name)
-            .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; there are {names:?}")))?;
-        Ok(PyArray1::from_slice(py, &self.data[index]))
+            .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; there are {SERIES:?}")))?;
+        Ok(PyArray1::from_slice(py, self.all()[index]))
     }
 
     /// Carries columns of readings `from..to` through the gains; see `ekf_core::replay::carry`.
@@ -173,6 +180,12 @@ impl ReplayTrack {
 }
 
 impl ReplayTrack {
+    /// Every series.
+    fn all(&self) -> [&[f64]; SERIES.len()] {
+        let n = self.data.len() / SERIES.len();
+        core::array::from_fn(|k| &self.data[k * n..(k + 1) * n])
+    }
+
     /// Gains of readings `from..to`.
     pub(crate) fn gains<'a>(
         &'a self,
@@ -181,11 +194,11 @@ impl ReplayTrack {
         from: usize,
         to: usize,
     ) -> PyResult<Gains<'a>> {
-        let n = self.data[0].len();
+        let [_, s, gain_p, gain_v, ..] = self.all();
+        let n = s.len();
         if t.len() != n || restart.len() != n || from > to || to > n {
             return Err(PyValueError::new_err(format!("readings {from}..{to} of {}, track of {n}", t.len())));
         }
-        let [_, s, gain_p, gain_v, ..] = &self.data;
         Ok(Gains {
             t: &t[from..to],
             restart: &restart[from..to],
@@ -196,7 +209,7 @@ impl ReplayTrack {
     }
 
     fn view(&self) -> replay::TrackView<'_> {
-        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = &self.data;
+        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = self.all();
         replay::TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }
     }
 }

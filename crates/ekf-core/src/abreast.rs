@@ -28,6 +28,7 @@ pub struct Abreast<const N: usize> {
 ///
 /// # Errors
 /// [`ReplayError::Condition`] when readings are unusable or lengths differ.
+#[inline(always)]
 pub fn side_by_side<const N: usize>(
     parts: [(Readings<'_>, &[bool]); N],
 ) -> Result<impl Iterator<Item = Abreast<N>>, ReplayError> {
@@ -40,22 +41,25 @@ pub fn side_by_side<const N: usize>(
             }
         }
     }
-    Ok((0..n).map(move |k| {
-        let starts = parts.map(|(readings, _)| readings.starts(k));
-        Abreast {
-            h: parts.map(|(readings, _)| if k == 0 { 0.0 } else { readings.t[k] - readings.t[k - 1] }),
-            z: parts.map(|(readings, _)| readings.z[k]),
-            first: parts.map(|(readings, _)| readings.first[k]),
-            second: parts.map(|(readings, _)| readings.second[k]),
-            counts: parts.map(|(_, counts)| if counts[k] { 1.0 } else { 0.0 }),
-            starts,
-            any_starts: starts.contains(&true),
-        }
-    }))
+    Ok((0..n).map(
+        #[inline(always)]
+        move |k| {
+            let starts = parts.map(|(readings, _)| readings.starts(k));
+            Abreast {
+                h: parts.map(|(readings, _)| if k == 0 { 0.0 } else { readings.t[k] - readings.t[k - 1] }),
+                z: parts.map(|(readings, _)| readings.z[k]),
+                first: parts.map(|(readings, _)| readings.first[k]),
+                second: parts.map(|(readings, _)| readings.second[k]),
+                counts: parts.map(|(_, counts)| if counts[k] { 1.0 } else { 0.0 }),
+                starts,
+                any_starts: starts.contains(&true),
+            }
+        },
+    ))
 }
 
 /// Runs the filters; `take` gets each reading with the innovations `e` and their variances `S`.
-#[inline] // with the closure, or the parts do not stay side by side in registers
+#[inline(always)] // with the closure, or the parts do not stay side by side in registers
 fn walk<const N: usize>(
     readings: impl Iterator<Item = Abreast<N>>,
     noise: Noise,
@@ -104,13 +108,20 @@ fn walk<const N: usize>(
 ///
 /// # Errors
 /// [`ReplayError`] for unusable noise, or when a variance stops being positive.
+#[inline(always)]
 pub fn innovations<const N: usize>(
     readings: impl Iterator<Item = Abreast<N>>,
     noise: Noise,
     prior: Prior,
     mut take: impl FnMut([f64; N]),
 ) -> Result<(), ReplayError> {
-    walk(readings, noise, prior, |_, e, _| take(e))
+    walk(
+        readings,
+        noise,
+        prior,
+        #[inline(always)]
+        |_, e, _| take(e),
+    )
 }
 
 /// Readings whose variances are multiplied before one logarithm is taken.
@@ -120,21 +131,28 @@ const PRODUCT: usize = 8;
 ///
 /// # Errors
 /// [`ReplayError`] for unusable noise, or when a variance stops being positive.
+#[inline(always)]
 pub fn log_likelihood<const N: usize>(readings: &[Abreast<N>], noise: Noise, prior: Prior) -> Result<f64, ReplayError> {
     let (mut squares, mut counted, mut logarithms) = ([0.0; N], [0.0; N], 0.0);
     let (mut product, mut held) = ([1.0; N], 0);
-    walk(readings.iter().copied(), noise, prior, |one, e, S| {
-        for j in 0..N {
-            squares[j] += one.counts[j] * (e[j] * e[j] / S[j]);
-            counted[j] += one.counts[j];
-            product[j] *= one.counts[j] * S[j] + (1.0 - one.counts[j]);
-        }
-        held += 1;
-        if held == PRODUCT {
-            logarithms += product.map(libm::log).iter().sum::<f64>();
-            (product, held) = ([1.0; N], 0);
-        }
-    })?;
+    walk(
+        readings.iter().copied(),
+        noise,
+        prior,
+        #[inline(always)]
+        |one, e, S| {
+            for j in 0..N {
+                squares[j] += one.counts[j] * (e[j] * e[j] / S[j]);
+                counted[j] += one.counts[j];
+                product[j] *= one.counts[j] * S[j] + (1.0 - one.counts[j]);
+            }
+            held += 1;
+            if held == PRODUCT {
+                logarithms += product.map(libm::log).iter().sum::<f64>();
+                (product, held) = ([1.0; N], 0);
+            }
+        },
+    )?;
     logarithms += product.map(libm::log).iter().sum::<f64>();
     let constant = counted.iter().sum::<f64>() * libm::log(core::f64::consts::TAU);
     Ok(-0.5 * (squares.iter().sum::<f64>() + logarithms + constant))

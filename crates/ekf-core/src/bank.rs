@@ -97,6 +97,7 @@ pub struct Response<const N: usize> {
 ///
 /// # Errors
 /// [`ReplayError::Condition`] when a column is shorter than the grid that the stretch needs, or `sums` do not fit.
+#[inline(always)]
 pub fn carry_inputs<const N: usize>(
     stretch: Stretch<'_>,
     columns: [&[f64]; N],
@@ -111,20 +112,26 @@ pub fn carry_inputs<const N: usize>(
     }
     let mut packed = Packed { columns, factor, low: 0, rows: [[0.0; N]; PACKED], high: 0 };
     let mut ahead = stretch.cells;
-    walk(stretch, response, sums, |passage, p, v| {
-        let (now, later) = ahead.split_at(passage.cells as usize);
-        ahead = later;
-        for cell in now {
-            let [r0, r1, r2, r3] = packed.at(cell.row as usize);
-            let [w0, w1, w2, w3] = cell.first;
-            let [x0, x1, x2, x3] = cell.second;
-            for j in 0..N {
-                p[j] += cell.h * v[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
-                v[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
+    walk(
+        stretch,
+        response,
+        sums,
+        #[inline(always)]
+        |passage, p, v| {
+            let (now, later) = ahead.split_at(passage.cells as usize);
+            ahead = later;
+            for cell in now {
+                let [r0, r1, r2, r3] = packed.at(cell.row as usize);
+                let [w0, w1, w2, w3] = cell.first;
+                let [x0, x1, x2, x3] = cell.second;
+                for j in 0..N {
+                    p[j] += cell.h * v[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
+                    v[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
+                }
             }
-        }
-        [0.0; N]
-    })
+            *p
+        },
+    )
 }
 
 /// Carries `N` columns that add to the reading, one value for each reading of the stretch.
@@ -133,6 +140,7 @@ pub fn carry_inputs<const N: usize>(
 ///
 /// # Errors
 /// [`ReplayError::Condition`] when a column or `sums` do not fit the stretch.
+#[inline(always)]
 pub fn carry_readings<const N: usize>(
     stretch: Stretch<'_>,
     columns: [&[f64]; N],
@@ -146,17 +154,23 @@ pub fn carry_readings<const N: usize>(
         }
     }
     let mut k = 0;
-    walk(stretch, response, sums, |passage, p, v| {
-        for j in 0..N {
-            p[j] += passage.h * v[j];
-        }
-        k += 1;
-        columns.map(|column| column[k - 1])
-    })
+    walk(
+        stretch,
+        response,
+        sums,
+        #[inline(always)]
+        |passage, p, v| {
+            for j in 0..N {
+                p[j] += passage.h * v[j];
+            }
+            k += 1;
+            core::array::from_fn(|j| p[j] + columns[j][k - 1])
+        },
+    )
 }
 
-/// The filter of each reading in turn; `advance` moves the responses up to it and returns what adds to the reading.
-#[inline] // with the closure, or the columns do not stay side by side in registers
+/// The filter of each reading in turn; `advance` moves the responses up to it and returns those of its prediction.
+#[inline(always)] // with the closure, or the columns do not stay side by side in registers
 fn walk<const N: usize>(
     stretch: Stretch<'_>,
     response: &mut Response<N>,
@@ -177,15 +191,14 @@ fn walk<const N: usize>(
         if passage.starts {
             // The reading itself fixes the position, so a column teaches nothing here.
             (p, v) = ([0.0; N], [0.0; N]);
-            p = advance(passage, &mut p, &mut v).map(|offset| -offset);
+            p = advance(passage, &mut p, &mut v).map(|g| -g);
             v = [0.0; N];
         } else {
-            let offset = advance(passage, &mut p, &mut v);
+            let g = advance(passage, &mut p, &mut v);
             for j in 0..N {
-                let g = p[j] + offset[j];
-                p[j] -= passage.gain_p * g;
-                v[j] -= passage.gain_v * g;
-                sum[j] += passage.weight * g;
+                p[j] -= passage.gain_p * g[j];
+                v[j] -= passage.gain_v * g[j];
+                sum[j] += passage.weight * g[j];
             }
         }
         if passage.counts {
@@ -216,7 +229,7 @@ struct Packed<'a, const N: usize> {
 
 impl<const N: usize> Packed<'_, N> {
     /// The four rows from `row` on; rows are asked for in rising order.
-    #[inline]
+    #[inline(always)]
     fn at(&mut self, row: usize) -> &[[f64; N]; NODES] {
         if row + NODES > self.high {
             self.fill(row);

@@ -7,6 +7,8 @@
 #![allow(clippy::inline_always)] // a kernel must be compiled into the run that calls it, with that run's instructions
 #![allow(clippy::float_cmp)] // 0.0 and 1.0 are written down, not computed
 
+pub mod abreast;
+pub mod bank;
 pub mod batch;
 pub mod block;
 pub mod fixed_rate;

@@ -1,0 +1,116 @@
+//! The replay's loops in wide registers give the bits of the plain ones.
+#![allow(non_snake_case)] // as in the crate
+
+use ekf_core::abreast::{Abreast, side_by_side};
+use ekf_core::bank::{Passage, Response, Stretch, prepare};
+use ekf_core::replay::{Cell, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track, filter};
+use proptest::prelude::*;
+
+const READINGS: usize = 200;
+const GROUP: usize = 3;
+const GRID: Grid = Grid { start: -2e-3, step: 1.3e-3 };
+const ROWS: usize = 800; // to 1.04 s, beyond any reading
+const NOISE: Noise = Noise { q: 3e-5, R: 4e-12 };
+const PRIOR: Prior = Prior { v: 0.1, P: MotionCovariance { pp: 1e-8, pv: 2e-9, vv: 0.5 } };
+
+/// Readings on an uneven clock, with a start in the middle and some that do not count.
+struct Record {
+    t: Vec<f64>,
+    z: Vec<f64>,
+    first: Vec<f64>,
+    second: Vec<f64>,
+    restart: Vec<bool>,
+    counts: Vec<bool>,
+}
+
+impl Record {
+    fn new(seed: f64) -> Self {
+        let each = |f: &dyn Fn(f64) -> f64| (0..READINGS).map(|k| f(k as f64 + seed)).collect::<Vec<_>>();
+        Self {
+            t: (0..READINGS).map(|k| 1e-3 * (k as f64 + 0.3 * (k as f64 * 1.7 + seed).sin())).collect(),
+            z: each(&|x| 1e-5 * (0.3 * x).cos()),
+            first: each(&|x| 1e-4 * (0.1 * x).sin()),
+            second: each(&|x| 1e-8 * (0.2 * x).cos()),
+            restart: (0..READINGS).map(|k| k == 0 || k == 90).collect(),
+            counts: (0..READINGS).map(|k| k > 5 && k % 7 != 0).collect(),
+        }
+    }
+
+    fn readings(&self) -> Readings<'_> {
+        Readings { t: &self.t, z: &self.z, first: &self.first, second: &self.second, restart: &self.restart }
+    }
+}
+
+/// A prepared stretch that owns its memory.
+fn prepared(record: &Record) -> (Vec<Passage>, Vec<Cell>) {
+    let mut series: [Vec<f64>; 9] = core::array::from_fn(|_| vec![0.0; READINGS]);
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut series;
+    filter(record.readings(), NOISE, PRIOR, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv }).unwrap();
+    let [_, S, gain_p, gain_v, ..] = &series;
+    let gains = Gains { t: &record.t, restart: &record.restart, gain_p, gain_v, S };
+    let (mut passages, mut cells) = (Vec::new(), Vec::new());
+    prepare(gains, &record.counts, (GRID, ROWS), None, |cell| cells.push(cell), |one| passages.push(one)).unwrap();
+    (passages, cells)
+}
+
+fn bits(rows: &[Vec<f64>]) -> Vec<u64> {
+    rows.iter().flatten().map(|x| x.to_bits()).collect()
+}
+
+/// Columns through both loops; whether sums and states are the same to the last bit.
+fn same_columns<const N: usize>(seed: f64) -> bool {
+    let record = Record::new(seed);
+    let (passages, cells) = prepared(&record);
+    let stretch = Stretch { passages: &passages, cells: &cells, group: GROUP };
+    let groups = record.counts.iter().filter(|&&counted| counted).count() / GROUP;
+    let made: [Vec<f64>; N] =
+        core::array::from_fn(|j| (0..ROWS).map(|k| (0.01 * (j + 1) as f64 * k as f64 + seed).sin()).collect());
+    let columns: [&[f64]; N] = core::array::from_fn(|j| made[j].as_slice());
+    let read: [&[f64]; N] = core::array::from_fn(|j| &made[j][..READINGS]);
+    let still = Response { p: [0.0; N], v: [0.0; N] };
+    let mut sums = [(); 4].map(|()| vec![vec![0.0; groups]; N]);
+    let mut states = [still; 4];
+    let [wide, plain, wide_read, plain_read] = sums.each_mut().map(|rows| {
+        let mut rows = rows.iter_mut();
+        core::array::from_fn::<&mut [f64], N, _>(|_| rows.next().unwrap())
+    });
+    ekf_simd::bank::carry_inputs(stretch, columns, -1.2, &mut states[0], wide).unwrap();
+    ekf_core::bank::carry_inputs(stretch, columns, -1.2, &mut states[1], plain).unwrap();
+    ekf_simd::bank::carry_readings(stretch, read, &mut states[2], wide_read).unwrap();
+    ekf_core::bank::carry_readings(stretch, read, &mut states[3], plain_read).unwrap();
+    assert!(sums.iter().all(|rows| rows.iter().flatten().any(|x| x.abs() > 1e-3)));
+    bits(&sums[0]) == bits(&sums[1])
+        && bits(&sums[2]) == bits(&sums[3])
+        && states[0] == states[1]
+        && states[2] == states[3]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+
+    #[test]
+    fn columns_have_the_bits_of_the_plain_loop(seed in 0.0..10.0) {
+        prop_assert!(same_columns::<1>(seed));
+        prop_assert!(same_columns::<2>(seed));
+        prop_assert!(same_columns::<8>(seed));
+    }
+
+    #[test]
+    fn likelihood_and_innovations_have_the_bits_of_the_plain_loop(seed in 0.0..10.0) {
+        let records: [Record; 4] = core::array::from_fn(|j| Record::new(seed + j as f64));
+        let parts = records.each_ref().map(|one| (one.readings(), one.counts.as_slice()));
+        let packed: Vec<Abreast<4>> = side_by_side(parts).unwrap().collect();
+        let wide = ekf_simd::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+        let plain = ekf_core::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+        prop_assert_eq!(wide.to_bits(), plain.to_bits());
+
+        let mut rows = vec![0.0; 4 * READINGS];
+        ekf_simd::abreast::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
+        let mut k = 0;
+        ekf_core::abreast::innovations(side_by_side(parts).unwrap(), NOISE, PRIOR, |e| {
+            assert!((0..4).all(|j| rows[j * READINGS + k].to_bits() == e[j].to_bits()));
+            k += 1;
+        }).unwrap();
+        prop_assert_eq!(k, READINGS);
+    }
+}
