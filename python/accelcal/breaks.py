@@ -223,10 +223,11 @@ class Columns:
         settled = self.drives[0].settled(run.wait(noise))
         drives = [drive.arrays for drive in self.drives]
         innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))
-        stack = np.ascontiguousarray(innovations[:, settled].T)
-        size = np.sqrt(np.mean(stack**2, axis=0))
+        rows = innovations[:, settled]
+        size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / rows.shape[1])
         size = np.where(size > 0.0, size, 1.0)
-        return Relation(run.t[settled], stack / size, size, band)
+        rows /= size[:, None]
+        return Relation(run.t[settled], rows.T, size, band)
 
     def response(self, band: float, z: NDArray[np.bool_]) -> Array:
         """Innovations that a reading of this shape, one unit high, causes from its middle on; readings are even."""
@@ -250,7 +251,7 @@ class Relation:
     t: Array
     """Times of settled readings, (n,) s."""
     columns: Array
-    """(n, 5): output, its first and second difference, constant, encoder; each of unit mean square."""
+    """(n, 5): output, its first and second difference, constant, encoder; each of unit mean square, in one piece."""
     size: Array
     """(5,) what each column was divided by, m."""
     band: float

@@ -271,14 +271,17 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     step = run.reading_step
     t = np.arange(run.t[0], run.t[-1], step)
     rate = 1.0 / step
-    h = np.diff(run.t, prepend=run.t[0])
-    _, moved = accumulated(ahead.drive, h)
-    p, missed = (
-        low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
-        for y in (run.z, ahead.drive.z - moved)
-    )
-    a = second_derivative(p, step)
     rig = run.rig
+
+    def smoothed(y: Array) -> Array:
+        return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
+
+    # one spline at a time: each holds six series of its own
+    missed = smoothed(ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1])
+    residual = -values.scale * rig.polarity * second_derivative(missed, step)
+    del missed
+    p = smoothed(run.z)
+    a = second_derivative(p, step)
     sensed = rig.polarity * (a + rig.gravity)
     motion = Signals(
         t=t - run.origins.t,
@@ -292,7 +295,6 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         cutoff=band,
         side=run.side_at(t),
     )
-    residual = -values.scale * rig.polarity * second_derivative(missed, step)
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)
     inside[edge : len(t) - edge] = True

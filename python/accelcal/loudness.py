@@ -125,6 +125,8 @@ FINE = 64
 STEADY = ((16384, 3200.0, 2), (1024, 200.0, 8), (256, 100.0, 8))
 """Longer spans that a scale may be taken over where the scatter is steady, the degrees of freedom it then has, and how
 many of them show that it is."""
+DRAWN = 1 << 16
+"""Samples whose scale is drawn at a time between those of spans."""
 UNSTEADY = 1.15
 """Variance of the logarithm of the scatter within a span, over that between neighbours, of scatter that is steady."""
 SCATTER = 0.0213
@@ -146,7 +148,7 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
     longest = STEADY[-1][0] // FINE
     if 8 * longest > K:
         return None
-    medians = np.median(np.abs(y[: K * FINE].reshape(K, FINE)), axis=1)
+    medians = np.median(np.abs(y[: K * FINE].reshape(K, FINE)), axis=1, overwrite_input=True)
     usual = float(np.median(medians))
     if usual <= 0.0:
         return None
@@ -158,10 +160,15 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
         m = span // FINE
         groups = logs[: len(logs) // m * m].reshape(-1, m)
         if len(groups) >= enough and float(np.mean(groups.var(axis=1, ddof=1))) < UNSTEADY * between:
-            own = np.median(np.abs(y[: len(groups) * span].reshape(-1, span)), axis=1) / 0.6745
+            own = np.abs(y[: len(groups) * span].reshape(-1, span))
+            own = np.median(own, axis=1, overwrite_input=True) / 0.6745
             own = np.where(own > 0.0, own, usual / 0.6745)
             centres = (np.arange(len(own)) + 0.5) * span
-            return np.asarray(np.interp(np.arange(len(y)), centres, own)), dof
+            spread = np.empty(len(y))
+            for begin in range(0, len(y), DRAWN):
+                rows = np.arange(begin, min(begin + DRAWN, len(y)), dtype=np.float64)
+                spread[begin : begin + DRAWN] = np.interp(rows, centres, own)
+            return spread, dof
     return None
 
 

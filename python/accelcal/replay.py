@@ -211,8 +211,11 @@ class Run:
         gain = self.rig.polarity / values.scale
         restart = ~covered
         restart[0] = True
-        first = np.where(restart, 0.0, gain * first - self.rig.gravity * h)
-        second = np.where(restart, 0.0, gain * second - self.rig.gravity * h**2 / 2.0)
+        first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
+        first -= self.rig.gravity * h
+        second *= gain
+        second -= self.rig.gravity * h**2 / 2.0
+        first[restart] = second[restart] = 0.0
         return Drive(self.t, z, first, second, restart)
 
     def crossover(self, noise: Noise) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
@@ -88,28 +88,34 @@ class Signals:
         ----------
         t : (m,) s, rising, on the clock of `self.t`; before the first and after the last time the motion is held.
         """
+        side = {name: np.empty_like(t) for name in self.side}
+        p, v, a, jerk = (np.empty_like(t) for _ in range(4))
+        made = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side)
+        for begin in range(0, len(t), RESAMPLED):
+            self._write(made.at(slice(begin, begin + RESAMPLED)))
+        return made
+
+    def _write(self, made: Signals) -> None:
+        """Fill the motion of other times in, where they lie in memory."""
         h = self.step
-        u = np.clip((t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
+        u = np.clip((made.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
         k = np.minimum(u.astype(np.intp), max(0, len(self.t) - 2))
         f = u - k
         end = np.minimum(k + 1, len(self.t) - 1)
 
-        def between(y: Array, slope: Array) -> Array:
+        def between(y: Array, slope: Callable[[NDArray[np.intp]], Array]) -> Array:
             rise = y[end] - y[k]
             bend = f * (1.0 - f)
             return np.asarray(
-                y[k] + f * rise + bend * ((1.0 - f) * (h * slope[k] - rise) - f * (h * slope[end] - rise))
+                y[k] + f * rise + bend * ((1.0 - f) * (h * slope(k) - rise) - f * (h * slope(end) - rise))
             )
 
-        return replace(
-            self,
-            t=t,
-            p=between(self.p, self.v),
-            v=between(self.v, self.rig.polarity * self.a - self.rig.gravity),
-            a=between(self.a, self.jerk),
-            jerk=self.jerk[k] + f * (self.jerk[end] - self.jerk[k]),
-            side={name: y[k] + f * (y[end] - y[k]) for name, y in self.side.items()},
-        )
+        made.p[:] = between(self.p, lambda i: self.v[i])
+        made.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - self.rig.gravity)
+        made.a[:] = between(self.a, lambda i: self.jerk[i])
+        made.jerk[:] = self.jerk[k] + f * (self.jerk[end] - self.jerk[k])
+        for name, y in self.side.items():
+            made.side[name][:] = y[k] + f * (y[end] - y[k])
 
     @property
     def temperature(self) -> Array:
@@ -157,6 +163,8 @@ class Signals:
         return corner(self.v, self.v_std) if self.whole is None else self.whole.v_width
 
 
+RESAMPLED = 1 << 16
+"""Times at which the motion is worked out at once."""
 CORNER_NOISE = 4.0
 """Corners are rounded over at least this many standard deviations, or noise would write its own shape into them."""
 CORNER_SHARE = 0.002

@@ -33,6 +33,7 @@ def channel_findings(state: Pass) -> tuple[ChannelFinding, ...]:
     seen = Residuals(state)
     lines = tones(seen)
     vibration, jitter = motion_noise(seen, lines)
+    seen.release()
     return (
         vibration,
         jitter,

@@ -11,6 +11,7 @@ from accelcal.adjoint import asked_of_readings
 from accelcal.channels.finding import ALARM, ChannelFinding
 from accelcal.channels.lines import carried, local_level, pair_fit
 from accelcal.channels.residuals import Residuals
+from accelcal.recording import Array
 
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods of the scale that are looked for, m; the shortest is at least three counts."""
@@ -28,21 +29,14 @@ def encoder_cyclic(seen: Residuals) -> ChannelFinding:
     position; the best periods are taken again with exact columns of the replay. Null: twice the log-likelihood gained
     is chi-square with two degrees of freedom, times the number of periods looked at.
     """
-    y, p = seen.readings, seen.smooth_position[seen.state.counts]
-    p = p - p.min()
-    travel = float(p.max())
+    travel = float(np.ptp(seen.smooth_position[seen.state.counts]))
     shortest = max(SHORTEST, 3.0 * seen.run.least_step, 12.0 * travel / MOST_CELLS)
     nothing = ChannelFinding("encoder_cyclic", 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
-    if travel < 8.0 * shortest or len(y) < 256:
+    if travel < 8.0 * shortest or len(seen.readings) < 256:
         return nothing
     cell = shortest / 6.0
-    n = scipy.fft.next_fast_len(int(travel / cell) + 2 + int(0.25 * travel / cell), real=True)
-    place = p / cell
-    low = place.astype(np.intp)
-    share = place - low
-    wanted = asked_of_readings(seen.state, y)
-    cells = np.bincount(low, wanted * (1.0 - share), n) + np.bincount(low + 1, wanted * share, n)
-    kappa = np.fft.rfftfreq(n, cell)
+    cells = over_position(seen, cell, travel)
+    kappa = np.fft.rfftfreq(len(cells), cell)
     rows = slice(*np.searchsorted(kappa, [max(1.0 / LONGEST, 4.0 / travel), 1.0 / shortest]))
     spectrum = np.abs(scipy.fft.rfft(cells)[rows]) ** 2
     if len(spectrum) < PERIODS:
@@ -62,6 +56,17 @@ def encoder_cyclic(seen: Residuals) -> ChannelFinding:
     text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     return ChannelFinding("encoder_cyclic", gained, p_value, amplitude, "m", std, text, parts)
+
+
+def over_position(seen: Residuals, cell: float, travel: float) -> Array:
+    """Innovations, taken back through the filter, over cells of position and a quarter of the travel (m) more."""
+    n = scipy.fft.next_fast_len(int(travel / cell) + 2 + int(0.25 * travel / cell), real=True)
+    wanted = asked_of_readings(seen.state, seen.readings)
+    p = seen.smooth_position[seen.state.counts]
+    place = (p - p.min()) / cell
+    low = place.astype(np.intp)
+    share = place - low
+    return np.asarray(np.bincount(low, wanted * (1.0 - share), n) + np.bincount(low + 1, wanted * share, n))
 
 
 def cyclic_fit(seen: Residuals, kappa: float) -> tuple[float, float, float, float]:

@@ -144,15 +144,18 @@ def line(
 ) -> ChannelFinding:
     """Amplitude of one line at the sensor, and whether it comes and goes with speed."""
     t, y, rate = data
-    turn = np.exp(-2j * np.pi * frequency * (t - t[0]))
+    turned = -2j * np.pi * frequency * (t - t[0])
+    np.exp(turned, out=turned)
+    turned *= y
     if of_output:
-        amplitude = 2.0 * abs(complex(np.mean(turn * y))) / seen.rc_gain(frequency)
+        amplitude = 2.0 * abs(complex(np.mean(turned))) / seen.rc_gain(frequency)
         std = amplitude / math.sqrt(2.0 * max(ratio, 1e-9) / 1.5)  # Hann: a line stands 1.5 times lower over the noise
     else:
         amplitude, std = line_fit(seen, frequency)
     length = max(1, int(0.1 * rate))
     K = len(y) // length
-    heard = (turn * y)[: K * length].reshape(K, length).mean(axis=1)
+    heard = turned[: K * length].reshape(K, length).mean(axis=1)
+    del turned
     speed = np.mean(np.interp(t[: K * length], seen.t, seen.motion[0]).reshape(K, length) ** 2, axis=1)
     follows = False
     if K >= LEAST_BLOCKS and p_value < ALARM and np.ptp(speed) > 0.0:

@@ -169,7 +169,7 @@ def vibration_found(
 def loudest_at(seen: Residuals, bins: Array) -> float:
     """Frequency within half a bin of `bins` (Hz) whose power follows v⁴ most."""
     fine, half = seen.spectra, 0.5 * seen.rate / len(seen.brief.window)
-    x = fine.means(seen.motion[0] ** 4)
+    x = fine.means((seen.motion[0] ** 2) ** 2)
     within = (fine.f >= bins[0] - half) & (fine.f <= bins[-1] + half)
     return float(fine.f[np.argmax(np.where(within, (x - x.mean()) @ fine.power, -math.inf))])
 

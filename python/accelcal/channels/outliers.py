@@ -26,8 +26,15 @@ def course(seen: Residuals, gain: Array) -> Array:
     c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *seen.motion_blocks(spectra)]))
     v, jerk = seen.motion
     v2 = v**2
-    behind = c[0] + (c[1] + c[2] * v2) * v2 + c[3] * jerk**2
-    return np.asarray(np.sqrt(np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300)))
+    behind = c[2] * v2
+    behind += c[1]
+    behind *= v2
+    np.square(jerk, out=v2)
+    v2 *= c[3]
+    behind += v2
+    behind += c[0]
+    np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300, out=behind)
+    return np.asarray(np.sqrt(behind, out=behind))
 
 
 def accelerometer_outliers(seen: Residuals) -> ChannelFinding:
@@ -35,8 +42,13 @@ def accelerometer_outliers(seen: Residuals) -> ChannelFinding:
     y, gain = seen.matched
     usual = course(seen, gain)[seen.taken]
     y = y[seen.taken]
-    spread, dof = spread_of(y / usual)
-    found = outliers(y, np.hypot(spread * usual, seen.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0)), len(y), dof)
+    y /= usual
+    spread, dof = spread_of(y)
+    spread *= usual
+    y *= usual
+    del usual
+    np.hypot(spread, seen.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
+    found = outliers(y, spread, len(y), dof)
     text = found.sentence("samples of the output", "m/s²") if found.p_value < ALARM else "the output has none"
     n = len(seen.u)
     at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])

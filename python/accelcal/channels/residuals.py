@@ -95,6 +95,10 @@ class Residuals:
                 break
         return above(self.residual - correction, self.rate, self.edge)
 
+    def release(self) -> None:
+        """Give up `background`, once its spectra are known; who asks for it again waits for it again."""
+        vars(self).pop("background", None)
+
     def repaired(self, correction: Array, lost: Places) -> tuple[Array, Places]:
         """Corrections of lost samples (n,) by the noise that is left after earlier ones; loud samples are lost too."""
         whole = above(self.residual - correction, self.rate, self.edge)
@@ -103,8 +107,11 @@ class Residuals:
         off = surprise(self.residual - np.mean(self.residual))
         correction = surprise.correction(off, lost)
         y = surprise.corrected(off, correction, lost)[self.taken]
-        spread = np.hypot(spread_of(y)[0], self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0))
-        loud = isolated(np.abs(y) / np.maximum(spread, 1e-300), np.flatnonzero(np.abs(y) > OUTLIER * spread))
+        spread, _ = spread_of(y)
+        np.hypot(spread, self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0), out=spread)
+        score = np.abs(y)
+        score /= np.maximum(spread, 1e-300)
+        loud = isolated(score, np.flatnonzero(score > OUTLIER))
         if len(loud) == 0:
             return correction, lost
         loud = np.flatnonzero(self.taken)[loud]
@@ -148,8 +155,8 @@ class Residuals:
     def motion_blocks(self, spectra: Spectra) -> tuple[Array, Array, Array]:
         """Means of v², v⁴ and jerk² over the blocks of some spectra, (K,) each."""
         v, jerk = self.motion
-        v2, v4, j2 = (spectra.means(x) for x in (v**2, v**4, jerk**2))
-        return v2, v4, j2
+        v2 = v**2
+        return spectra.means(v2), spectra.means(v2**2), spectra.means(jerk**2)
 
     @cached_property
     def lsb(self) -> float:

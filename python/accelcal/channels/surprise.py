@@ -121,7 +121,10 @@ def knowledge(reach: Array, lost: Places, n: int) -> tuple[Places, Array]:
 def above(y: Array, rate: float, edge: float) -> Array:
     """Part of uniform samples above a frequency, with a soft edge that reaches 30 % higher."""
     f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(len(y), real=True), 1.0 / rate)
-    return filtered(y - np.mean(y), soft_edge(f, edge))
+    gain = soft_edge(f, edge)
+    del f
+    y = y - np.mean(y)  # what was given goes
+    return filtered(y, gain)
 
 
 def filtered(y: Array, gain: Array) -> Array:

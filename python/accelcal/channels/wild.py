@@ -53,6 +53,8 @@ def spread_of(y: Array, step: float = 0.0) -> tuple[Array, float]:
         y = y + step * (golden - 0.5)
     steady = steady_spread(y)
     spread, dof = steady if steady is not None else (local_spread(y), 0.7 * LOCAL)
+    if step == 0.0:
+        return spread, dof
     return np.sqrt(np.maximum(spread**2 - step**2 / 12.0, step**2 / 12.0)), dof
 
 
@@ -64,7 +66,8 @@ def outliers(y: Array, spread: Array, n: int, dof: float = 0.7 * LOCAL) -> Outli
     """
     if n < 8 * LOCAL:
         return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-    score = np.abs(y) / np.maximum(spread, 1e-300)
+    score = np.abs(y)
+    score /= np.maximum(spread, 1e-300)
     share, p_share = contamination(score, dof)
     peaks = isolated(score, np.flatnonzero(score > OUTLIER))
     if len(peaks) == 0:

@@ -16,7 +16,7 @@ from accelcal.diagnose.limits import limits
 from accelcal.diagnose.refine import refine, shortlist
 from accelcal.diagnose.search import Robust, Search, block_length
 from accelcal.diagnose.ties import Finding, describe, members
-from accelcal.effects import Effect
+from accelcal.effects import Effect, is_local
 from accelcal.model import Model, Term
 from accelcal.passes import Pass
 from accelcal.recording import Array
@@ -27,6 +27,8 @@ ALPHA = 0.005
 """Family-wise false-alarm rate of a record."""
 LEAST_BLOCKS = 20
 """Fewer effective blocks than this are too short a record for any verdict."""
+STRETCH = 1 << 18
+"""Times at which an effect without memory is evaluated at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +196,14 @@ def largest(item: Item, estimate: Array, one: Pass) -> float:
     """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
     s = one.signals
     assert s is not None
-    columns = item.effect.column(s, **item.shape).reshape(len(s.t), -1)
-    if item.effect.port == "process":
-        return float(estimate[0] * np.max(np.linalg.norm(columns, axis=1)))
-    return float(np.max(np.abs(columns[:, : len(estimate)] @ estimate)))
+    stretch = STRETCH if is_local(item.effect) else len(s.t)
+    found = 0.0
+    for begin in range(0, len(s.t), stretch):
+        part = s.part(slice(begin, begin + stretch))
+        columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
+        if item.effect.port == "process":
+            size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))
+        else:
+            size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
+        found = max(found, float(size))
+    return found

@@ -95,7 +95,7 @@ def encoder_nonlinearity(s: Signals) -> Array:
     Easily confused with: acceleration_velocity, rail_slope, velocity_squared.
     Separate by: a shifted start position; the encoder reversed; runs at different speed.
     """
-    return np.column_stack([s.p**2, s.p**3])
+    return np.column_stack([s.p**2, s.p**2 * s.p])
 
 
 @effect(
