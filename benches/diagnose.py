@@ -9,7 +9,6 @@ code 1 when one is missed.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -65,8 +64,7 @@ print(json.dumps({
 def cost(path: Path, fitted: float, repeats: int) -> dict[str, float]:
     """Diagnose a file in a process of its own, with a model that was fitted to its first seconds."""
     run = [sys.executable, "-c", DIAGNOSE, str(path), str(fitted), str(repeats)]
-    alone = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(run, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True, env=alone)
+    done = subprocess.run(run, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True)
     return dict(json.loads(done.stdout))
 
 

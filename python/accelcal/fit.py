@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from accelcal.blas import one_thread
 from accelcal.gauss_newton import MAX_ROUNDS, Estimate, Layout, NotIdentifiable, Solution, estimated, iterate
 from accelcal.model import Model, Prior
 from accelcal.passes import LEAST_BLOCKS, Pass, RunFit
@@ -127,6 +128,7 @@ def fit(
     return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
 
 
+@one_thread
 def solve_runs(
     model: Model,
     recordings: Sequence[Recording],

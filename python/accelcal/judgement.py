@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
+from accelcal.blas import one_thread
 from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
@@ -126,6 +127,7 @@ class Stretch:
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
 
+@one_thread
 def judge_model(
     state: Gated,
     stretch: Stretch,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from accelcal.blas import one_thread
 from accelcal.channels import channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, scan
@@ -93,6 +94,7 @@ class History:
         return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)
 
 
+@one_thread
 def diagnose(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
@@ -247,6 +249,7 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     return History(tuple(fits), tuple(compare(one, recording) for one in fits))
 
 
+@one_thread
 def improve(
     recordings: Recording | Sequence[Recording],
     *,

@@ -193,9 +193,9 @@ def test_the_cosines_of_a_random_walk_have_its_covariance():
     found = np.linalg.eigvalsh(y.T @ y)[::-1]
     # On 2000 samples instead of a line: an end counts half a spacing too much, j/2000 of a column.
     np.testing.assert_allclose(found, spectrum, rtol=0.02)
-    # What is cut off: sum over j > 16 of 1/j², of pi²/6.
-    total = np.trace(walk)
-    assert np.sum(found) / total == pytest.approx(np.sum(1.0 / np.arange(1, 17) ** 2) / (np.pi**2 / 6.0), rel=0.01)
+    # What is cut off: sum over j > 32 of 1/j², of pi²/6.
+    kept = np.sum(1.0 / np.arange(1, effect.width + 1) ** 2) / (np.pi**2 / 6.0)
+    assert np.sum(found) / np.trace(walk) == pytest.approx(kept, rel=0.01)
 
 
 def test_a_slow_gauss_markov_bias_is_a_random_walk():

@@ -17,7 +17,7 @@ TESTS = Path(__file__).parents[1]
 
 FOUNDATION = ("units", "rig", "recording")
 LAYERS = (
-    ("units", "shown"),
+    ("units", "shown", "blas"),
     ("rig",),
     ("recording",),
     ("checks", "motion", "loudness"),

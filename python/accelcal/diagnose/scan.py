@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from accelcal.blas import one_thread
 from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival
@@ -86,6 +87,7 @@ class Scan:
     """Where a shape without a name comes first: the named effects that cannot be told from it."""
 
 
+@one_thread
 def scan(
     passes: Sequence[Pass],
     model: Model,

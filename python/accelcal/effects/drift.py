@@ -12,8 +12,8 @@ from accelcal.signals import Signals
 
 STEPS = 16
 """Instants at which a step is tried before it is refined."""
-WANDERING = tuple(f"c{j}" for j in range(1, 17))
-"""Cosines of a wandering bias: changes down to a sixteenth of half the record."""
+WANDERING = tuple(f"c{j}" for j in range(1, 33))
+"""Cosines of a wandering bias: changes down to a thirty-second of half the record."""
 
 
 @effect("bias_drift", unit="m/s³", symbol="K0t", scale=1e-5, source="1 mg in a quarter of an hour", includes=("bias",))
