@@ -15,7 +15,14 @@ SURE = 0.95
 
 
 def entry_gains(
-    examined: int, blocks: int, alpha: float, *, dof: int = 1, looks: int = 1, share: float = 1.0
+    examined: int,
+    blocks: int,
+    alpha: float,
+    *,
+    dof: int = 1,
+    looks: int = 1,
+    share: float = 1.0,
+    further: int = 0,
 ) -> tuple[float, float]:
     """Gain that is significant over all alternatives, and gain that is worth its price; an effect needs both.
 
@@ -27,10 +34,11 @@ def entry_gains(
     dof : coefficients of the effect.
     looks : alternatives that the effect was picked from before it was tried.
     share : of its gain that the effect may claim, below 1 for a shape without a name.
+    further : shape parameters that cost as much as a coefficient.
     """
     tail = alpha / (max(1, examined) * looks)
     significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
-    price = dof * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * looks)
+    price = (dof + further) * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * looks)
     return significant, price / share
 
 
@@ -58,7 +66,14 @@ def predicted_detection(
 
 
 def least_distance(
-    examined: int, blocks: int, alpha: float, *, dof: int = 1, looks: int = 1, share: float = 1.0
+    examined: int,
+    blocks: int,
+    alpha: float,
+    *,
+    dof: int = 1,
+    looks: int = 1,
+    share: float = 1.0,
+    further: int = 0,
 ) -> float:
     """Standard deviations at which an effect enters on its own with probability `SURE`.
 
@@ -68,5 +83,5 @@ def least_distance(
     >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
     0.95
     """
-    needed = max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share))
+    needed = max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share, further=further))
     return math.sqrt(float(special.chndtrinc(needed, dof, 1.0 - SURE)))

@@ -81,6 +81,7 @@ class Fit:
         return self.runs[run].noise.noise
 
 
+@one_thread
 def fit(
     model: Model,
     recordings: Recording | Sequence[Recording],
@@ -128,7 +129,6 @@ def fit(
     return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
 
 
-@one_thread
 def solve_runs(
     model: Model,
     recordings: Sequence[Recording],

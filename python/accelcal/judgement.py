@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from accelcal.blas import one_thread
 from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
@@ -127,7 +126,6 @@ class Stretch:
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
 
-@one_thread
 def judge_model(
     state: Gated,
     stretch: Stretch,

@@ -9,6 +9,7 @@ from accelcal.blas import one_thread
 from accelcal.channels import channel_findings
 from accelcal.compare import Comparison, compare
 from accelcal.diagnose import ALPHA, scan
+from accelcal.diagnose.candidates import finer
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, result, solve_runs, taken_up
 from accelcal.fit import fit as fit_all
@@ -135,6 +136,7 @@ def diagnose(
     return replace(judged, dropped=state.dropped(several))
 
 
+@one_thread
 def fit(
     model: Model,
     recordings: Recording | Sequence[Recording],
@@ -178,6 +180,7 @@ def tidied(
     return replace(kept, remarks=(*(f"{one.sentence}." for one in dropped), *kept.remarks))
 
 
+@one_thread
 def add(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
@@ -202,9 +205,9 @@ def add(
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     model, passes = fit.model, taken_up(fit, several)
     for name in names:
-        if name in model.effects:
-            raise ValueError(f"{name!r} is already in the model")
         effect = find(name)
+        if name in model.effects and not finer(model, effect):
+            raise ValueError(f"{name!r} is already in the model")
         if passes is None or model is not fit.model:
             passes = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).passes
         alone = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
@@ -221,6 +224,7 @@ def add(
     return tidied(grown, several)
 
 
+@one_thread
 def drop(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
@@ -281,7 +285,8 @@ def improve(
     walk = Walk.begin(original, stretch, split, extra, alpha)
     report(0.3)
     for number in range(2 * most):
-        if len(walk.story.effects) >= most or not walk.step():
+        room = len(walk.story.effects) < most
+        if not (room and walk.step()) and not walk.mend():
             break
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     walk.finish()

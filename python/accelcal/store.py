@@ -233,6 +233,11 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
     )
+    stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
+    if stored != known:
+        raise ValueError(
+            f"its coefficients are not those of its effects: {', '.join(sorted(stored ^ known))} on one side only"
+        )
     if fit.covariance.shape != (len(fit.free),) * 2:
         raise ValueError(
             f"covariance.matrix has the shape {fit.covariance.shape}, expected a row and a column for each of "

@@ -44,7 +44,8 @@ class Story:
 
     def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
         """One effect more; a shape without a name stands in the place of the names that it wears out."""
-        self.gains[finding.effect] = gain + sum(self.leave(name) for name in worn)
+        gone = dict.fromkeys((*worn, finding.effect))  # itself where it was coarse
+        self.gains[finding.effect] = gain + sum(self.leave(name) for name in gone)
         self.ties.append(Tie(finding.effect, finding.members, finding.experiment))
 
     def leave(self, name: str) -> float:
@@ -133,15 +134,20 @@ class Walk:
         self.fits.append((self.story.effects, self.at.verdict.fit))
         return True
 
-    def finish(self) -> None:
-        """Nothing more enters: a sum that is not the whole gives way, and every effect gets its class."""
+    def mend(self) -> bool:
+        """A sum of names that is not the whole gives way to the shape of its variable; False where none is, or can."""
         mend = sum_behind(self.story.effects, self.at.verdict.scan.candidates)
         step = self.instead(mend) if mend else None
-        if mend and step:
-            entering, to = step
-            self.go(to)
-            self.story.enter(entering, 0.0, mend.worn)
-            self.fits.append((self.story.effects, self.at.verdict.fit))
+        if mend is None or step is None:
+            return False
+        entering, to = step
+        self.go(to)
+        self.story.enter(entering, 0.0, mend.worn)
+        self.fits.append((self.story.effects, self.at.verdict.fit))
+        return True
+
+    def finish(self) -> None:
+        """Nothing more enters: every effect gets its class."""
         verdict = self.at.verdict
         self.story.ties = self.story.told(verdict.scan.candidates)
         if delayed(self.fits[-1][1], verdict.scan, self.alpha):
@@ -188,8 +194,9 @@ class Walk:
     def instead(self, mend: Mend) -> tuple[Finding, Stand] | None:
         """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
         something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
-        model = self.at.model.drop(*{*mend.worn, *({mend.effect.name} & set(self.at.model.effects))})
+        gone = dict.fromkeys((*mend.worn, mend.effect.name))
         try:
+            model = self.at.model.drop(*(name for name in gone if name in self.at.model.effects))
             alone = scan(self.refitted(model).solution.passes, model, extra=self.extra, only=(mend.effect,))
             if not alone.entered:
                 return None

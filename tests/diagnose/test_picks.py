@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnose import scan
+from accelcal.diagnose import scan, score_gain
 from accelcal.diagnose.candidates import candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.picks import ripples, waves
 from accelcal.effects import find
 from accelcal.fit import solve_runs
-from accelcal.loop import add
+from accelcal.loop import add, diagnose
 from accelcal.model import Model
 from accelcal.passes import Pass
 from accelcal.recording import Array
@@ -104,4 +104,48 @@ def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(pla
     assert [part.stop - part.start for part in both.columns] == [3, 9]
     assert (len(both.terms), len(alone.terms)) == (9, 3)
     assert both.gain(0)[:2] == pytest.approx(alone.gain(0)[:2], rel=1e-9)
-    assert both.gain(1)[0] > both.gain(0)[0]
+
+
+def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
+    one = fitted(plain, lambda t: 0.01 * np.sin(300.0 * plain.truth.motion.position(t)))
+    run, s = one.run.recording, one.signals
+    assert s is not None
+    ends = {"shape_of_position": {"low": float(np.min(s.p)), "high": float(np.max(s.p))}}
+    coarse = ac.fit(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)
+    missing = diagnose(coarse, run)
+    assert "shape_of_position" in missing.effects or "rail_wave" in missing.effects
+    fine = add(coarse, run, "shape_of_position")
+    assert len(fine.free) >= len(coarse.free) + len(INNER) - 1
+    assert fine.log_likelihood > coarse.log_likelihood + 100.0
+    with pytest.raises(ValueError, match="already in the model"):
+        add(fine, run, "shape_of_position")
+
+
+@pytest.mark.parametrize("known", ["velocity", "cubic"])
+def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Simulated, known: str) -> None:
+    """Of a shape's columns one is what `known` is already: nothing of it is left, and nothing else suffers."""
+    model = Model.linear().add(known)
+    one = solve_runs(model, [plain.recording]).passes[0]
+    items = [item for item in candidates_for(one, model) if item.effect.family and item.leading is None]
+    evidence = Evidence([Known(one, model)], items)
+    for i, item in enumerate(items):
+        gain, _, estimate, covariance = evidence.gain(i)
+        assert 0.0 <= gain < 80.0, item.effect.name  # of noise alone; 12 coefficients exceed it once in 1e11
+        assert np.all(np.abs(estimate) < 1e9)
+        assert np.all(np.abs(covariance) < 1e18)
+    assert any(np.diag(evidence.G)[part].min() == 0.0 for part in evidence.columns) == (known == "velocity")
+
+
+@pytest.mark.parametrize("empty", [0, 1, 4, 8])
+def test_a_column_of_which_nothing_is_left_gets_no_estimate(empty: int) -> None:
+    rng = np.random.default_rng(empty)
+    X = rng.standard_normal((200, 9))
+    A, b = X.T @ X, X.T @ rng.standard_normal(200)
+    others = np.delete(np.arange(9), empty)
+    expected = score_gain(A[np.ix_(others, others)], b[others])
+    A[empty], A[:, empty], b[empty] = 0.0, 0.0, 0.0
+    gain, dof, estimate, covariance = score_gain(A, b)
+    assert (gain, dof) == (pytest.approx(expected[0], rel=1e-9), 8)
+    np.testing.assert_allclose(estimate[others], expected[2], rtol=1e-9)
+    assert abs(estimate[empty]) < 1e-12
+    assert abs(covariance[empty, empty]) < 1e-12

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -41,6 +43,14 @@ def test_an_error_lifts_it():
     with pytest.raises(ValueError, match="mistake"):
         wrong()
     assert threads() == {2}
+
+
+def test_in_another_thread_it_changes_nothing():
+    within: list[set[int]] = []
+    other = threading.Thread(target=one_thread(lambda: within.append(threads())))
+    other.start()
+    other.join()
+    assert within == [{2}]
 
 
 def test_a_fit_and_a_diagnosis_ask_for_it():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -226,11 +227,15 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
 
 def show_parameters(found: Fit) -> None:
     """Print every parameter with its uncertainty, and what it really is on this rig."""
+    from accelcal.effects import find
     from accelcal.fit import tied_sum
     from accelcal.units import display
 
     rows, told = [], {}
+    without = [e for e in found.estimates if e.std <= 0.0 and e.value == 0.0 and find(e.name.partition(".")[0]).family]
     for e in (*found.estimates, *found.shapes):
+        if e in without:
+            continue
         held = e.std <= 0.0
         rows.append(
             (
@@ -245,6 +250,8 @@ def show_parameters(found: Fit) -> None:
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
     for name, what in told.items():
         print(f"  {name} really is {what} here")
+    for name, number in Counter(e.name.partition(".")[0] for e in without).items():
+        print(f"  {name} does without {number} of its columns")
 
 
 def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:

@@ -13,6 +13,8 @@ from accelcal.model import Model, Term, terms_of
 from accelcal.passes import Pass
 from accelcal.shaping import linearised, signals_of
 
+FREE_SHAPES = 1
+"""Shape parameters that the trials of an effect pay for already; each further one costs as much as a coefficient."""
 WANDERED = 100
 """Looks at a course of time beside a bias that wanders: what is left of any wandering drifts and steps a little."""
 
@@ -36,6 +38,11 @@ class Item:
         return terms_of(self.effect, self.shape)[: self.leading]
 
     @property
+    def further(self) -> int:
+        """Shape parameters that it pays for like coefficients."""
+        return max(0, sum(shape.refined for shape in self.effect.shapes.values()) - FREE_SHAPES)
+
+    @property
     def held(self) -> tuple[Term, ...]:
         """Coefficients of its effect that it does without."""
         return terms_of(self.effect, self.shape)[len(self.terms) :]
@@ -51,6 +58,9 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
     courses = find("shape_of_time").covers if wanders else ()
     items: list[Item] = []
     for effect in offered:
+        if finer(model, effect):
+            items.append(Item(effect, model.shapes[effect.name]))
+            continue
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
         early = effect.beside and effect.beside not in model.effects
         if taken or early or any(name not in s.side for name in effect.needs):
@@ -66,6 +76,14 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
         if effect.coarse:
             items.append(replace(items[first], leading=effect.coarse))
     return items
+
+
+def finer(model: Model, effect: Effect) -> bool:
+    """Whether a model has the coarse shape of an effect alone, so that the finer one may be missing."""
+    if effect.name not in model.effects or not effect.coarse:
+        return False
+    inner = terms_of(effect, model.shapes[effect.name])[effect.coarse :]
+    return all(model.fixed.get(term.name) == 0.0 for term in inner)
 
 
 def nuisances(one: Pass, model: Model) -> list[tuple[Term, float]]:

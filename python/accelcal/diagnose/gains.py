@@ -17,10 +17,15 @@ DEGENERATE_MIX = 1e-3
 """The same for a mixture of several columns, which picks the direction that errors of the smoothed motion favour."""
 
 
+def scale_of(power: Array) -> Array:
+    """Square roots of the powers of columns, to scale them by; 1 for a column of which nothing is left."""
+    return np.sqrt(np.where(power > 0.0, power, 1.0))
+
+
 def without(G: Array, c: Array, columns: NDArray[np.intp], prior_std: float = math.inf) -> tuple[Array, Array]:
     """Gram matrix and scores with some columns projected out; their coefficients have mean zero and `prior_std`."""
     A = G[np.ix_(columns, columns)] + np.eye(len(columns)) / prior_std**2
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    size = scale_of(np.diag(A))
     A = A / np.outer(size, size) + 1e-9 * np.eye(len(columns))
     left = scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), G[columns] / size[:, None]) / size[:, None]
     return G - G[:, columns] @ left, c - left.T @ c[columns]
@@ -33,7 +38,7 @@ def score_gain(A: Array, b: Array, before: Array | None = None) -> tuple[float, 
         if A[0, 0] <= DEGENERATE * reference[0] or A[0, 0] <= 0.0:
             return 0.0, 0, np.zeros(1), np.full((1, 1), np.inf)
         return float(b[0] ** 2 / A[0, 0]), 1, b / A[0, 0], 1.0 / A
-    size = np.sqrt(np.maximum(reference, 1e-300))
+    size = scale_of(reference)
     values, vectors = np.linalg.eigh(A / np.outer(size, size))
     good = values > DEGENERATE_MIX
     inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T / np.outer(size, size)

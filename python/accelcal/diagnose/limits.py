@@ -28,7 +28,9 @@ def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...],
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
     share = NAMELESS if item.effect.family else 1.0
-    needed = least_distance(rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share)
+    needed = least_distance(
+        rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share, further=item.further
+    )
     loud = needed**2 * own > d**2 * (evidence.motion or math.inf)
     hidden = (information <= DEGENERATE * own) | loud
     return tuple(d.tolist()), tuple(math.inf if no else needed / x for no, x in zip(hidden.tolist(), d, strict=True))
@@ -42,6 +44,6 @@ def limits(evidence: Evidence, rules: Search) -> dict[str, float]:
     """
     found: dict[str, float] = {}
     for i, item in enumerate(evidence.items):
-        if item.effect.port != "process":
+        if item.effect.port != "process" and item.leading is None:
             found[item.effect.name] = min(*sizes(evidence, i, rules)[1], found.get(item.effect.name, math.inf))
     return found

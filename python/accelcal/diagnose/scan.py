@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.blas import one_thread
 from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival
@@ -26,6 +25,8 @@ Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_shor
 
 ALPHA = 0.005
 """Family-wise false-alarm rate of a record."""
+FORMS = 2
+"""Forms of a shape, coarse and fine, of which the one that is least by chance is told."""
 LEAST_BLOCKS = 20
 """Fewer effective blocks than this are too short a record for any verdict."""
 STRETCH = 1 << 18
@@ -39,7 +40,7 @@ class Candidate:
     effect: str
     shape: Mapping[str, float]
     estimate: tuple[float, ...]
-    """One value for each column, in `unit`; for a wandering bias its one intensity."""
+    """One value for each column that it has, in `unit`; for a wandering bias its one intensity."""
     std: tuple[float, ...]
     unit: str
     gain: float
@@ -87,7 +88,6 @@ class Scan:
     """Where a shape without a name comes first: the named effects that cannot be told from it."""
 
 
-@one_thread
 def scan(
     passes: Sequence[Pass],
     model: Model,
@@ -188,7 +188,7 @@ def rank(
                 log_evidence=rules.price(gain, dof, item) / 2.0,
                 largest=max(largest(item, estimate, one) for one in passes),
                 members=members(evidence, robust, i, others, rules),
-                looks=item.looks,
+                looks=item.looks * (FORMS if item.effect.coarse else 1),
             )
         )
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))

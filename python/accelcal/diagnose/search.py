@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence
-from accelcal.diagnose.gains import log_survival
+from accelcal.diagnose.gains import log_survival, scale_of
 from accelcal.passes import Pass
 from accelcal.recording import Array
 
@@ -22,8 +22,6 @@ NAMELESS = 0.95
 """Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
 SHAPELESS = 0.9
 """The same for a bias that wanders: it takes any course, which a function of something recorded does not."""
-FREE_SHAPES = 1
-"""Shape parameters that the trials of an effect pay for already; each further one costs as much as a coefficient."""
 SHADOW = 0.1
 """An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
 NOTHING_LEFT = 1e-9
@@ -57,8 +55,7 @@ class Search:
         """The same of a bias that wanders as if it had a course: who follows any course cannot be told from it."""
         told = gain * (NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
-        dof += max(0, sum(shape.refined for shape in item.effect.shapes.values()) - FREE_SHAPES)
-        return told - dof * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
+        return told - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
 
     def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
         """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""
@@ -164,7 +161,7 @@ class Robust:
 
     def __init__(self, evidence: Evidence, length: float) -> None:
         self.evidence = evidence
-        size = np.sqrt(np.maximum(np.diag(evidence.G), 1e-300))
+        size = scale_of(np.diag(evidence.G))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
         every = np.linalg.solve(scaled, evidence.c / size) / size
         parts = [block_sums(X * (y - every @ X), t, length) for t, y, X in evidence.rows()]

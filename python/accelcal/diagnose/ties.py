@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence
-from accelcal.diagnose.gains import DEGENERATE_MIX, score_gain
+from accelcal.diagnose.gains import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnose.search import Robust, Search
 from accelcal.effects import HOUSE
 from accelcal.model import Model, Prior
@@ -38,10 +38,13 @@ class Finding:
     prior_std: float | None = None
     """Intensity of a wandering bias; None for constant coefficients."""
     fixed: tuple[str, ...] = ()
-    """Columns that the model already contains and that are held at 0."""
+    """Columns that are held at 0: what the model already contains, and what a coarse shape does without."""
 
     def enter(self, model: Model) -> Model:
-        """Return the model with this effect."""
+        """Return the model with this effect; one that has its coarse shape gets the finer one."""
+        if self.effect in model.effects:
+            own = (term.name for term in model.terms if term.effect.name == self.effect)
+            return model.release(*(name for name in own if name in model.fixed and name not in self.fixed))
         shapes = {self.effect: dict(self.shape)} if self.shape else None
         grown = model.add(self.effect, shapes=shapes)
         if self.prior_std is not None:
@@ -116,11 +119,12 @@ def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
     names = [term.name for term in evidence.items[i].terms]
     held = tuple(term.name for term in evidence.items[i].held)
     if len(names) == 1:
-        return ()
-    size = np.sqrt(np.maximum(np.diag(evidence.G[columns, columns]), 1e-300))
+        return held
+    power = np.diag(evidence.G[columns, columns])
+    size = scale_of(power)
     A = G[columns, columns] / np.outer(size, size)
     kept: list[int] = []
-    empty = size < math.sqrt(EMPTY) * np.max(size)
+    empty = power < EMPTY * np.max(power)
     for _ in names:
         left = np.diag(A).copy()
         left[kept] = left[empty] = 0.0

@@ -26,7 +26,7 @@ from accelcal.diagnose import (
     block_length,
     candidates_for,
 )
-from accelcal.diagnose.gains import DEGENERATE_MIX
+from accelcal.diagnose.gains import DEGENERATE_MIX, scale_of
 from accelcal.diagnose.refine import FINALISTS
 from accelcal.effects import Effect
 from accelcal.model import Model
@@ -56,12 +56,13 @@ class Contest:
     def of(cls, one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Contest:
         """All that `diagnose` would look at on a run."""
         offered = candidates_for(one, model, extra)
-        items = anywhere(offered, one)
+        items = anywhere([item for item in offered if item.leading is None], one)
         return cls(one, model, items, evidence_of(one, model, items), rules_for(one, len(offered), alpha))
 
     def item(self, effect: str, shape: Mapping[str, float]) -> Item:
         """An effect at its own shape, which need not be one of the trials; what the record sets is left as it is."""
-        known = next(item for item in self.items if item.effect.name == effect)
+        trials = [item for item in self.items if item.effect.name == effect]
+        known = trials[len(trials) // 2]
         return replace(known, shape={**known.shape, **shape})
 
     def distance(self, truth: Item, sizes: Array) -> float:
@@ -101,7 +102,9 @@ class Contest:
         """Gain of an item that is significant, and gain that is worth its price."""
         share = NAMELESS if item.effect.family else 1.0
         rules = self.rules
-        return entry_gains(rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share)
+        return entry_gains(
+            rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share, further=item.further
+        )
 
     def evidence_of(self, items: Sequence[Item]) -> Evidence:
         """Gram matrix of items beside what the model leaves free."""
@@ -140,7 +143,7 @@ class Contest:
         edges = np.flatnonzero(np.diff(np.floor(t / length), prepend=-1.0))
         values, vectors = np.linalg.eigh(unit(kept.G))
         good = values > 1e-9
-        size = np.sqrt(np.maximum(np.diag(kept.G), 1e-300))
+        size = scale_of(np.diag(kept.G))
         Q = (X / size) @ (vectors[:, good] / np.sqrt(values[good]))
         found = {}
         for item, columns in zip(named, kept.columns, strict=False):
@@ -218,7 +221,7 @@ def drawn(G: Array, rng: np.random.Generator, draws: int) -> Array:
 
 def unit(G: Array) -> Array:
     """A Gram matrix scaled to a diagonal of ones."""
-    size = np.sqrt(np.maximum(np.diag(G), 1e-300))
+    size = scale_of(np.diag(G))
     return np.asarray(G / np.outer(size, size))
 
 
@@ -245,7 +248,7 @@ def gains(item: Item, A: Array, b: Array) -> tuple[Array, int]:
         return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.positive else gain), 1
     values, vectors = np.linalg.eigh(unit(A))
     good = values > DEGENERATE_MIX
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    size = scale_of(np.diag(A))
     return np.sum(((b / size) @ (vectors[:, good] / np.sqrt(values[good]))) ** 2, axis=1), int(np.sum(good))
 
 

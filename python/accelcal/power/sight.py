@@ -26,6 +26,7 @@ from accelcal.diagnose import (
     sizes,
     variance_gain,
 )
+from accelcal.diagnose.gains import scale_of
 from accelcal.effects import Effect
 from accelcal.fit import solve_runs
 from accelcal.model import Model
@@ -302,7 +303,7 @@ def rivals(evidence: Evidence, i: int, firsts: Mapping[str, int]) -> dict[str, f
 def strongest(evidence: Evidence, i: int) -> Array:
     """The mixture of an item's columns that is seen best."""
     A = evidence.G[evidence.columns[i], evidence.columns[i]]
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    size = scale_of(np.diag(A))
     return np.asarray(np.linalg.eigh(A / np.outer(size, size))[1][:, -1] / size)
 
 

@@ -175,7 +175,7 @@ def usual(unit: str, value: float, std: float) -> str:
 def several(estimates: list[Estimate]) -> str:
     """Estimates of one effect in a cell."""
     if len(estimates) > 2:
-        return f"{len(estimates)} coefficients"
+        return f"{sum(e.std > 0.0 for e in estimates)} coefficients"
     return ", ".join(amount(e.value, e.std, e.unit) for e in estimates)
 
 
