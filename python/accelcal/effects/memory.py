@@ -76,7 +76,7 @@ def since_reversal(s: Signals) -> Array:
 
 def since(s: Signals, instant: float) -> Array:
     """0 before `instant` and 1 after it, straight across one spacing so that the instant can be refined."""
-    return np.clip((s.t - instant) / s.step + 0.5, 0.0, 1.0)
+    return np.clip((s.t - instant) / max(s.step, TINY) + 0.5, 0.0, 1.0)
 
 
 def instants(s: Signals) -> tuple[float, float]:
