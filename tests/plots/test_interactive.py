@@ -17,6 +17,7 @@ from accelcal.ladder import ladder
 from accelcal.loop import diagnose
 from accelcal.plots import interactive, style
 from accelcal.plots.compare import normalised
+from accelcal.plots.interactive.falling import steps
 from accelcal.plots.interactive.ranking import classes
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.sheet import logarithmic, thin
@@ -339,6 +340,12 @@ def test_a_base_at_the_floor_explains_nothing(story):
         for r in good.rungs
     )
     assert replace(good, rungs=poor).shares == (None,)
+
+
+def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(story):
+    once, shape = story.ladder.rungs[0], replace(story.ladder.rungs[-1], effect="shape_of_position")
+    twice = replace(story.ladder, rungs=(once, shape, shape))
+    assert steps(twice) == ["base", "+ shape of position", "+ shape of position, finer"]
 
 
 def test_recovered_shape_is_the_fitted_function(story):

@@ -16,8 +16,12 @@ if TYPE_CHECKING:
 
 
 def steps(ladder: Ladder) -> list[str]:
-    """What each model is called: the base, then the effect that is new."""
-    return ["base" if not rung.effect else f"+ {rung.effect.replace('_', ' ')}" for rung in ladder.rungs]
+    """What each model is called: the base, then the effect that is new, or the finer form of a shape that is there."""
+    found: list[str] = []
+    for rung in ladder.rungs:
+        name = f"+ {rung.effect.replace('_', ' ')}" if rung.effect else "base"
+        found.append(f"{name}, finer" if name in found else name)
+    return found
 
 
 def headline(ladder: Ladder) -> str:
