@@ -66,14 +66,7 @@ def predicted_detection(
 
 
 def least_distance(
-    examined: int,
-    blocks: int,
-    alpha: float,
-    *,
-    dof: int = 1,
-    looks: int = 1,
-    share: float = 1.0,
-    further: int = 0,
+    examined: int, blocks: int, alpha: float, *, dof: int = 1, looks: int = 1, share: float = 1.0
 ) -> float:
     """Standard deviations at which an effect enters on its own with probability `SURE`.
 
@@ -83,5 +76,9 @@ def least_distance(
     >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
     0.95
     """
-    needed = max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share, further=further))
-    return math.sqrt(float(special.chndtrinc(needed, dof, 1.0 - SURE)))
+    return surely_beyond(max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share)), dof)
+
+
+def surely_beyond(gain: float, dof: int) -> float:
+    """Standard deviations at which an effect of `dof` coefficients gains at least `gain` with probability `SURE`."""
+    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - SURE)))

@@ -5,13 +5,12 @@ from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival, score_gain, variance_gain
 from accelcal.diagnose.limits import sizes
 from accelcal.diagnose.scan import ALPHA, LEAST_BLOCKS, Candidate, Scan, Verdict, largest, scan
-from accelcal.diagnose.search import NAMELESS, Search, block_length
+from accelcal.diagnose.search import Search, block_length
 from accelcal.diagnose.ties import RIVAL_CORRELATION, Finding, shared
 
 __all__ = [
     "ALPHA",
     "LEAST_BLOCKS",
-    "NAMELESS",
     "RIVAL_CORRELATION",
     "Candidate",
     "Evidence",

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from accelcal.detectable import least_distance
+from accelcal.detectable import surely_beyond
 from accelcal.diagnose.evidence import Evidence
 from accelcal.diagnose.gains import DEGENERATE, score_gain
-from accelcal.diagnose.search import NAMELESS, Search
+from accelcal.diagnose.search import Search
 
 
 def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -27,10 +27,7 @@ def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...],
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
-    share = NAMELESS if item.effect.family else 1.0
-    needed = least_distance(
-        rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share, further=item.further
-    )
+    needed = surely_beyond(max(rules.needed(dof, item)), dof)
     loud = needed**2 * own > d**2 * (evidence.motion or math.inf)
     hidden = (information <= DEGENERATE * own) | loud
     return tuple(d.tolist()), tuple(math.inf if no else needed / x for no, x in zip(hidden.tolist(), d, strict=True))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal.detectable import entry_gains
 from accelcal.diagnose.candidates import Item
 from accelcal.diagnose.evidence import Evidence
 from accelcal.diagnose.gains import log_survival, scale_of
@@ -56,6 +57,13 @@ class Search:
         told = gain * (NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
         return told - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
+
+    def needed(self, dof: int, item: Item) -> tuple[float, float]:
+        """Gain of an item that is significant, and gain that is worth its price."""
+        share = NAMELESS if item.effect.family else 1.0
+        return entry_gains(
+            self.examined, self.blocks, self.alpha, dof=dof, looks=item.looks, share=share, further=item.further
+        )
 
     def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
         """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""

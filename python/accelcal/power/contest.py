@@ -15,10 +15,8 @@ from itertools import product
 
 import numpy as np
 
-from accelcal.detectable import entry_gains
 from accelcal.diagnose import (
     ALPHA,
-    NAMELESS,
     Evidence,
     Item,
     Known,
@@ -94,17 +92,9 @@ class Contest:
                 continue
             gain, dof = gains(item, evidence.G[columns, columns], scores[:, columns])
             if dof > 0:
-                significant, worth = self.needed(item, dof)
+                significant, worth = self.rules.needed(dof, item)
                 entered |= (gain > significant * scatter.get(item.effect.name, 1.0)) & (gain > worth)
         return float(np.mean(entered))
-
-    def needed(self, item: Item, dof: int) -> tuple[float, float]:
-        """Gain of an item that is significant, and gain that is worth its price."""
-        share = NAMELESS if item.effect.family else 1.0
-        rules = self.rules
-        return entry_gains(
-            rules.examined, rules.blocks, rules.alpha, dof=dof, looks=item.looks, share=share, further=item.further
-        )
 
     def evidence_of(self, items: Sequence[Item]) -> Evidence:
         """Gram matrix of items beside what the model leaves free."""
