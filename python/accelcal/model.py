@@ -132,19 +132,20 @@ class Model:
         shapes: Mapping[str, Mapping[str, float]] | None = None,
         priors: Mapping[str, Prior] | None = None,
     ) -> Model:
-        """Return the model with further effects, all free.
+        """Return the model with further effects, all free; what physics says of their coefficients is believed.
 
         Parameters
         ----------
         names : effects to add.
         shapes : shape parameters of those that have some, by effect.
-        priors : belief in coefficients, by name.
+        priors : other belief in coefficients, by name.
         """
+        physics = {name: Prior(*belief) for name in names if (belief := find(name).belief)}
         return replace(
             self,
             effects=(*self.effects, *names),
             shapes={**self.shapes, **(shapes or {})},
-            priors={**self.priors, **(priors or {})},
+            priors={**self.priors, **physics, **(priors or {})},
         )
 
     def drop(self, *names: str) -> Model:

@@ -269,7 +269,7 @@ class Run:
         v = integral(a, self.accel_step)
         a = grid.thin(a)
         unread = self.unread(drive, t)
-        v += np.interp(t, self.t, v_smooth - np.interp(self.t, t, v))
+        v += low_pass(np.interp(t, self.t, v_smooth - np.interp(self.t, t, v)), rate, cutoff)
         for hole in unread:
             v[hole] = np.interp(t[hole], self.t, v_smooth)
         p = integral(v, self.accel_step)

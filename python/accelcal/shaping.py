@@ -131,9 +131,8 @@ def shaped(solution: Solution) -> Solution:
         except ValueError:
             break
         after = Bent.of(trial)
-        if after is None or np.any(
-            np.abs(trial.x) > RUNAWAY * (np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)))
-        ):
+        expected = np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)) + solution.layout.prior_mean(solution.model)
+        if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
             break
         solution, bent = trial, after
     return solution if bent is None else replace(solution, covariance=bent.covariance, shapes=bent.estimates)
@@ -198,11 +197,11 @@ def profile(solution: Solution, bend: Bend, values: Array) -> Array:
     m = len(layout.slots)
     own = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == bend.effect]
     rest = [i for i in range(m) if i not in own]
-    size = m + len(own) * len(values)
-    belief = layout.prior_information(model)
-    information, score = np.zeros((size, size)), np.zeros(size)
-    information[:m, :m] = np.diag(belief)
-    score[:m] = belief * (layout.prior_mean(model) - solution.x)
+    belief, mean = layout.prior_information(model), layout.prior_mean(model)
+    every = [*range(m), *own * len(values)]  # coefficients, then those of the effect once for each trial
+    information = np.diag(belief[every])
+    score = belief[every] * mean[every]
+    score[:m] -= belief * solution.x
     shapes = [{**given, bend.shape: float(value)} for value in values]
     for index, one in enumerate(solution.passes):
         trials = [

@@ -6,6 +6,8 @@ probability 0.2 % for an honest fit. Errors of one fit depend on each other, so 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -13,6 +15,7 @@ from scipy import stats
 from accelcal.demo import TRUTH, with_effect
 from accelcal.effects import find
 from accelcal.fit import Fit, fit
+from accelcal.loop import add
 from accelcal.model import Model
 from accelcal.replay import Run
 from accelcal.simulate import CXL02_RIG, simulate
@@ -72,3 +75,26 @@ def test_a_held_shape_stays_and_says_so():
     assert free["creep.tau"].std > 0.0
     assert abs(free["creep.tau"].value - 2.0) < 4.5 * free["creep.tau"].std
     assert free["creep"].std > held["creep"].std
+
+
+def clipped(seed: int, softness: float, share: float) -> tuple[Fit, Fit]:
+    """Fits of a clip at a share of the largest output: with what physics says of clips, and without."""
+    made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng([18, seed]))
+    level = share * float(np.max(np.abs(made.recording.accel.y)))
+    recording = with_effect(made, find("saturation"), softness, {"level": level}, Run(made.recording).origins)
+    believed = add(fit(Model.linear(), recording), recording, "saturation")
+    return believed, fit(replace(believed.model, priors={}), recording)
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_a_clip_that_three_readings_reach_is_a_hard_one_until_more_is_known(seed):
+    believed, alone = (one["saturation"] for one in clipped(seed, 1.0, 0.997))
+    assert abs(believed.value - 1.0) < 2.5 * believed.std
+    assert abs(alone.value - 1.0) > 10.0 * alone.std  # its level and its softness trade places
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_readings_that_show_a_soft_clip_outweigh_what_is_believed(seed):
+    believed, alone = (one["saturation"] for one in clipped(seed, 0.4, 0.97))
+    assert believed.value + 5.0 * believed.std < 1.0
+    assert believed.value == pytest.approx(alone.value, abs=0.1 * alone.std)

@@ -10,9 +10,10 @@ import pytest
 
 import accelcal as ac
 from accelcal.diagnose import scan, score_gain
-from accelcal.diagnose.candidates import candidates_for
+from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
-from accelcal.diagnose.picks import ripples, waves
+from accelcal.diagnose.picks import after_jump, jumps, ripples, waves
+from accelcal.diagnose.search import Robust
 from accelcal.effects import find
 from accelcal.fit import solve_runs
 from accelcal.loop import add, diagnose
@@ -51,11 +52,71 @@ def test_a_ripple_over_acceleration_is_tried_at_its_period(plain: Simulated, per
     assert shapes == [0.0, found.value, 0.0]  # the last is the coarse one, which has no ripple
 
 
-def test_a_wave_over_position_is_tried_near_its_period(plain: Simulated) -> None:
-    motion, period = plain.truth.motion, 7e-3
+@pytest.mark.parametrize("strokes", [0.07, 0.2, 0.44])
+def test_a_wave_over_position_is_tried_near_its_period(plain: Simulated, strokes: float) -> None:
+    motion = plain.truth.motion
+    period = strokes * float(np.ptp(motion.position(plain.recording.accel.t)))
     one = fitted(plain, lambda t: 0.01 * np.sin(2.0 * np.pi * motion.position(t) / period))
     near = [pick.near for pick in waves(one) if pick.near is not None]
-    assert any(low < period < high and high / low < 1.3 for low, high in near)
+    assert any(low < period < high and high / low < 1.8 for low, high in near)
+
+
+@pytest.mark.parametrize("reading", [9_000, 15_001, 20_002])
+def test_a_jump_of_the_encoder_is_tried_at_the_reading_behind_it(plain: Simulated, reading: int) -> None:
+    position = plain.recording.position
+    jumped = position.y + np.where(np.arange(len(position.t)) >= reading, 1e-5, 0.0)
+    recording = dataclasses.replace(plain.recording, position=dataclasses.replace(position, y=jumped))
+    one = solve_runs(Model.linear(), [recording]).passes[0]
+    instants = np.array([pick.value for pick in jumps(one)]) + one.run.origins.t
+    assert np.any((position.t[reading - 1] < instants) & (instants < position.t[reading]))
+
+
+def test_what_a_jump_leaves_in_the_innovations_is_what_the_filter_makes_of_it(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    reading = 12_000
+    jump = np.where(np.arange(len(one.run.t)) >= reading, 1.0, 0.0)
+    before, after = (one.run.track(dataclasses.replace(one.drive, z=one.run.z + y), one.noise) for y in (0.0, jump))
+    left = (after.series("e") - before.series("e"))[reading:]
+    response = after_jump(one)
+    np.testing.assert_allclose(response, left[: len(response)], atol=0.01)
+    np.testing.assert_allclose(left[len(response) : 2 * len(response)], 0.0, atol=0.03)
+
+
+def test_the_scatter_of_a_few_blocks_is_not_believed_over_the_noise_of_the_model() -> None:
+    rng = np.random.default_rng(11)
+    rows, length = 40_000, 200
+    everywhere, once = rng.standard_normal(rows), np.where(np.arange(rows) // length == 60, 1.0, 0.0)
+    loud = np.sqrt(1.0 + 3.0 * (np.arange(rows) // length % 2))  # noise of twice the size in every other block
+
+    class Rows:
+        """What `Robust` asks of the evidence: two columns and noise that is louder than the model says."""
+
+        G = np.diag([float(everywhere @ everywhere), float(once @ once)])
+        c = np.zeros(2)
+        columns = (slice(0, 1), slice(1, 2))
+        items = tuple(Item(find(name), {}) for name in ("quadratic", "cubic"))
+
+        def rows(self) -> list[tuple[Array, Array, Array]]:
+            return [(np.arange(rows) / length, loud * rng.standard_normal(rows), np.stack([everywhere, once]))]
+
+        def gain(self, i: int, chosen: tuple[int, ...] = ()) -> tuple[float, int, Array, Array]:
+            return 0.0, 1, np.ones(1), np.ones((1, 1))
+
+    inflations = np.array([[Robust(Rows(), 1.0).inflation(i, ()) for i in (0, 1)] for _ in range(20)])
+    assert np.all(np.abs(inflations[:, 0] - 2.5) < 1.0)
+    assert np.all(inflations[:, 1] < 2.0)
+    assert inflations[:, 1].mean() < 1.4
+
+
+def test_what_hardly_entered_is_told_with_what_nearly_did(plain: Simulated) -> None:
+    motion = plain.truth.motion
+    weak, strong = (
+        next(one for one in scan([fitted(plain, more)], Model.linear()).candidates if one.effect == "cubic")
+        for more in (lambda t: 5e-5 * motion.acceleration(t) ** 3, lambda t: 1.5e-4 * motion.acceleration(t) ** 3)
+    )
+    print(f"log evidence {weak.log_evidence:.1f}: {weak.members}; {strong.log_evidence:.1f}: {strong.members}")
+    assert 0.0 < weak.log_evidence < 6.0 < strong.log_evidence
+    assert len(weak.members) > len(strong.members)
 
 
 def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:

@@ -8,6 +8,7 @@ import pytest
 from accelcal import _core
 from accelcal.effects import HOUSE, find
 from accelcal.effects.families import CUBIC, cosines, curve, splines
+from accelcal.effects.memory import lagged, play
 from accelcal.rig import Rig
 
 from .motions import PERIOD, moves, sines
@@ -147,6 +148,22 @@ def test_backlash_is_not_written_by_noise_at_rest():
     phase = np.mod(s.t, 6.0)
     y = find("encoder_backlash").column(noisy, width=find("encoder_backlash").shapes["width"].span(noisy)[0])
     assert np.all(y[(phase > 2.0) & (phase < 4.0)] > 0.4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slack_finer_than_the_noise_of_the_position_closes_where_a_move_begins(seed):
+    plain, width = moves(), 2e-6
+    rng = np.random.default_rng(seed)
+    p_noise, v_noise = (lagged(rng.standard_normal(len(plain.t)), 0.01, 2.4e-3, 0.0) for _ in range(2))
+    noise = {"p": 5e-7 / p_noise.std() * p_noise, "v": 3e-5 / v_noise.std() * v_noise}
+    noisy = dataclasses.replace(plain, p=plain.p + noise["p"], v=plain.v + noise["v"], p_std=5e-7, v_std=3e-5)
+    wanted = find("encoder_backlash").column(plain, width=width)
+    moved = find("encoder_backlash").column(noisy, width=width)
+    later = plain.t > 3.0  # the first direction is known from the first move on
+    off = np.abs(moved - wanted)[later]
+    assert np.mean(off) < 0.05
+    raw = (noisy.p - play(noisy.p, width, float(noisy.p[0]))) / width
+    assert np.mean(np.abs(raw - wanted)[later]) > 3.0 * np.mean(off)
 
 
 def test_time_since_reversal_starts_anew_at_each_turn():

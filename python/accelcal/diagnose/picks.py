@@ -51,14 +51,15 @@ def jumps(one: Pass) -> list[Pick]:
     """Instants at which readings may have jumped, on the clock of the effects, s, at most 8.
 
     The filter forgets a jump within its own time constant, so no coarse grid of instants would meet it: those where
-    innovations add up most over one time constant are tried.
+    innovations look most like those after a jump are tried.
     """
     s = one.signals
     assert s is not None
     crossover = 2.0 * np.pi * one.run.crossover(one.noise)
-    span = max(1, int(1.0 / (crossover * one.run.reading_step)))
     y = np.where(one.counts, one.whitened, 0.0)
-    loud = np.abs(np.convolve(y, np.ones(span), mode="full")[span - 1 :])
+    response = after_jump(one)
+    loud = np.abs(scipy.signal.correlate(y, response, mode="full")[len(response) - 1 :])
+    span = max(1, int(1.0 / (crossover * one.run.reading_step)))
     looks = max(1, int(s.length * crossover))
     found: list[Pick] = []
     for _ in range(JUMPS):
@@ -67,6 +68,17 @@ def jumps(one: Pass) -> list[Pick]:
         found.append(Pick(instant, (instant, instant), looks))
         loud[max(0, k - 4 * span) : k + 4 * span] = 0.0
     return sorted(found, key=lambda pick: pick.value)
+
+
+def after_jump(one: Pass) -> Array:
+    """Innovations of the settled filter after a jump of the readings by one, as long as it remembers it, (m,)."""
+    gain_p, gain_v = (float(np.median(one.track.series(name))) for name in ("gain_p", "gain_v"))
+    step = one.run.reading_step
+    impulse = np.zeros(max(2, int(one.run.wait(one.noise) / step)))
+    impulse[0] = 1.0
+    return np.asarray(
+        scipy.signal.lfilter([1.0, -1.0], [1.0, gain_p + step * gain_v - 2.0, 1.0 - gain_p], impulse), dtype=np.float64
+    )
 
 
 def waves(one: Pass) -> list[Pick]:
@@ -86,7 +98,7 @@ def waves(one: Pass) -> list[Pick]:
     if stroke * SHORTER < 2.0 * shortest:
         return found
     kappa, power = folded(one, s.p, 1.0 / (SHORTER * stroke), 1.0 / shortest)
-    score = power / np.maximum(scipy.ndimage.median_filter(power, AROUND, mode="nearest"), 1e-300)
+    score = power / np.maximum(scipy.ndimage.median_filter(power, AROUND, mode="reflect"), 1e-300)
     looks = max(1, int(stroke / shortest))
     for _ in range(min(WAVES, len(score) // 4)):
         k = int(np.argmax(score))

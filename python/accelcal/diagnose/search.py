@@ -27,6 +27,8 @@ SHADOW = 0.1
 """An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
 NOTHING_LEFT = 1e-9
 """Share of an item's power below which those before it contain it."""
+TRUSTED = 8.0
+"""Blocks that would have to scatter otherwise before they are believed over the noise of the model."""
 SECONDS_PER_BLOCK = 0.25
 """Length of a block, at least two periods of the crossover."""
 
@@ -164,7 +166,8 @@ class Robust:
     """How much more the scores of the finalists scatter from block to block than the model says.
 
     Scatter is taken from what all finalists together leave over, so that one missing effect does not pass for
-    uncertainty of another.
+    uncertainty of another. An effect that lives in a few blocks, such as a step, has little scatter to measure: the
+    fewer they are, the more the noise of the model counts.
     """
 
     def __init__(self, evidence: Evidence, length: float) -> None:
@@ -172,11 +175,12 @@ class Robust:
         size = scale_of(np.diag(evidence.G))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
         every = np.linalg.solve(scaled, evidence.c / size) / size
-        parts = [block_sums(X * (y - every @ X), t, length) for t, y, X in evidence.rows()]
+        parts = [block_sums(np.concatenate([X * (y - every @ X), X**2]), t, length) for t, y, X in evidence.rows()]
         _, block = np.unique(np.concatenate([blocks for blocks, _ in parts]), return_inverse=True)
-        self.scores: Array = np.zeros((len(evidence.G), int(block[-1]) + 1))
-        """Score of each column in each block, (m, blocks)."""
-        np.add.at(self.scores.T, block, np.concatenate([sums for _, sums in parts], axis=1).T)
+        sums = np.zeros((2 * len(evidence.G), int(block[-1]) + 1))
+        np.add.at(sums.T, block, np.concatenate([sums for _, sums in parts], axis=1).T)
+        self.scores, self.powers = np.split(sums, 2)
+        """Score of each column in each block, and what it may vary by, (m, blocks) each."""
         self.known: dict[tuple[int, tuple[int, ...]], float] = {}
 
     def inflation(self, i: int, given: Sequence[int]) -> float:
@@ -201,8 +205,9 @@ class Robust:
         power = float(direction @ e.G @ direction)
         if power <= NOTHING_LEFT * float(estimate @ e.G[own, own] @ estimate):
             return 1.0
-        scores = direction @ self.scores
-        return max(1.0, float(scores @ scores) / power)
+        scores, shares = direction @ self.scores, direction**2 @ self.powers
+        blocks = float(np.sum(shares)) ** 2 / float(shares @ shares)
+        return max(1.0, (blocks * float(scores @ scores) / power + TRUSTED) / (blocks + TRUSTED))
 
 
 def block_sums(rows: Array, t: Array, length: float) -> tuple[Array, Array]:

@@ -19,6 +19,8 @@ from accelcal.signals import Signals
 
 RIVAL_EVIDENCE = 4.5
 """A rival within this log-evidence cannot be told apart."""
+SURE = 6.0
+"""An effect with less log-evidence may have come first by chance: by what it lacks, its rivals may be further off."""
 RIVAL_CORRELATION = 0.95
 """Nor can one whose signature is this correlated."""
 EMPTY = 1e-8
@@ -62,6 +64,7 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
     item = evidence.items[i]
     inflation = robust.inflation(i, others)
     own = rules.price(gain / inflation, dof, item)
+    reach = RIVAL_EVIDENCE + max(0.0, SURE - own / 2.0)
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         vague = item.effect.family or item.effect.port == "process"
@@ -71,7 +74,7 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
         if their_dof == 0:
             continue
         gap = (own - rules.evidence(theirs / inflation, their_dof, rival)) / 2.0
-        if gap < RIVAL_EVIDENCE or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
+        if gap < reach or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *(name for _, name in sorted(rivals)))
 

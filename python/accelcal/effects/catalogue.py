@@ -94,6 +94,8 @@ class Effect:
     by what it explains beyond them."""
     positive: bool = False
     """Whether physics allows a positive coefficient only."""
+    belief: tuple[float, float] | None = None
+    """Mean and standard deviation of what physics says of the coefficient, in its unit, where a record says little."""
     memory: bool = False
     """Whether its value at one time depends on the signals at other times."""
     beside: str = ""
@@ -159,6 +161,7 @@ def effect(
     experiment: str = "",
     includes: tuple[str, ...] = (),
     positive: bool = False,
+    belief: tuple[float, float] | None = None,
     memory: bool = False,
     beside: str = "",
     basis: str = "",
@@ -185,6 +188,7 @@ def effect(
     experiment : what separates it from its rivals; the card's line "Separate by:" unless given.
     includes : simpler effects that it contains, such as what a shifted origin turns it into.
     positive : whether only a positive coefficient is physical.
+    belief : mean and standard deviation that the coefficient has before any record.
     memory : whether its value at one time depends on the signals at other times. Effects of a user's own are taken
         to have one whatever they say; a house effect without is evaluated on stretches of a long record.
     beside : an effect without which this one is not looked for.
@@ -210,6 +214,7 @@ def effect(
         "visible": visible,
         "includes": includes,
         "positive": positive,
+        "belief": belief,
         "memory": memory,
         "beside": beside,
         "basis": basis,

@@ -15,6 +15,10 @@ EDGE = 0.03
 """Share of the record at either end in which no instant is sought."""
 SLACK = 1e-4
 """Share of the stroke after which a turn counts as a reversal, so that noise at rest does not."""
+MOVING, UNSURE = 5.0, 2.0
+"""Standard deviations of the velocity beyond which the stage surely moves, and beyond which it may have begun to."""
+STILL = 2e-5
+"""Share of the top speed that such a deviation has at least."""
 
 
 def lagged(y: Array, tau: float, step: float, start: float) -> Array:
@@ -48,13 +52,30 @@ def direction(s: Signals, width: float | None = None) -> Array:
     of `width` (by default as little as noise at rest allows), m; 0 before the first move."""
     if width is None:
         width = 2.0 * max(CORNER_NOISE * s.p_std, SLACK * float(np.ptp(s.p)), TINY)
-    return (s.p - play(s.p, width, float(s.p[0]))) / (0.5 * width)
+    p = travelled(s)
+    return (p - play(p, width, float(p[0]))) / (0.5 * width)
+
+
+def travelled(s: Signals) -> Array:
+    """Position without the noise that it has at rest, which would close and open a slack, (n,) m.
+
+    What the velocity shows to be motion counts from where it began; of all else, what is more than noise.
+    """
+    speed = np.abs(s.v)
+    noise = max(s.v_std, STILL * float(np.max(speed)))
+    way = np.where(speed > UNSURE * noise, np.sign(s.v), 0.0)
+    begins = np.flatnonzero(np.diff(way, prepend=np.nan) != 0.0)
+    moving = np.maximum.reduceat(speed, begins) > MOVING * noise
+    steps = np.diff(s.p, prepend=s.p[0])
+    surely = np.cumsum(np.where(np.repeat(moving, np.diff(begins, append=len(way))), steps, 0.0))
+    other = s.p - surely
+    return surely + play(other, 2.0 * CORNER_NOISE * s.p_std, float(other[0]))
 
 
 def slacks(s: Signals) -> tuple[float, float]:
     """Travel within which a slack may close, from what the noise of the position allows to 1 % of the stroke, m."""
     stroke = float(np.ptp(s.p))
-    least = max(2.0 * CORNER_NOISE * s.p_std, 2e-6 * stroke, TINY)
+    least = max(CORNER_NOISE * s.p_std, 2e-6 * stroke, TINY)
     return least, max(2.0 * least, 0.01 * stroke)
 
 
