@@ -12,7 +12,7 @@ from scipy import special
 from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
-from accelcal.diagnose import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
+from accelcal.diagnose import ALPHA, LEAST_BLOCKS, SURE, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result
 from accelcal.gating import Dropped, Gated
@@ -149,11 +149,18 @@ def judge_model(
     if found.blocks < LEAST_BLOCKS:
         loud = ()
     ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
-    named = list(dict.fromkeys(test.effect for test in loud if test.effect != "whiteness"))
-    ties += [Tie(name, (name,), find(name).experiment) for name in named]
+    chances: dict[str, float] = {}
+    for test in loud:
+        chances[test.effect] = min(test.p_value, chances.get(test.effect, 1.0))
+    chances.pop("whiteness", None)
+    unsure = level * math.exp(-SURE)
+    ties += [
+        Tie(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment)
+        for name, p in chances.items()
+    ]
     if delay:
         ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-    verdict, sentence = conclude(profiled, found, loud)
+    verdict, sentence = conclude(profiled, found, loud, ties)
     return Diagnosis(
         verdict=verdict,
         sentence=sentence,
@@ -235,7 +242,7 @@ def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
     return found
 
 
-def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tuple[Verdict, str]:
+def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: Sequence[Tie]) -> tuple[Verdict, str]:
     """The verdict and the sentence that opens every output."""
     named = [test for test in loud if test.effect != "whiteness"]
     looked = f"{found.examined} candidates examined"
@@ -250,15 +257,13 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
         effect = find(first.effect)
         if effect.family:
             return "shape", f"Something is missing that has no name here: {effect.summary} ({sigma}{looked})."
-        others = [m for m in first.members if m != first.effect]
-        text = f"{first.effect} explains what the model lacks ({sigma}{looked})."
-        if others:
-            rivals = ", ".join(others)
-            text += f" {rivals} cannot be told from it on this record: {first.experiment}."
-            return "tied", text
-        return "named", text
+        return told_apart(
+            Tie(first.effect, first.members, first.experiment),
+            f"{first.effect} explains what the model lacks ({sigma}{looked}).",
+        )
     if named:
-        return "named", f"{named[0].sentence} ({looked})."
+        tie = next(tie for tie in ties if tie.effect == named[0].effect)
+        return told_apart(tie, f"{named[0].sentence} ({looked}).")
     if ratio is not None and ratio > NOISE_LIMIT:
         return "unexplained", (
             f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "
@@ -267,6 +272,14 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding]) -> tupl
     if loud or any(run.noise.band is not None for run in profiled.runs):
         return "unexplained", f"The residual is not white and no candidate explains it ({looked})."
     return "adequate", f"Nothing is missing ({looked}); see the detection limits for what would have been seen."
+
+
+def told_apart(tie: Tie, text: str) -> tuple[Verdict, str]:
+    """The verdict on an effect that is there, and the sentence on it with what it cannot be told from."""
+    others = [name for name in tie.members if name != tie.effect]
+    if not others:
+        return "named", text
+    return "tied", f"{text} {', '.join(others)} cannot be told from it on this record: {tie.experiment}."
 
 
 def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:

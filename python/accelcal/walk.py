@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from accelcal.diagnose import Candidate, Finding, scan
 from accelcal.diagnose.mended import (
     Mend,
+    explained,
     not_the_whole,
     rest_of,
     shape_behind,
@@ -53,13 +54,16 @@ class Story:
         self.ties = [tie for tie in self.ties if tie.effect != name]
         return self.gains.pop(name, 0.0)
 
-    def told(self, left: Sequence[Candidate]) -> list[Tie]:
-        """Every effect with its class, once nothing more enters and `left` is what the model leaves over."""
+    def told(self, left: Sequence[Candidate], last: Fit | None = None) -> list[Tie]:
+        """Every effect with its class, once nothing more enters, the model is fitted a last time, and `left` is what it
+        leaves over."""
+        beside = {name: explained(last, name)[0] for name in self.gains} if last else {}
+        gains = {name: min(gain, beside.get(name, gain)) for name, gain in self.gains.items()}
         return [
             tie.beside(
                 (
                     *sum_of(tie.effect, self.effects),
-                    *rest_of(tie.effect, self.gains),
+                    *rest_of(tie.effect, gains),
                     *not_the_whole(tie.effect, left),
                 )
             )
@@ -149,7 +153,7 @@ class Walk:
     def finish(self) -> None:
         """Nothing more enters: every effect gets its class."""
         verdict = self.at.verdict
-        self.story.ties = self.story.told(verdict.scan.candidates)
+        self.story.ties = self.story.told(verdict.scan.candidates, verdict.fit)
         if delayed(self.fits[-1][1], verdict.scan, self.alpha):
             held = result(solve(undelayed(self.original), self.at.state.recordings, self.stretch.start, self.split))
             self.story.ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))

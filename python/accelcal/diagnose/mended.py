@@ -98,10 +98,15 @@ def wandering_behind(classes: Sequence[Sequence[str]], entering: str, members: S
 
 def significance(fit: Fit, name: str) -> float:
     """Log of the probability that an effect of a fitted model is where it is by chance, beside all others."""
+    return log_survival(*explained(fit, name))
+
+
+def explained(fit: Fit, name: str) -> tuple[float, int]:
+    """Twice the log-likelihood that an effect of a fitted model explains beside all others, and its freedom."""
     owners = {term.name: term.effect.name for term in fit.model.terms}
     own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in own])
-    return log_survival(float(x @ np.linalg.solve(fit.covariance[np.ix_(own, own)], x)), len(own))
+    return float(x @ np.linalg.solve(fit.covariance[np.ix_(own, own)], x)), len(own)
 
 
 def alike(fit: Fit, one: str, other: str) -> float:
@@ -122,7 +127,8 @@ def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
     Parameters
     ----------
     name : the named effect.
-    told : twice the log-likelihood that each effect of the model explained when it entered.
+    told : twice the log-likelihood that each effect of the model explained when it entered, or explains beside all
+        others, whichever is less.
     """
     shapes = {other: gain for other, gain in told.items() if find(other).family}
     for family in HOUSE:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -122,6 +123,12 @@ class Effect:
         """The first line of its card, to stand within a sentence."""
         first = self.card.partition("\n")[0].rstrip(".")
         return first[:1].lower() + first[1:]
+
+    @property
+    def confused(self) -> tuple[str, ...]:
+        """Effects of the catalogue that its card says it is easily confused with."""
+        words = re.findall(r"\w+", self.line("Easily confused with"))
+        return tuple(name for name in dict.fromkeys(words) if name in CATALOGUE)
 
     @property
     def width(self) -> int:
