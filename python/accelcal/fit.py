@@ -201,6 +201,7 @@ def result(solution: Solution) -> Fit:
         if b is not None
     ]
     remarks += judge(layout, x, covariance, runs)
+    remarks += hardly_told(layout, covariance, model)
     if not solution.converged:
         remarks.append(
             f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
@@ -353,6 +354,15 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[Run]) -> l
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks
+
+
+def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
+    """Coefficients of which the record says less than physics did before it, each a sentence."""
+    return [
+        f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little of it"
+        for k, (term, _) in enumerate(layout.slots)
+        if term.effect.belief and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
+    ]
 
 
 def validity(passes: Sequence[Pass]) -> dict[str, tuple[float, float]]:

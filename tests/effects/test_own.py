@@ -82,6 +82,12 @@ HEAD = "import numpy as np\nfrom accelcal.effects import effect, Shape\n"
         (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", port="sideways"'), 3, "port 'sideways' is none of"),
         (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", owner="nobody"'), 3, "owner 'nobody' is none of"),
         (
+            HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", coarse=1'),
+            3,
+            "1 of its 1 columns cannot be a coarser",
+        ),
+        (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", belief=(1.0, 0.0)'), 3, "needs a positive standard"),
+        (
             HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", shapes={"tau": Shape("s", (1, 2))}'),
             3,
             "declares the shape 'tau' but its function does not take it",

@@ -204,12 +204,17 @@ def effect(
     Raises
     ------
     ValueError
-        If the name is taken, or port, owner or a shape's keyword does not exist.
+        If the name is taken, or port, owner or a shape's keyword does not exist; if `coarse` is not fewer columns than
+        there are, or `belief` has no spread.
     """
     if port not in get_args(Port):
         raise ValueError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
     if owner not in get_args(Owner):
         raise ValueError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
+    if not 0 <= coarse < max(len(parts), 1):
+        raise ValueError(f"effect {name!r}: {coarse} of its {len(parts)} columns cannot be a coarser shape")
+    if belief is not None and not belief[1] > 0.0:
+        raise ValueError(f"effect {name!r}: belief {belief} needs a positive standard deviation")
     keywords: dict[str, Any] = {
         "shapes": MappingProxyType(dict(shapes or {})),
         "needs": needs,
