@@ -359,7 +359,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[Run]) -> l
 def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
     """Coefficients of which the record says less than physics did before it, each a sentence."""
     return [
-        f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little of it"
+        f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
         for k, (term, _) in enumerate(layout.slots)
         if term.effect.belief and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
     ]
