@@ -63,6 +63,9 @@ def card(effect: Effect) -> str:
         lines.append(f"- Includes: {', '.join(effect.includes)}.")
     if effect.positive:
         lines.append("- Only a positive coefficient is physical.")
+    if effect.belief:
+        mean, std = effect.belief
+        lines.append(f"- Believed before any record: {mean:g} ± {std:g}.")
     if not effect.visible:
         lines.append("- No motion of a level, untouched rig can show it.")
     return "\n".join(lines) + "\n"

@@ -108,8 +108,9 @@ def _levels(s: Signals) -> tuple[float, float]:
 def saturation(s: Signals, level: float) -> Array:
     """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
 
+    Most clips are hard; where few readings reach one, its level and its softness trade places, and belief decides.
+
     Equation: e = s (clip(u, -level, level) - u), u = (1 + k) a + K0: it is the output that has a range, bias included.
-    Where few readings reach the clip, s and level trade places; most clips are hard, so s is believed to be 1 ± 0.3.
     Looks like: residuals at the largest outputs only, towards zero; on one side when there is a bias.
     Easily confused with: cubic with a negative coefficient, vibration_rectification.
     Separate by: the edge of the histogram of the output; a smaller amplitude, at which it vanishes.
