@@ -62,7 +62,7 @@ class Story:
         return [
             tie.beside(
                 (
-                    *sum_of(tie.effect, self.effects),
+                    *sum_of(tie.effect, [tie.effect, *(name for o in self.ties if o is not tie for name in o.members)]),
                     *rest_of(tie.effect, gains),
                     *not_the_whole(tie.effect, left),
                 )

@@ -91,6 +91,13 @@ def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():
     ]
 
 
+def test_a_name_that_may_stand_beside_another_of_its_variable_is_told_with_their_shape():
+    story = Story()
+    story.enter(finding("coulomb"), 400.0)
+    story.enter(Finding("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
+    assert [tie.members for tie in story.told([])] == [("coulomb", "shape_of_velocity"), ("creep", "velocity")]
+
+
 def test_what_leaves_a_story_takes_what_it_explained_along():
     story = Story()
     story.enter(finding("shape_of_position"), 400.0)

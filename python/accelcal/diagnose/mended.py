@@ -140,8 +140,8 @@ def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
 
 
 def sum_of(name: str, model: Sequence[str]) -> tuple[str, ...]:
-    """Shapes without a name that stand for an effect together with others of a model: the sum of functions of one
-    variable is a function of that variable."""
+    """Shapes without a name that stand for an effect together with others that a model may hold: the sum of functions
+    of one variable is a function of that variable."""
     return tuple(
         family.name
         for family in HOUSE
