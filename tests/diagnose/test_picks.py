@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from accelcal.diagnose import scan, score_gain
 from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.picks import after_jump, jumps, ripples, waves
+from accelcal.diagnose.refine import midway
 from accelcal.diagnose.search import Robust
 from accelcal.effects import find
 from accelcal.fit import solve_runs
@@ -21,6 +24,7 @@ from accelcal.model import Model
 from accelcal.passes import Pass
 from accelcal.recording import Array
 from accelcal.simulate import Simulated
+from tests.worlds import Hidden, World, at_d
 
 INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
@@ -117,6 +121,28 @@ def test_what_hardly_entered_is_told_with_what_nearly_did(plain: Simulated) -> N
     print(f"log evidence {weak.log_evidence:.1f}: {weak.members}; {strong.log_evidence:.1f}: {strong.members}")
     assert 0.0 < weak.log_evidence < 6.0 < strong.log_evidence
     assert len(weak.members) > len(strong.members)
+
+
+def test_a_step_between_two_trials_is_not_left_to_a_smooth_rival(tmp_path: Path) -> None:
+    world = at_d(World("long_rest", "ADXL105", (Hidden("scale_step", -0.02, {"instant": 30.42}),), seed=9), 30.0)
+    one = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).passes[0]
+    found = scan([one], Model.linear())
+    assert [f.effect for f in found.found] == ["scale_step"]
+    assert found.found[0].shape["instant"] + one.run.origins.t == pytest.approx(30.42, abs=0.3)
+
+
+def test_what_lies_between_two_trials_is_looked_at_where_it_may_come_first(plain: Simulated) -> None:
+    one = fitted(plain, lambda t: np.where(t > 17.0, 2e-4, 0.0))
+    items = [item for item in candidates_for(one, Model.linear()) if item.effect.name in ("bias_step", "warm_up")]
+    evidence = Evidence([Known(one, Model.linear())], items)
+    between = midway(evidence, "bias_step", 0.5 * max(evidence.gain(i)[0] for i in range(len(items))))
+    known = sorted(item.shape["instant"] for item in items if "instant" in item.shape)
+    assert between
+    for item in between:
+        low, high = item.near["instant"]
+        assert known[known.index(low) + 1] == high
+        assert item.shape["instant"] == pytest.approx(0.5 * (low + high))
+    assert midway(evidence, "bias_step", math.inf) == []
 
 
 def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
@@ -14,9 +15,12 @@ from accelcal.diagnose.gains import variance_gain
 from accelcal.diagnose.multiples import sizes
 from accelcal.diagnose.search import Search, chance
 from accelcal.recording import Array
+from accelcal.signals import Signals
 
 FINALISTS = 8
 """Effects whose shapes are refined and whose scores are checked block by block."""
+BESIDE = 0.5
+"""Share of the largest gain from which an effect is looked at beside its trial shapes as well."""
 EVALUATIONS = 14
 """Trials of each shape parameter."""
 
@@ -43,27 +47,83 @@ def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]], rules: Search
     return kept
 
 
-def refine(evidence: Evidence, finalists: Sequence[int]) -> list[Item]:
-    """Finalists, one for each effect, with shape parameters by likelihood."""
-    items = evidence.items
-    first = {items[i].effect.name: i for i in reversed(finalists)}
-    names = dict.fromkeys(items[i].effect.name for i in finalists)
-    return [refined(evidence.runs, items[first[name]], evidence.gain(first[name])[0]) for name in names]
+def starts(evidence: Evidence, finalists: Sequence[int], rules: Search) -> list[tuple[Item, ...]]:
+    """Finalists to refine, one item for each effect: as the best set has them, and as each is most by itself.
 
-
-def refined(runs: Sequence[Known], item: Item, gain: float) -> Item:
-    """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid.
-
-    `gain` is what it gains as it is.
+    A rival that is not as sharp takes the place of an effect all of whose trials lie beside the right shape, and a set
+    then holds what that leaves. Alone, effects are therefore looked at between their trials as well.
     """
+    together: dict[str, Item] = {}
+    for i in finalists:
+        together.setdefault(evidence.items[i].effect.name, evidence.items[i])
+    most = max((evidence.gain(i)[0] for i in finalists), default=0.0)
+    more = [item for name in together for item in midway(evidence, name, BESIDE * most)]
+    finer = Evidence(evidence.runs, more) if more else evidence
+    worth: dict[str, float] = {}
+    alone: dict[str, Item] = {}
+    for one in dict.fromkeys((evidence, finer)):
+        for item, gain, dof in zip(one.items, *one.gains(), strict=True):
+            name, value = item.effect.name, rules.price(float(gain), int(dof), item)
+            if name in together and value > worth.get(name, 0.0):
+                worth[name], alone[name] = value, item
+    s = evidence.runs[0].carrier.signals
+    apart = {
+        name: item if name not in alone or reaches(item, alone[name].shape, s) else alone[name]
+        for name, item in together.items()
+    }
+    return [tuple(one.values()) for one in ([together] if apart == together else [together, apart])]
+
+
+def reaches(item: Item, shape: Mapping[str, float], s: Signals) -> bool:
+    """Whether refining an item looks at a shape."""
+    bounds = {name: bounds_of(item, name, s) for name, declared in item.effect.shapes.items() if declared.refined}
+    return all(low <= shape[name] <= high for name, (low, high) in bounds.items())
+
+
+def bounds_of(item: Item, name: str, s: Signals) -> tuple[float, float]:
+    """Where a shape parameter of an item may be refined."""
+    declared = item.effect.shapes[name]
+    return item.near.get(name) or neighbours(declared.grid(s), declared.span(s), item.shape[name])
+
+
+def midway(evidence: Evidence, name: str, enough: float) -> list[Item]:
+    """Items between the trial shapes of an effect, beside those that gain enough."""
+    trials = [(evidence.gain(j)[0], item) for j, item in enumerate(evidence.items) if item.effect.name == name]
+    s = evidence.runs[0].carrier.signals
+    found: dict[tuple[float, ...], Item] = {}
+    for gain, item in trials:
+        sought = item.effect.shapes.items() if gain > enough and item.effect.port != "process" else ()
+        for shape, declared in sought:
+            grid, value = declared.grid(s), item.shape[shape]
+            if len(grid) < 2 or shape in item.near:
+                continue
+            before, after = neighbours(grid, (value, value), value)
+            for low, high in ((before, value), (value, after)):
+                if low < high:
+                    middle = math.sqrt(low * high) if declared.spacing == "log" else 0.5 * (low + high)
+                    there = {**item.shape, shape: middle}
+                    found[tuple(there.values())] = replace(item, shape=there, near={shape: (low, high)})
+    return list(found.values())
+
+
+def refine(runs: Sequence[Known], several: Sequence[Sequence[Item]]) -> list[list[Item]]:
+    """Items of several lists with shape parameters by likelihood; who stands in more than one is refined once."""
+    known: dict[int, Item] = {}
+    for item in (item for some in several for item in some):
+        known[id(item)] = known.get(id(item)) or refined(runs, item)
+    return [[known[id(item)] for item in some] for some in several]
+
+
+def refined(runs: Sequence[Known], item: Item) -> Item:
+    """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid."""
     s = runs[0].carrier.signals
-    shape = dict(item.shape)
+    shape, gain = dict(item.shape), math.nan
     for name, declared in item.effect.shapes.items():
-        grid = declared.grid(s)
-        bounds = item.near.get(name) or neighbours(grid, declared.span(s), shape[name])
-        if len(grid) < 2 or bounds[0] == bounds[1]:
+        bounds = bounds_of(item, name, s)
+        if not declared.refined or bounds[0] == bounds[1]:
             continue
         loss = along(runs, item, shape, name)
+        gain = -loss(shape[name]) if math.isnan(gain) else gain
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
         if -float(best.fun) > gain:

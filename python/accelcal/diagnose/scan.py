@@ -13,7 +13,7 @@ from accelcal.diagnose.candidates import Item, candidates_for
 from accelcal.diagnose.evidence import Evidence, Known
 from accelcal.diagnose.gains import log_survival
 from accelcal.diagnose.limits import limits
-from accelcal.diagnose.refine import refine, shortlist
+from accelcal.diagnose.refine import refine, shortlist, starts
 from accelcal.diagnose.search import Robust, Search, block_length
 from accelcal.diagnose.ties import Finding, describe, members
 from accelcal.effects import Effect, is_local
@@ -129,12 +129,10 @@ def scan(
     evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence), search_in)
     report(0.65)
-    refined = refine(evidence, finalists)
-    report(0.8)
-    final = Evidence(runs, refined)
-    report(0.9)
-    robust = Robust(final, length)
-    chosen = search_in.best(final, robust)
+    several = refine(runs, starts(evidence, finalists, search_in))
+    report(0.85)
+    finals = [final_of(Evidence(runs, some), length, search_in) for some in several]
+    final, robust, chosen = max(finals, key=lambda one: search_in.worth(one[0], one[2]))
     report(1.0)
     return Scan(
         rank(final, robust, chosen, search_in, passes),
@@ -142,9 +140,17 @@ def scan(
         len(items),
         blocks,
         limits(evidence, search_in),
-        tuple(describe(final, robust, (i,), 0, search_in) for i in range(len(refined)) if only and final.gain(i)[1]),
+        tuple(
+            describe(final, robust, (i,), 0, search_in) for i in range(len(final.items)) if only and final.gain(i)[1]
+        ),
         named_members(final, robust, chosen, search_in),
     )
+
+
+def final_of(evidence: Evidence, length: float, rules: Search) -> tuple[Evidence, Robust, tuple[int, ...]]:
+    """Refined items with the scatter of their scores, and the best set of them."""
+    robust = Robust(evidence, length)
+    return evidence, robust, rules.best(evidence, robust)
 
 
 def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search) -> tuple[Finding, ...]:
