@@ -205,9 +205,15 @@ class Robust:
         power = float(direction @ e.G @ direction)
         if power <= NOTHING_LEFT * float(estimate @ e.G[own, own] @ estimate):
             return 1.0
-        scores, shares = direction @ self.scores, direction**2 @ self.powers
-        blocks = float(np.sum(shares)) ** 2 / float(shares @ shares)
-        return max(1.0, (blocks * float(scores @ scores) / power + TRUSTED) / (blocks + TRUSTED))
+        scores = direction @ self.scores
+        return float(tempered(float(scores @ scores) / power, direction**2 @ self.powers))
+
+
+def tempered(ratio: float | Array, shares: Array) -> Array:
+    """What is believed of a ratio of block scatter to model variance, at least 1, where the blocks hold these shares of
+    an effect's power: as if eight more had scattered as the model says."""
+    blocks = float(np.sum(shares)) ** 2 / float(shares @ shares)
+    return np.maximum(1.0, (blocks * np.asarray(ratio) + TRUSTED) / (blocks + TRUSTED))
 
 
 def block_sums(rows: Array, t: Array, length: float) -> tuple[Array, Array]:

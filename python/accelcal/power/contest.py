@@ -26,6 +26,7 @@ from accelcal.diagnose import (
 )
 from accelcal.diagnose.gains import DEGENERATE_MIX, scale_of
 from accelcal.diagnose.refine import FINALISTS
+from accelcal.diagnose.search import tempered
 from accelcal.effects import Effect
 from accelcal.model import Model
 from accelcal.passes import Pass
@@ -149,7 +150,7 @@ class Contest:
             S = np.diag(w) - U @ U.T
             mean, variance = float(np.trace(S)), 2.0 * float(np.sum(S**2))
             a = variance / mean**2 / 9.0  # 2/(9 nu), nu = 2 mean²/variance
-            found[item.effect.name] = np.maximum(1.0, mean * (1.0 - a + luck * math.sqrt(a)) ** 3)
+            found[item.effect.name] = tempered(mean * (1.0 - a + luck * math.sqrt(a)) ** 3, w)
         return found
 
 
