@@ -12,7 +12,7 @@ from scipy import special
 from accelcal.breaks import faults, usable
 from accelcal.channels import ALARM, ChannelFinding
 from accelcal.compare import Comparison, compare
-from accelcal.diagnose import ALPHA, LEAST_BLOCKS, SURE, Scan, Verdict, scan
+from accelcal.diagnose import ALPHA, LEAST_BLOCKS, THIN, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.fit import Fit, judge, result
 from accelcal.gating import Dropped, Gated
@@ -153,9 +153,9 @@ def judge_model(
     for test in loud:
         chances[test.effect] = min(test.p_value, chances.get(test.effect, 1.0))
     chances.pop("whiteness", None)
-    unsure = level * math.exp(-SURE)
+    unsure = level * math.exp(-THIN)
     ties += [
-        Tie(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment)
+        Tie(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment.rstrip("."))
         for name, p in chances.items()
     ]
     if delay:

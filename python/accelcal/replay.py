@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -269,7 +270,14 @@ class Run:
         v = integral(a, self.accel_step)
         a = grid.thin(a)
         unread = self.unread(drive, t)
-        v += low_pass(np.interp(t, self.t, v_smooth - np.interp(self.t, t, v)), rate, cutoff)
+        wanting = np.interp(t, self.t, v_smooth - np.interp(self.t, t, v))
+        edge = int(rate / cutoff)  # beside a hole the acceleration itself is off, which readings mend quickest uncut
+        for begin, end in self.unbroken(drive, t):
+            if end - begin > 2 * edge:
+                inner = slice(edge, end - begin - edge)
+                wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, cutoff)[inner]
+        v += wanting
+        del wanting
         for hole in unread:
             v[hole] = np.interp(t[hole], self.t, v_smooth)
         p = integral(v, self.accel_step)
@@ -289,6 +297,12 @@ class Run:
         long = np.diff(self.t, prepend=self.t[0]) > HOLE * self.reading_step
         rows = np.flatnonzero(drive.restart & long)
         return [slice(*np.searchsorted(t, self.t[[k - 1, k]])) for k in rows if k > 0]
+
+    def unbroken(self, drive: Drive, t: Array) -> list[tuple[int, int]]:
+        """Stretches of times `t` between which a channel was not read: nothing may leak from one into the next."""
+        rows = np.flatnonzero(drive.restart[1:])
+        edges = np.unique([0, *np.searchsorted(t, self.t[rows]), *np.searchsorted(t, self.t[rows + 1]), len(t)])
+        return [(int(begin), int(end)) for begin, end in pairwise(edges)]
 
     def left_noise(self, noise: Noise, cutoff: float) -> tuple[float, float, float]:
         """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth (channels in parallel)."""

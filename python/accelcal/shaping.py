@@ -131,7 +131,8 @@ def shaped(solution: Solution) -> Solution:
         except ValueError:
             break
         after = Bent.of(trial)
-        expected = np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)) + solution.layout.prior_mean(solution.model)
+        believed = np.abs(solution.layout.prior_mean(solution.model))
+        expected = np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)) + believed
         if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
             break
         solution, bent = trial, after

@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from accelcal.demo import TRUTH, with_effect
+from accelcal.diagnose.mended import explained
 from accelcal.effects import find
 from accelcal.fit import Fit, fit
 from accelcal.loop import add
@@ -91,6 +92,7 @@ def test_a_clip_that_three_readings_reach_is_a_hard_one_until_more_is_known(seed
     fits = clipped(seed, 1.0, 0.997)
     assert [any("mostly what was believed" in said for said in one.remarks) for one in fits] == [True, False]
     believed, alone = (one["saturation"] for one in fits)
+    assert explained(fits[0], "saturation")[0] < 2.0  # what was believed explains nothing
     assert abs(believed.value - 1.0) < 2.5 * believed.std
     assert abs(alone.value - 1.0) > 10.0 * alone.std  # its level and its softness trade places
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 
 from accelcal.demo import TRUTH
 from accelcal.fit import solve_runs
@@ -26,3 +29,24 @@ def test_position_velocity_and_acceleration_scatter_as_they_say():
         ratio = float(np.std(off)) / std
         print(f"scatter of {name} over what it says: {ratio:.2f} (0.75 to 1.4)")
         assert 0.75 < ratio < 1.4
+
+
+@pytest.mark.parametrize("channels", [("accel", "position"), ("accel",)])
+@pytest.mark.parametrize("hole", [0.05, 0.5, 1.0])
+def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
+    made = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
+    begin, end = 7.0, 7.0 + hole
+    cut = {}
+    for name in channels:
+        channel = getattr(made.recording, name)
+        kept = (channel.t < begin) | (channel.t > end)
+        cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
+    one = solve_runs(Model.linear(), [replace(made.recording, **cut)]).passes[0]
+    s = one.signals
+    assert s is not None
+    t = s.t + one.run.origins.t
+    off = np.abs(s.v - made.truth.motion.velocity(t)) / s.v_std
+    beside = ((t > begin - 0.2) & (t < begin - 0.01)) | ((t > end + 0.01) & (t < end + 0.2))
+    most = float(np.max(off[beside]))
+    print(f"a hole of {hole} s in {' and '.join(channels)}: {most:.1f} standard deviations beside it (12)")
+    assert most < 12.0

@@ -11,6 +11,7 @@ import accelcal as ac
 from accelcal.diagnose import Candidate, Finding
 from accelcal.diagnose.mended import not_the_whole, rest_of, significance, sum_behind, sum_of, wandering_behind
 from accelcal.effects import HOUSE, find
+from accelcal.judgement import Tie, told_apart
 from accelcal.walk import Story
 
 FAMILIES = [effect for effect in HOUSE if effect.family]
@@ -96,6 +97,18 @@ def test_a_name_that_may_stand_beside_another_of_its_variable_is_told_with_their
     story.enter(finding("coulomb"), 400.0)
     story.enter(Finding("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
     assert [tie.members for tie in story.told([])] == [("coulomb", "shape_of_velocity"), ("creep", "velocity")]
+
+
+def test_a_thin_finding_is_told_with_what_its_card_confuses_it_with():
+    jitter = find("timing_jitter")
+    assert jitter.confused == ("vibration",)
+    tie = Tie(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")
+    assert told_apart(tie, "Noise grows with jerk (180 candidates examined).") == (
+        "tied",
+        "Noise grows with jerk (180 candidates examined). vibration cannot be told from it on this record: "
+        "push the stage at constant speed.",
+    )
+    assert told_apart(Tie("tone", ("tone",), "a record at rest"), "A line.") == ("named", "A line.")
 
 
 def test_what_leaves_a_story_takes_what_it_explained_along():

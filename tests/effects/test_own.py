@@ -86,7 +86,7 @@ HEAD = "import numpy as np\nfrom accelcal.effects import effect, Shape\n"
             3,
             "1 of its 1 columns cannot be a coarser",
         ),
-        (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", belief=(1.0, 0.0)'), 3, "needs a positive standard"),
+        (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", belief=(1.0, 0.0)'), 3, "needs a mean and a positive"),
         (
             HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", shapes={"tau": Shape("s", (1, 2))}'),
             3,

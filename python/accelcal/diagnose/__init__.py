@@ -6,13 +6,13 @@ from accelcal.diagnose.gains import log_survival, score_gain, variance_gain
 from accelcal.diagnose.limits import sizes
 from accelcal.diagnose.scan import ALPHA, LEAST_BLOCKS, Candidate, Scan, Verdict, largest, scan
 from accelcal.diagnose.search import Search, block_length
-from accelcal.diagnose.ties import RIVAL_CORRELATION, SURE, Finding, shared
+from accelcal.diagnose.ties import RIVAL_CORRELATION, THIN, Finding, shared
 
 __all__ = [
     "ALPHA",
     "LEAST_BLOCKS",
     "RIVAL_CORRELATION",
-    "SURE",
+    "THIN",
     "Candidate",
     "Evidence",
     "Finding",

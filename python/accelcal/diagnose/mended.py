@@ -102,11 +102,17 @@ def significance(fit: Fit, name: str) -> float:
 
 
 def explained(fit: Fit, name: str) -> tuple[float, int]:
-    """Twice the log-likelihood that an effect of a fitted model explains beside all others, and its freedom."""
+    """Twice the log-likelihood that an effect of a fitted model explains beside all others, and its freedom.
+
+    What is believed of a coefficient before any record explains nothing.
+    """
     owners = {term.name: term.effect.name for term in fit.model.terms}
     own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in own])
-    return float(x @ np.linalg.solve(fit.covariance[np.ix_(own, own)], x)), len(own)
+    information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
+    if find(name).belief:
+        information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
+    return max(0.0, float(x @ information @ x)), len(own)
 
 
 def alike(fit: Fit, one: str, other: str) -> float:

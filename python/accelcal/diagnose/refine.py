@@ -76,8 +76,11 @@ def starts(evidence: Evidence, finalists: Sequence[int], rules: Search) -> list[
 
 def reaches(item: Item, shape: Mapping[str, float], s: Signals) -> bool:
     """Whether refining an item looks at a shape."""
-    bounds = {name: bounds_of(item, name, s) for name, declared in item.effect.shapes.items() if declared.refined}
-    return all(low <= shape[name] <= high for name, (low, high) in bounds.items())
+    for name, declared in item.effect.shapes.items():
+        low, high = bounds_of(item, name, s) if declared.refined else (item.shape[name], item.shape[name])
+        if not low <= shape[name] <= high:
+            return False
+    return True
 
 
 def bounds_of(item: Item, name: str, s: Signals) -> tuple[float, float]:
@@ -90,7 +93,7 @@ def midway(evidence: Evidence, name: str, enough: float) -> list[Item]:
     """Items between the trial shapes of an effect, beside those that gain enough."""
     trials = [(evidence.gain(j)[0], item) for j, item in enumerate(evidence.items) if item.effect.name == name]
     s = evidence.runs[0].carrier.signals
-    found: dict[tuple[float, ...], Item] = {}
+    found: dict[tuple[float | None, ...], Item] = {}
     for gain, item in trials:
         sought = item.effect.shapes.items() if gain > enough and item.effect.port != "process" else ()
         for shape, declared in sought:
@@ -102,7 +105,8 @@ def midway(evidence: Evidence, name: str, enough: float) -> list[Item]:
                 if low < high:
                     middle = math.sqrt(low * high) if declared.spacing == "log" else 0.5 * (low + high)
                     there = {**item.shape, shape: middle}
-                    found[tuple(there.values())] = replace(item, shape=there, near={shape: (low, high)})
+                    near = {**item.near, shape: (low, high)}
+                    found[(*there.values(), item.leading)] = replace(item, shape=there, near=near)
     return list(found.values())
 
 

@@ -19,7 +19,7 @@ from accelcal.signals import Signals
 
 RIVAL_EVIDENCE = 4.5
 """A rival within this log-evidence cannot be told apart."""
-SURE = 6.0
+THIN = 6.0
 """An effect with less log-evidence may have come first by chance: by what it lacks, its rivals may be further off."""
 RIVAL_CORRELATION = 0.95
 """Nor can one whose signature is this correlated."""
@@ -64,7 +64,7 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
     item = evidence.items[i]
     inflation = robust.inflation(i, others)
     own = rules.price(gain / inflation, dof, item)
-    reach = RIVAL_EVIDENCE + max(0.0, SURE - own / 2.0)
+    reach = RIVAL_EVIDENCE + max(0.0, THIN - own / 2.0)
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         vague = item.effect.family or item.effect.port == "process"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -126,9 +127,9 @@ class Effect:
 
     @property
     def confused(self) -> tuple[str, ...]:
-        """Effects of the catalogue that its card says it is easily confused with."""
+        """Effects of the house that its card says it is easily confused with."""
         words = re.findall(r"\w+", self.line("Easily confused with"))
-        return tuple(name for name in dict.fromkeys(words) if name in CATALOGUE)
+        return tuple(name for name in dict.fromkeys(words) if name in CATALOGUE and not CATALOGUE[name].text)
 
     @property
     def width(self) -> int:
@@ -205,7 +206,7 @@ def effect(
     ------
     ValueError
         If the name is taken, or port, owner or a shape's keyword does not exist; if `coarse` is not fewer columns than
-        there are, or `belief` has no spread.
+        there are, or `belief` is not a mean and a spread of one constant coefficient.
     """
     if port not in get_args(Port):
         raise ValueError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
@@ -213,8 +214,10 @@ def effect(
         raise ValueError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
     if not 0 <= coarse < max(len(parts), 1):
         raise ValueError(f"effect {name!r}: {coarse} of its {len(parts)} columns cannot be a coarser shape")
-    if belief is not None and not belief[1] > 0.0:
-        raise ValueError(f"effect {name!r}: belief {belief} needs a positive standard deviation")
+    if belief is not None and (len(parts) > 1 or port not in ("output", "position")):
+        raise ValueError(f"effect {name!r}: only one constant coefficient can be believed to have a value")
+    if belief is not None and not (len(belief) == 2 and math.isfinite(sum(belief)) and belief[1] > 0.0):
+        raise ValueError(f"effect {name!r}: belief {belief} needs a mean and a positive standard deviation")
     keywords: dict[str, Any] = {
         "shapes": MappingProxyType(dict(shapes or {})),
         "needs": needs,
