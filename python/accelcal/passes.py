@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from accelcal.model import Model, Term
 from accelcal.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
-from accelcal.recording import Array
+from accelcal.recording import Array, RecordingError
 from accelcal.replay import Drive, Flags, Noise, Run, Values
 from accelcal.signals import Signals
 
@@ -235,6 +235,8 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
         tracks = [run.track(d, noise) for d in (encoder, output, ones)]
         S = tracks[0].series("S")
         counts = encoder.settled(run.wait(noise))
+        if not counts.any():  # a filter this slow settles in no stretch between two holes
+            continue
         y, u, one = ((t.series("e") / np.sqrt(S))[counts] for t in tracks)
         X = np.column_stack([-u, -one])
         c, *_ = np.linalg.lstsq(X, y, rcond=None)
@@ -244,7 +246,11 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
         if best is None or cost < best[0]:
             best = (cost, float(c[0]), float(c[1]), noise.q * residual)
             kept = Noise(noise.q * residual, r * residual)
-    assert best is not None
+    if best is None:
+        raise RecordingError(
+            f"{run.recording.name or 'recording'}: the record breaks off before any filter has settled, "
+            f"{int(np.sum(plain.restart))} times in {len(plain.t)} readings; find out why, or `accelcal cut` a whole part"
+        )
     slope, constant = best[1], best[2]
     if not math.isfinite(slope) or abs(slope) < 1e-9:
         slope = 1e-9

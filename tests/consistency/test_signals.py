@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accelcal.demo import TRUTH
-from accelcal.fit import solve_runs
+from accelcal.fit import fit, solve_runs
 from accelcal.model import Model
 from accelcal.simulate import ADXL105_RIG, simulate
 
@@ -50,3 +50,14 @@ def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
     most = float(np.max(off[beside]))
     print(f"a hole of {hole} s in {' and '.join(channels)}: {most:.1f} standard deviations beside it (12)")
     assert most < 12.0
+
+
+def test_a_record_that_breaks_off_every_second_is_fitted():
+    made = simulate("bursts", seconds=15.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
+    cut = {}
+    for name in ("accel", "position"):
+        channel = getattr(made.recording, name)
+        kept = channel.t % 1.0 > 0.15
+        cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
+    found = fit(Model.linear(), replace(made.recording, **cut))
+    assert abs(found["scale_factor"].value - TRUTH["scale_factor"]) < 4.5 * found["scale_factor"].std
