@@ -249,7 +249,7 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
     if best is None:
         raise RecordingError(
             f"{run.recording.name or 'recording'}: the record breaks off before any filter has settled, "
-            f"{int(np.sum(plain.restart))} times in {len(plain.t)} readings; find out why, or `accelcal cut` a whole part"
+            f"{int(np.sum(plain.restart))} times in {len(plain.t)} readings; use `accelcal cut` on a whole part"
         )
     slope, constant = best[1], best[2]
     if not math.isfinite(slope) or abs(slope) < 1e-9:
