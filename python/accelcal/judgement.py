@@ -250,6 +250,7 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: S
         return "too_short", f"The record is too short for a verdict: {found.blocks} blocks, {LEAST_BLOCKS} are needed."
     ratios = [run.noise.ratio for run in profiled.runs if run.noise.ratio is not None]
     ratio = max(ratios, default=None)
+    tie_of = {tie.effect: tie for tie in reversed(ties)}
     if found.found:
         first = found.found[0]
         candidate = next((c for c in found.candidates if c.effect == first.effect), None)
@@ -257,13 +258,9 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: S
         effect = find(first.effect)
         if effect.family:
             return "shape", f"Something is missing that has no name here: {effect.summary} ({sigma}{looked})."
-        return told_apart(
-            Tie(first.effect, first.members, first.experiment),
-            f"{first.effect} explains what the model lacks ({sigma}{looked}).",
-        )
+        return told_apart(tie_of[first.effect], f"{first.effect} explains what the model lacks ({sigma}{looked}).")
     if named:
-        tie = next(tie for tie in ties if tie.effect == named[0].effect)
-        return told_apart(tie, f"{named[0].sentence} ({looked}).")
+        return told_apart(tie_of[named[0].effect], f"{named[0].sentence} ({looked}).")
     if ratio is not None and ratio > NOISE_LIMIT:
         return "unexplained", (
             f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "

@@ -58,10 +58,10 @@ def starts(evidence: Evidence, finalists: Sequence[int], rules: Search) -> list[
         together.setdefault(evidence.items[i].effect.name, evidence.items[i])
     most = max((evidence.gain(i)[0] for i in finalists), default=0.0)
     more = [item for name in together for item in midway(evidence, name, BESIDE * most)]
-    finer = Evidence(evidence.runs, more) if more else evidence
+    looked = [evidence, Evidence(evidence.runs, more)] if more else [evidence]
     worth: dict[str, float] = {}
     alone: dict[str, Item] = {}
-    for one in dict.fromkeys((evidence, finer)):
+    for one in looked:
         for item, gain, dof in zip(one.items, *one.gains(), strict=True):
             name, value = item.effect.name, rules.price(float(gain), int(dof), item)
             if name in together and value > worth.get(name, 0.0):
