@@ -16,7 +16,7 @@ import numpy as np
 from tests.consistency.campaign import BOUNDED, SETTINGS, Outcome, Setting, aci_or_none, bounds, collect, one_fit
 from tests.consistency.toleranced import NAMES, normalised
 
-from accelcal.consistency import consistency, coverage
+from accelcal.validation.consistency import consistency, coverage
 
 BLOCK = 80
 """Runs whose bounds are computed together."""

@@ -17,7 +17,7 @@ from pathlib import Path
 from benches.fit import record, write_sample
 from tests.worlds import Hidden, World, at_d
 
-from accelcal.recording import Recording
+from accelcal.data.recording import Recording
 
 SECONDS_FOR_A_MINUTE = 1.0
 """Processor time, imports warm: all that `diagnose` does to a record it has not seen."""
@@ -41,7 +41,7 @@ import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
 from accelcal.fit import fit
-from accelcal.loop import diagnose
+from accelcal.workflow import diagnose
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
 warm = fit(Model.linear(), recording, end=float(sys.argv[2]))

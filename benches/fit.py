@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import lfilter
 
+from accelcal.data.recording import Channel, Recording
 from accelcal.io import write_parquet, write_sidecar
-from accelcal.motion import PAPER_TONES
-from accelcal.recording import Channel, Recording
-from accelcal.simulate import ADXL105_RIG
+from accelcal.simulation.motion import PAPER_TONES
+from accelcal.simulation.sensor import ADXL105_RIG
 
 TAU = ADXL105_RIG.lowpass.tau if ADXL105_RIG.lowpass else 0.0
 RATE = 1667.0

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.stats import binom
-from tests.power.trials import PAIRS, PLANS, Ahead, Pair, Row
+from tests.experiment.trials import PAIRS, PLANS, Ahead, Pair, Row
 
 POOLED = 0.05
 """Difference of all pairs together that is allowed."""

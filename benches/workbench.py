@@ -24,7 +24,7 @@ from benches.fit import record
 
 from accelcal import io
 from accelcal.app.server import HOST, free_port
-from accelcal.simulate import CXL02_RIG, simulate
+from accelcal.simulation.sensor import CXL02_RIG, simulate
 
 TRIES = 3
 SECONDS = 3.0

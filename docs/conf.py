@@ -14,11 +14,11 @@ from plotly.graph_objects import Figure as InteractiveFigure
 
 import accelcal
 import accelcal.plots.interactive
-import accelcal.plots.story
+import accelcal.plots.static.diagnosis
 from accelcal.cli import app as cli
 from accelcal.effects import HOUSE, Effect
 from accelcal.effects.cards import symptoms
-from accelcal.plots.signature import caption, signature
+from accelcal.plots.static.signature import caption, signature
 from accelcal.plots.style import THEMES, save
 
 project = "accelcal"

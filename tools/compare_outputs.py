@@ -119,7 +119,9 @@ def diff(one: Path, two: Path, rtol: float) -> int:
     """Compare two folders made by `run`, recording by recording; the number of those that differ."""
     names, same = [*REAL, *SIMULATED], 0
     for name in names:
-        files = sorted({p.name for folder in (one, two) for p in folder.glob(f"{name}.*") if p.suffix in (".json", ".h")})
+        files = sorted(
+            {p.name for folder in (one, two) for p in folder.glob(f"{name}.*") if p.suffix in (".json", ".h")}
+        )
         found = []
         for file in files:
             if not ((one / file).is_file() and (two / file).is_file()):

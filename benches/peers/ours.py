@@ -7,7 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from benches.peers.workload import DT, JERK, R_OUTPUT, R_POSITION, Array, Data, Ended, Q, Workload, timed
 
-from accelcal.filters import FilterChoice, LiveFilter, run_batch
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import run_batch
+from accelcal.filters.stream import LiveFilter
 
 
 def settings(workload: Workload) -> dict[str, object]:

@@ -13,19 +13,22 @@ True
 """
 
 from accelcal._core import __version__
-from accelcal.compare import Coast, Comparison, coast, compare
-from accelcal.filters import FilterChoice, FilterRun, LiveFilter
-from accelcal.fit import Fit, fit
-from accelcal.gauss_newton import Estimate, NotIdentifiable
+from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.rig import LowPass, Rig, Sensor
+from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.gauss_newton import NotIdentifiable
+from accelcal.estimation.recursive import fit_recursive
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.live_model import LiveModel
+from accelcal.filters.record import FilterRun
+from accelcal.filters.stream import LiveFilter
 from accelcal.io import load
-from accelcal.live import LiveModel
-from accelcal.model import Model, Prior
-from accelcal.recording import Channel, Recording, RecordingError
-from accelcal.recursive import fit_recursive
-from accelcal.rig import LowPass, Rig, Sensor
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, simulate
-from accelcal.store import load as load_model
-from accelcal.store import save as save_model
+from accelcal.model import Estimate, Model, Prior
+from accelcal.serialization.model_file import load as load_model
+from accelcal.serialization.model_file import save as save_model
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation.comparison import Coast, Comparison
+from accelcal.validation.evaluation import coast, compare
 
 __all__ = [
     "ADXL105_RIG",

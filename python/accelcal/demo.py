@@ -11,17 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal.diagnose import scan
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.data.rig import Rig
+from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import CATALOGUE, Effect, find
-from accelcal.effects.memory import lagged
-from accelcal.gauss_newton import iterate
+from accelcal.effects.building_blocks import lagged
+from accelcal.estimation.gauss_newton import iterate
+from accelcal.estimation.run import Run
 from accelcal.model import Model
-from accelcal.motion import Motion
-from accelcal.recording import Array, Channel, Recording
-from accelcal.replay import Run
-from accelcal.rig import Rig
-from accelcal.signals import Origins, Signals
-from accelcal.simulate import CXL02_RIG, Simulated, simulate
+from accelcal.signals.signals import Origins, Signals
+from accelcal.simulation.motion import Motion
+from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 """Base parameters of every hidden-effect demo."""

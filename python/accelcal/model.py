@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find
-from accelcal.effects.catalogue import Owner, Port
-from accelcal.recording import Array
-from accelcal.signals import Signals
+from accelcal.effects.registry import Owner, Port
+from accelcal.signals.signals import Signals
 
 BASE = ("bias", "scale_factor", "time_offset")
 """The three parameters of every model."""
@@ -212,3 +212,18 @@ class Model:
     def free(self) -> tuple[Term, ...]:
         """The coefficients that a fit estimates."""
         return tuple(term for term in self.terms if term.name not in self.fixed)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One parameter with its standard uncertainty."""
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    std: float
+    """0 when the parameter was held fixed."""
+    owner: str
+    run: int | None = None
+    """Which run it belongs to in a joint fit; None when all runs share it."""

@@ -10,16 +10,17 @@ from dataclasses import dataclass
 from functools import singledispatch
 from html import escape
 
-from accelcal.app.words import cards, limits, value
-from accelcal.budget import COVERAGE_FACTOR
-from accelcal.compare import Comparison
-from accelcal.fit import Fit, tied_sum
-from accelcal.judgement import Diagnosis
-from accelcal.loop import History, Improvement
-from accelcal.overview import describe
-from accelcal.plots import style
-from accelcal.recording import Recording
-from accelcal.report.view import VERDICTS, number, typeset, usual, with_unit
+from accelcal import formatting
+from accelcal.app.wording import cards, limits, value
+from accelcal.calibration.budget import COVERAGE_FACTOR
+from accelcal.data.recording import Recording
+from accelcal.data.summary import describe
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.estimation.estimate import Fit, tied_sum
+from accelcal.formatting import number, typeset, usual, with_unit
+from accelcal.report.view import VERDICTS
+from accelcal.selection.improvement import History, Improvement
+from accelcal.validation.comparison import Comparison
 
 CANDIDATES = 6
 """Candidates that a diagnosis shows."""
@@ -107,7 +108,7 @@ def _(recording: Recording) -> Card:
         rows=tuple(
             (
                 name,
-                style.grouped(c["samples"]),
+                formatting.grouped(c["samples"]),
                 f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
                 f"{number(c['start_s'], 6)} s",
                 f"{number(c['end_s'], 6)} s",
@@ -123,7 +124,7 @@ def _(recording: Recording) -> Card:
 @card.register
 def _(fit: Fit) -> Card:
     names = ", ".join(run.name or "recording" for run in fit.runs)
-    readings = style.grouped(sum(run.readings for run in fit.runs))
+    readings = formatting.grouped(sum(run.readings for run in fit.runs))
     agreement = "".join(
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
@@ -166,8 +167,8 @@ def _(seen: Comparison) -> Card:
             for h in seen.coast_rms
         ),
         notes=(
-            f"One step ahead {style.length(seen.one_step_rms)} rms; accelerometer side up to {number(seen.band)} Hz "
-            f"{number(seen.accel_rms)} m/s² rms; set-up or turn-on bias {number(setup)} ± {number(std, 2)} m/s².",
+            f"One step ahead {formatting.length(seen.one_step_rms)} rms; accelerometer side up to "
+            f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; set-up or turn-on bias {number(setup)} ± {number(std, 2)} m/s².",
             full(seen.worst),
             *seen.remarks,
         ),
@@ -230,7 +231,7 @@ def falling(title: str, names: Sequence[str], steps: Sequence[Comparison], *note
     h = max(known, default=None)
     errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
     measure = "Free-running error" if h is None else f"Unaided drift after {h:g} s"
-    fall = " → ".join(style.length(error) for error in (errors[0], errors[-1])[: len(errors)])
+    fall = " → ".join(formatting.length(error) for error in (errors[0], errors[-1])[: len(errors)])
     floor = "" if h is None else f"; noise alone {length(steps[-1].coast_floor[h])}"
     return Card(
         title=title,
@@ -249,7 +250,7 @@ def drift(seen: Comparison) -> str:
     """The longest drift beside what noise alone would give, in a sentence."""
     known = [h for h, error in seen.coast_rms.items() if error is not None]
     if not known:
-        return f"Free-running error {style.length(seen.simulated_rms)} rms; too short for a drift."
+        return f"Free-running error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
     h = max(known)
     return (
         f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms; noise alone would give "
@@ -270,9 +271,9 @@ def duration(recording: Recording) -> float:
 
 def measured(y: float, unit: str) -> str:
     """A sample in its unit."""
-    return with_unit(number(y), style.label("", unit).strip(" ()"))
+    return with_unit(number(y), formatting.label("", unit).strip(" ()"))
 
 
 def length(metres: float | None) -> str:
     """A length, or that there is none."""
-    return "–" if metres is None else style.length(metres)
+    return "–" if metres is None else formatting.length(metres)

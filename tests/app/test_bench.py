@@ -11,13 +11,14 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal import io, loop, store
-from accelcal.app import bench as bench_module
-from accelcal.app import mapping, script, words
-from accelcal.app.bench import Busy, Refused, Workbench
+from accelcal import io, workflow
+from accelcal.app import mapping, script, wording
+from accelcal.app import workbench as bench_module
 from accelcal.app.state import State
+from accelcal.app.workbench import Busy, Refused, Workbench
+from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.cli import app as command_line
-from accelcal.export import Laboratory, calibrate, draft, header, module, to_dict
+from accelcal.serialization import model_file
 
 
 @pytest.fixture
@@ -44,11 +45,11 @@ def test_numbers_are_those_of_the_library(grown, files):
     a, b = grown.state.held_out
     train, unseen = data.without((a, b)), data.part(a, b)
     base = ac.fit(ac.Model.linear(), train)
-    cubic = loop.add(base, train, "cubic")
+    cubic = workflow.add(base, train, "cubic")
     for step, fit in zip(grown.state.path, (base, cubic), strict=True):
-        assert store.to_dict(step.fit) == store.to_dict(fit)
-        assert store.comparison_to_dict(step.heldout) == store.comparison_to_dict(ac.compare(fit, unseen))
-    assert b - a == pytest.approx(loop.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
+        assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
+        assert model_file.comparison_to_dict(step.heldout) == model_file.comparison_to_dict(ac.compare(fit, unseen))
+    assert b - a == pytest.approx(workflow.HELD_OUT * 40.0, abs=0.01)  # rounded to a millisecond, ends of the channels
 
 
 def test_the_held_out_error_falls_to_the_noise(grown):
@@ -60,13 +61,13 @@ def test_the_held_out_error_falls_to_the_noise(grown):
 
 def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     first, last = (grown.diagnoses[(s.key, 0)] for s in grown.state.path)
-    near, _, _ = words.offered(first)
+    near, _, _ = wording.offered(first)
     assert near[0].effect == "cubic"
     assert near[0].significant
     assert last.verdict == "adequate"
-    assert words.offered(last)[:2] == ([], [])
-    assert not words.may_add(grown.state, last)
-    assert words.limits(last)[0][0] == "quadratic"
+    assert wording.offered(last)[:2] == ([], [])
+    assert not wording.may_add(grown.state, last)
+    assert wording.limits(last)[0][0] == "quadratic"
 
 
 def test_nothing_is_offered_where_nothing_is_missing(bench, files):
@@ -75,7 +76,7 @@ def test_nothing_is_offered_where_nothing_is_missing(bench, files):
     bench.fit()
     bench.diagnose()
     assert bench.diagnosis.verdict == "adequate"
-    assert not words.may_add(bench.state, bench.diagnosis)
+    assert not wording.may_add(bench.state, bench.diagnosis)
 
 
 def test_undo_redo_remove_and_branch(bench, files):
@@ -280,7 +281,7 @@ def test_work_hears_of_a_cancellation_while_it_runs(bench, files):
                 bench.cancel()
             report(share)
 
-        return loop.diagnose(fit, state.train, report=heard)
+        return workflow.diagnose(fit, state.train, report=heard)
 
     bench._do("diagnosing", work)
     assert max(seen) < 0.6  # it ended at the next report, long before the end
@@ -309,7 +310,7 @@ def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_pat
     )
     assert str(grown.state.step.heldout.coast_rms) in done.stdout
     assert "Nothing is missing" in done.stdout
-    assert store.to_dict(store.load(tmp_path / "model.json")) == store.to_dict(grown.state.step.fit)
+    assert model_file.to_dict(model_file.load(tmp_path / "model.json")) == model_file.to_dict(grown.state.step.fit)
 
     runner = CliRunner()
     with pytest.MonkeyPatch.context() as patch:
@@ -321,7 +322,7 @@ def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_pat
             ran = runner.invoke(command_line, words_[1:])
             assert ran.exit_code == 0, (line, ran.output)
     # Written and read again as text: a CSV keeps all digits, so only the digests differ.
-    again = store.load(tmp_path / "m1.json")
+    again = model_file.load(tmp_path / "m1.json")
     assert again["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
 
 
@@ -343,7 +344,7 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
         command = [sys.executable, "-m", "accelcal", *shlex.split(line)[1:]]
         ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
         assert ran.returncode == 0, (line, ran.stderr)
-    again = store.load(tmp_path / "m2.json")
+    again = model_file.load(tmp_path / "m2.json")
     for name in ("law_of_the_cube", "lift_of_the_cable"):
         assert again[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
 
@@ -351,7 +352,7 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
 def test_model_and_report_are_taken_away(grown, tmp_path):
     path = tmp_path / "m.json"
     path.write_text(grown.model_text())
-    assert store.load(path)["cubic"].value == grown.state.step.fit["cubic"].value
+    assert model_file.load(path)["cubic"].value == grown.state.step.fit["cubic"].value
     page = grown.report()
     text = page.read_text()
     assert "cubic" in text
@@ -362,7 +363,7 @@ def test_exports_are_those_of_the_library(grown):
     made = calibrate(grown.state.step.fit)
     assert grown.export("C").read_text() == header(made, "sensor.h")
     assert grown.export("Rust").read_text() == module(made)
-    assert grown.export("JSON").read_text() == store.dumps(to_dict(made))
+    assert grown.export("JSON").read_text() == model_file.dumps(to_dict(made))
     assert grown.export("DCC").read_text() == draft(made, Laboratory()).text
 
 

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 import accelcal as ac
-from accelcal import loop
+from accelcal import workflow
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 
@@ -62,10 +62,10 @@ def expected(files, name="cubic"):
     data = ac.load(files / f"{name}.csv")
     end = max(data.accel.t[-1], data.position.t[-1])
     used = data.position.t[0], data.position.t[-1]
-    split = round(used[1] - loop.HELD_OUT * (used[1] - used[0]), 3)
+    split = round(used[1] - workflow.HELD_OUT * (used[1] - used[0]), 3)
     train, unseen = data.without((split, end)), data.part(split, end)
     base = ac.fit(ac.Model.linear(), train)
-    fits = [base, loop.add(base, train, "cubic")]
+    fits = [base, workflow.add(base, train, "cubic")]
     drifts = [ac.compare(one, unseen).coast_rms for one in fits]
     horizon = max(h for h, value in drifts[0].items() if value is not None)
     return [drift[horizon] for drift in drifts]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import loop
+from accelcal import workflow
 from accelcal.effects import spelled
 from tests.hidden.trials import DELAYS, allowed, coasting
 from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
@@ -37,7 +37,7 @@ def parts(path):
     """The part that the workbench fits, and the part that it holds out."""
     data = ac.load(path)
     begin, end = data.position.t[0], data.position.t[-1]
-    split = round(end - loop.HELD_OUT * (end - begin), 3)
+    split = round(end - workflow.HELD_OUT * (end - begin), 3)
     return data.without((split, max(data.accel.t[-1], end))), data.part(split, max(data.accel.t[-1], end))
 
 
@@ -67,22 +67,22 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     before = number(tab, "error")
     train, unseen = parts(path)
     model = ac.fit(ac.Model.linear(), train)
-    told = loop.add(model, train, world.hidden[0].name)
+    told = workflow.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
-    for _ in range(loop.MOST_EFFECTS):
-        missing = loop.diagnose(model, train).scan.found
+    for _ in range(workflow.MOST_EFFECTS):
+        missing = workflow.diagnose(model, train).scan.found
         if not missing:
             break
         tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
-        model = loop.add(model, train, missing[0].effect)
-        shows(tab, last(coasting(loop.compare(model, unseen))))
+        model = workflow.add(model, train, missing[0].effect)
+        shows(tab, last(coasting(workflow.compare(model, unseen))))
     tab.get_by_text("Nothing missing larger than").wait_for(timeout=LONG)
     found, oracle, more = (
-        coasting(loop.compare(model, unseen)),
-        coasting(loop.compare(told, unseen)),
+        coasting(workflow.compare(model, unseen)),
+        coasting(workflow.compare(told, unseen)),
         allowed(model, unseen),
     )
-    base = coasting(loop.compare(ac.fit(ac.Model.linear(), train), unseen))
+    base = coasting(workflow.compare(ac.fit(ac.Model.linear(), train), unseen))
     assert before == last(base)
     assert found["one_step"] < base["one_step"]
     if before >= 2.5 * last(oracle):  # unaided, a model that knows sgn v may drift more than one that does not

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.app.server import HOST, MOST, Benches, free_port
+from accelcal.app.server import HOST, free_port
+from accelcal.app.sessions import MOST, Benches
 
 pytest.importorskip("nicegui")
 

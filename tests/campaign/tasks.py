@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.consistency import nees
-from accelcal.filters import FilterChoice, run_batch
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import run_batch
+from accelcal.validation.consistency import nees
 
 Array = NDArray[np.float64]
 

@@ -10,14 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from accelcal.consistency import nees
-from accelcal.filters import FilterChoice, FilterError
-from accelcal.fit import fit
+from accelcal._core import FilterError
+from accelcal.data.rig import Rig
+from accelcal.estimation.estimate import fit
+from accelcal.estimation.recursive import fit_recursive
+from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
-from accelcal.motion import Motion, Tones
-from accelcal.recursive import fit_recursive
-from accelcal.rig import Rig
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+from accelcal.simulation.motion import Motion, Tones
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+from accelcal.validation.consistency import nees
 from tests.consistency.cramer_rao import bound
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.simulate import Truth
+from accelcal.simulation.sensor import Truth
 
 Array = NDArray[np.float64]
 

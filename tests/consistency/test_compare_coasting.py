@@ -9,12 +9,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accelcal.compare import Prediction, coast, compare
-from accelcal.consistency import Consistency, chi_square_region
-from accelcal.fit import Fit, fit
+from accelcal.data.recording import Recording
+from accelcal.estimation.estimate import Fit, fit
 from accelcal.model import Model
-from accelcal.recording import Recording
-from accelcal.simulate import CXL02_RIG, Simulated, simulate
+from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
+from accelcal.validation.consistency import Consistency, chi_square_region
+from accelcal.validation.evaluation import coast, compare
+from accelcal.validation.prediction import Prediction
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 CUBIC = {**TRUTH, "quadratic": -5e-4, "cubic": 1e-3}

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from accelcal.compare import Comparison, compare
-from accelcal.fit import fit
+from accelcal.estimation.estimate import fit
 from accelcal.model import Model
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.evaluation import compare
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from accelcal.consistency import chi_square_region, consistency, coverage, nees, nis, rms_error, whiteness
+from accelcal.validation.consistency import chi_square_region, consistency, coverage, nees, nis, rms_error, whiteness
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from accelcal.consistency import consistency, coverage
+from accelcal.validation.consistency import consistency, coverage
 from tests.consistency.campaign import (
     BOUNDED,
     SETTINGS,

@@ -11,12 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal.fit import Fit, fit
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.estimation.estimate import Fit, fit
 from accelcal.model import Model
-from accelcal.motion import Motion, Tones
-from accelcal.recording import Array, Channel, Recording
-from accelcal.rig import STANDARD_GRAVITY
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Simulated, simulate
+from accelcal.simulation.motion import Motion, Tones
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 LIMIT = 4.5

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import CXL02_RIG, Model, fit, simulate, store
-from accelcal.loop import improve
-from accelcal.recording import Recording
-from accelcal.rig import LowPass
+from accelcal import CXL02_RIG, Model, fit, simulate
+from accelcal.data.recording import Recording
+from accelcal.data.rig import LowPass
+from accelcal.serialization import model_file
+from accelcal.workflow import improve
 from tests.consistency.campaign import rms_region
 from tests.consistency.toleranced import NAMES, TRUTH, normalised, record
 
@@ -57,8 +58,8 @@ def test_an_exact_low_pass_adds_nothing_to_the_model() -> None:
 
 def test_a_model_with_the_error_of_its_low_pass_survives_its_file(tmp_path) -> None:
     found = fit(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
-    store.save(found, tmp_path / "m.json")
-    assert store.to_dict(store.load(tmp_path / "m.json")) == store.to_dict(found)
+    model_file.save(found, tmp_path / "m.json")
+    assert model_file.to_dict(model_file.load(tmp_path / "m.json")) == model_file.to_dict(found)
 
 
 def late(delay: float, slower: float = 0.0) -> Recording:

@@ -13,13 +13,13 @@ import pytest
 from scipy import stats
 
 from accelcal.demo import TRUTH, with_effect
-from accelcal.diagnose.mended import explained
 from accelcal.effects import find
-from accelcal.fit import Fit, fit
-from accelcal.loop import add
+from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.run import Run
 from accelcal.model import Model
-from accelcal.replay import Run
-from accelcal.simulate import CXL02_RIG, simulate
+from accelcal.selection.collinearity import explained
+from accelcal.simulation.sensor import CXL02_RIG, simulate
+from accelcal.workflow import add
 
 HIDDEN = {"creep": (0.2, {"tau": 2.0, "start": 0.0}), "bias_step": (3e-3, {"instant": 3.1})}
 STARTS = {"creep": {"tau": 1.2, "start": 0.0}, "bias_step": {"instant": 2.9}}

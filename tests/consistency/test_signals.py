@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from accelcal.demo import TRUTH
-from accelcal.fit import fit, solve_runs
+from accelcal.estimation.estimate import fit, solve_runs
 from accelcal.model import Model
-from accelcal.simulate import ADXL105_RIG, simulate
+from accelcal.simulation.sensor import ADXL105_RIG, simulate
 
 
 def test_position_velocity_and_acceleration_scatter_as_they_say():

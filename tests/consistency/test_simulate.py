@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from accelcal.motion import PROFILES, Motion, Tones, motion
-from accelcal.rig import STANDARD_GRAVITY, LowPass, Rig
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, PARAMETERS, Vibration, simulate
+from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig
+from accelcal.simulation.motion import PROFILES, Motion, Tones, motion
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, PARAMETERS, Vibration, simulate
 
 QUIET = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=0.0), lowpass=None, resolution=None)
 """No noise, no low-pass, no rounding: what is left is the sensor model."""

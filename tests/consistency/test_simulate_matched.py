@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from accelcal.matched import matched_aci, matched_cwpa
-from accelcal.recording import Channel
+from accelcal.data.recording import Channel
+from accelcal.simulation.filter_model import matched_aci, matched_cwpa
 
 
 def still(seconds: float, rate: float) -> Channel:

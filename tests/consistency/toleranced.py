@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal import CXL02_RIG, Model, fit, simulate
-from accelcal.recording import Recording
-from accelcal.rig import LowPass
+from accelcal.data.recording import Recording
+from accelcal.data.rig import LowPass
 
 NAMES = ("bias", "scale_factor", "time_offset")
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 1e-4}

@@ -17,7 +17,7 @@ from .pages import DOCS, examples
 ENVIRONMENT = os.environ | {"COLUMNS": "160"}
 PAGES = ("quick-start", "loop", "your-data", "own-effect", "campaign")
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
-ELSEWHERE = {"export": "export/test_command.py"}
+ELSEWHERE = {"export": "calibration/export/test_command.py"}
 """Pages whose examples are run by a test of what they are about."""
 BY_HAND = {
     "quick-start": ["make demo", "make test"],

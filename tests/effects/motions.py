@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from accelcal.rig import Rig
-from accelcal.signals import Signals
+from accelcal.data.rig import Rig
+from accelcal.signals.signals import Signals
 
 PERIOD = 30.0
 """All lines are multiples of 1/30 Hz: the second half of a minute repeats the first."""

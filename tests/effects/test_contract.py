@@ -12,10 +12,10 @@ import pint
 import pytest
 
 import accelcal.effects as effects
+from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, Effect, cards
-from accelcal.effects.catalogue import CARD
-from accelcal.rig import Rig
-from accelcal.signals import Signals
+from accelcal.effects.registry import CARD
+from accelcal.signals.signals import Signals
 
 from .motions import sines
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from accelcal.effects import CATALOGUE, ExpressionError, from_expression, load_effects
-from accelcal.effects.expression import DEEPEST, LONGEST
-from accelcal.effects.own import probe
+from accelcal.effects.formula import DEEPEST, LONGEST
+from accelcal.effects.user_file import probe
 
 HOSTILE = [
     "__import__('os').system('true')",

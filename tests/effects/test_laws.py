@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from accelcal import _core
+from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, find
-from accelcal.effects.families import CUBIC, cosines, curve, splines
-from accelcal.effects.memory import lagged, play
-from accelcal.rig import Rig
+from accelcal.effects.building_blocks import lagged, play
+from accelcal.effects.curves import CUBIC, cosines, curve, splines
 
 from .motions import PERIOD, moves, sines
 

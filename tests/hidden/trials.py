@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from accelcal import loop
-from accelcal.fit import Fit
+from accelcal import workflow
+from accelcal.data.recording import Recording
+from accelcal.estimation.estimate import Fit
 from accelcal.io import load
-from accelcal.recording import Recording
 from tests.worlds import CATALOGUE, MOTIONS, OUTSIDE, SENSORS, Hidden, Nuisances, World, at_d, signatures
 from tests.worlds.scene import REFERENCE_TEMPERATURE
 
@@ -188,14 +188,14 @@ def run(trial: Trial) -> Outcome:
             unseen = load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
             outcome |= held_out(trial, recording, unseen)
         else:
-            outcome |= improved(loop.improve(recording, holdout=recording), settled)
+            outcome |= improved(workflow.improve(recording, holdout=recording), settled)
     outcome["seconds"] = time.process_time() - begin
     if trial.bar == 2:
         outcome["rival"] = nearest_rival(world)
     return outcome
 
 
-def improved(found: loop.Improvement, world: World) -> Outcome:
+def improved(found: workflow.Improvement, world: World) -> Outcome:
     """Names, classes, verdict and estimates of an improvement."""
     first = found.steps[0].fit
     return {
@@ -232,7 +232,7 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
 
 def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
     """Coasting on another motion: base, found model, and the model that was told the true effect."""
-    found = loop.improve(recording, holdout=unseen)
+    found = workflow.improve(recording, holdout=unseen)
     last = found.steps[-1]
     outcome = {
         "effects": list(found.effects),
@@ -243,10 +243,10 @@ def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
         "allowed": allowed(last.fit, unseen),
     }
     base = found.steps[0].fit
-    told = base if trial.names[0] in base.model.effects else loop.add(base, recording, trial.names[0])
+    told = base if trial.names[0] in base.model.effects else workflow.add(base, recording, trial.names[0])
     if "time_offset" in base.model.fixed:
         told = found.steps[1].fit
-    return {**outcome, "oracle": coasting(loop.compare(told, unseen))}
+    return {**outcome, "oracle": coasting(workflow.compare(told, unseen))}
 
 
 def coasting(compared: Any) -> dict[str, float | None]:
@@ -260,12 +260,12 @@ def allowed(fit: Fit, unseen: Recording) -> dict[str, float]:
     One comparison to either side along each principal axis of the covariance: exact for errors that are linear in
     the parameters.
     """
-    centre = coasting(loop.compare(fit, unseen))
+    centre = coasting(workflow.compare(fit, unseen))
     values, vectors = np.linalg.eigh(fit.covariance)
     total = dict.fromkeys(centre, 0.0)
     for value, axis in zip(values, vectors.T, strict=True):
         for side in (1.0, -1.0):
-            moved = coasting(loop.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen))
+            moved = coasting(workflow.compare(shifted(fit, side * np.sqrt(max(value, 0.0)) * axis), unseen))
             for key, there in moved.items():
                 here = centre[key]
                 if here is not None and there is not None:

@@ -11,8 +11,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.cli import write_recording
-from accelcal.recording import Recording
-from accelcal.rig import STANDARD_GRAVITY
+from accelcal.data.recording import Recording
+from accelcal.data.rig import STANDARD_GRAVITY
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 

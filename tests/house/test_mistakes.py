@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import store
 from accelcal.cli import app, write_recording
 from accelcal.io import sidecar_of
+from accelcal.serialization import model_file
 
 
 def record(path: Path, rig: ac.Rig, seed: int) -> None:
@@ -27,7 +27,7 @@ def folder(tmp_path_factory):
     record(here / "other.csv", ac.CXL02_RIG, 3)
     (here / "copy.csv").write_bytes((here / "run.csv").read_bytes())
     (here / "copy.toml").write_bytes((here / "run.toml").read_bytes())
-    store.save(ac.fit(ac.Model.linear(), ac.load(here / "run.csv")), here / "m.json")
+    model_file.save(ac.fit(ac.Model.linear(), ac.load(here / "run.csv")), here / "m.json")
     return here
 
 

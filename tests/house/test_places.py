@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import io, store
+from accelcal import io
 from accelcal.cli import app, write_recording
+from accelcal.serialization import model_file
 
 PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
 
@@ -25,7 +26,7 @@ def made(tmp_path_factory):
         "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     )
     write_recording(simulated.recording, folder / "run.csv")
-    store.save(ac.fit(ac.Model.linear(), simulated.recording), folder / "m.json")
+    model_file.save(ac.fit(ac.Model.linear(), simulated.recording), folder / "m.json")
     return folder
 
 
@@ -123,7 +124,7 @@ def test_a_model_may_be_replaced_by_the_next_one(here):
     with pytest.raises(SystemExit) as ended:
         app(["freeze", "m.json", "run.csv", "--at", "time_offset=0", "-o", "m.json"])
     assert ended.value.code == 0
-    assert store.load("m.json").model.fixed == {"time_offset": 0.0}
+    assert model_file.load("m.json").model.fixed == {"time_offset": 0.0}
 
 
 @pytest.mark.parametrize("place", ["absent/made.txt", "folder", "run.csv/made.txt"])
@@ -134,7 +135,7 @@ def test_a_file_that_cannot_be_written_is_named_and_leaves_nothing(here, place):
     assert contents(here) == before
 
 
-@pytest.mark.parametrize("key", list(store.KINDS))
+@pytest.mark.parametrize("key", list(model_file.KINDS))
 @pytest.mark.parametrize("value", [None, 3], ids=["null", "number"])
 def test_a_damaged_model_is_refused_by_the_key_that_is_wrong(refused, key, value):
     content = json.loads(Path("m.json").read_text())
@@ -174,9 +175,9 @@ def test_a_missing_recording_is_not_said_to_lack_a_sidecar(refused):
 def test_estimates_of_every_method_are_read_back(here):
     recording = ac.load("run.csv")
     held = ac.fit(ac.Model.linear().freeze(bias=0.05), [recording, dataclasses.replace(recording, digest="of another")])
-    store.save(held, "held.json")
-    assert store.load("held.json").covariance.shape == (3, 3)  # scale factor, a delay of each run
+    model_file.save(held, "held.json")
+    assert model_file.load("held.json").covariance.shape == (3, 3)  # scale factor, a delay of each run
     with pytest.raises(SystemExit) as ended:
         app(["fit", "run.csv", "--method", "cwpa", "-o", "cwpa.json"])
     assert ended.value.code == 0
-    assert store.load("cwpa.json").method.startswith("cwpa")
+    assert model_file.load("cwpa.json").method.startswith("cwpa")

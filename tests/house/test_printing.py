@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import accelcal as ac
-from accelcal import findings
 from accelcal.cli import app
-from accelcal.cli.printing import interval, show_fit, show_improvement, show_table
-from accelcal.loop import improve
+from accelcal.cli.printing import show_fit, show_improvement, show_table
+from accelcal.formatting import interval
+from accelcal.serialization import diagnosis_json
+from accelcal.workflow import improve
 
 TRUTH = {"bias": 0.05, "cubic": 1e-3}
 
@@ -53,7 +54,7 @@ def test_a_fit_is_told_with_units_and_what_its_parameters_really_are(recording, 
 
 def test_the_loop_prints_what_it_found_with_its_uncertainty(recording, capsys):
     found = improve(recording)
-    show_improvement(found, findings.improvement_to_dict(found))
+    show_improvement(found, diagnosis_json.improvement_to_dict(found))
     said = capsys.readouterr().out
     assert found.effects[0] in said.splitlines()[0]
     row = next(line for line in said.splitlines() if line.startswith(found.effects[0]) and "(" in line)

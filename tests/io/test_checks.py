@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from accelcal.checks import Samples, clean, require_overlap
-from accelcal.recording import Channel, RecordingError
-from accelcal.rig import Rig, Sensor
+from accelcal.data.quality import Samples, clean, require_overlap
+from accelcal.data.recording import Channel, RecordingError
+from accelcal.data.rig import Rig, Sensor
 
 UNITS = {"accel": "m/s^2", "a_y": "m/s^2", "position": "m", "temperature": "degC"}
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal import io
-from accelcal.recording import RecordingError
+from accelcal.data.recording import RecordingError
 
 T = [0.0, 0.1, 0.2]
 ACCEL = [0.5, -1.5, 2.25]

@@ -8,8 +8,8 @@ import pytest
 from pyarrow import parquet
 
 from accelcal import io
-from accelcal.recording import Channel, Recording, RecordingError
-from accelcal.rig import Rig
+from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.rig import Rig
 
 N = 40
 T = np.arange(N) / 100

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.recording import RecordingError
-from accelcal.rig import Rig, Sensor
+from accelcal.data.recording import RecordingError
+from accelcal.data.rig import Rig, Sensor
 
 G0 = 9.80665
 ROWS = "0.0,1,0\n0.1,2,1\n0.2,1,3\n"

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from accelcal.overview import describe, rest, summarise
-from accelcal.recording import Channel, Finding, Recording
-from accelcal.rig import Rig, Sensor
+from accelcal.data.recording import Channel, Finding, Recording
+from accelcal.data.rig import Rig, Sensor
+from accelcal.data.summary import describe, rest, summarise
 
 
 def recording(rate=1000.0, **options):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.fit import solve_runs
+from accelcal.estimation.estimate import solve_runs
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 

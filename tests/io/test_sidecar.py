@@ -6,9 +6,9 @@ import re
 import pytest
 
 from accelcal import io
+from accelcal.data.recording import RecordingError
+from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.io.sidecar import Clock, Source, read_sidecar
-from accelcal.recording import RecordingError
-from accelcal.rig import LowPass, Rig, Sensor, Uncertainty
 
 G0 = 9.80665
 COMPLETE = """

@@ -3,7 +3,7 @@
 import pytest
 
 from accelcal import io
-from accelcal.recording import RecordingError
+from accelcal.data.recording import RecordingError
 
 ROWS = "0.0,1,0,20\n0.1,2,1,21\n0.2,1,3,21\n"
 

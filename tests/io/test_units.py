@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accelcal import units
-from accelcal.units import UnitError, conversion, quantity, same_unit
+from accelcal.data import units
+from accelcal.data.units import UnitError, conversion, quantity, same_unit
 
 G0 = 9.80665
 

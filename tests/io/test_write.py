@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal import io
+from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.io.sidecar import Clock, Source, read_sidecar
-from accelcal.recording import Channel, Recording, RecordingError
-from accelcal.rig import LowPass, Rig, Sensor, Uncertainty
 
 WRITERS = {"csv": io.write_csv, "parquet": io.write_parquet}
 

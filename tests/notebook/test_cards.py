@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import loop, notebook
-from accelcal.plots.compare import concise
+from accelcal import notebook, workflow
+from accelcal.formatting import concise
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 
@@ -24,15 +24,15 @@ def record(seed):
 @pytest.fixture(scope="module")
 def results():
     train, unseen = record(1), record(2)
-    linear, cubic = ac.fit(ac.Model.linear(), train), loop.add(ac.fit(ac.Model.linear(), train), train, "cubic")
+    linear, cubic = ac.fit(ac.Model.linear(), train), workflow.add(ac.fit(ac.Model.linear(), train), train, "cubic")
     return {
         "recording": train,
         "fit": linear,
         "comparison": ac.compare(linear, unseen),
-        "lacking": loop.diagnose(linear, train),
-        "complete": loop.diagnose(cubic, train),
-        "history": loop.history([linear, cubic], unseen),
-        "improvement": loop.improve(train, holdout=unseen, most=1),
+        "lacking": workflow.diagnose(linear, train),
+        "complete": workflow.diagnose(cubic, train),
+        "history": workflow.history([linear, cubic], unseen),
+        "improvement": workflow.improve(train, holdout=unseen, most=1),
     }
 
 
@@ -115,7 +115,7 @@ def test_a_history_is_the_sequence_of_its_comparisons(results):
     assert list(story) == [story[0], story[1]]
     assert story.names == ("base", "base + cubic")
     with pytest.raises(ValueError, match="at least one model"):
-        loop.history([], results["recording"])
+        workflow.history([], results["recording"])
 
 
 def test_a_hostile_name_is_text(results):
@@ -131,6 +131,6 @@ def test_what_is_no_result_has_no_card():
 
 
 def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
-    code = "import sys, accelcal, accelcal.loop; print('accelcal.notebook' in sys.modules, 'plotly' in sys.modules)"
+    code = "import sys, accelcal, accelcal.workflow; print('accelcal.notebook' in sys.modules, 'plotly' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["False", "False"]

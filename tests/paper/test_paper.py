@@ -15,18 +15,10 @@ import numpy as np
 import pytest
 
 import accelcal.paper as paper
-from accelcal.consistency import Consistency
-from accelcal.filters import FilterChoice
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.convergence import convergence_item, race, robustness_item, settling_time
-from accelcal.paper.gaps import (
-    CURVED_SENSOR,
-    GAP,
-    gap_ends,
-    gap_errors,
-    gaps_item,
-    random_walk_floor,
-    withheld,
-)
+from accelcal.paper.gaps import CURVED_SENSOR, GAP, gap_ends, gap_errors, gaps_item, random_walk_floor, withheld
 from accelcal.paper.honesty import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scale_update_item
 from accelcal.paper.question import curved, question_item
@@ -34,8 +26,8 @@ from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
 from accelcal.paper.tracks import CUBIC_SENSOR, parameter_tracks, tracks_item
 from accelcal.paper.tuning import ACI, CWPA
 from accelcal.paper.vibration import table_row, vibration_item
-from accelcal.rig import STANDARD_GRAVITY
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation.consistency import Consistency
 
 PLAN = Plan(quick=True, seed=2007)
 

@@ -9,25 +9,27 @@ import pytest
 from tests.plots.test_plots import SHORT, a_comparison
 
 import accelcal as ac
-from accelcal.channels import ChannelFinding
-from accelcal.compare import accel_spectrum, compare, one_step_spectrum
-from accelcal.consistency import cumulative_periodogram
-from accelcal.judgement import Tie
-from accelcal.ladder import ladder
-from accelcal.loop import diagnose
+from accelcal import formatting
+from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
+from accelcal.diagnosis.verdict import Tie
+from accelcal.estimation.parameter_tracks import track
+from accelcal.estimation.shape_functions import shapes
+from accelcal.experiment import power
 from accelcal.plots import interactive, style
-from accelcal.plots.compare import normalised
-from accelcal.plots.interactive.falling import steps
+from accelcal.plots.interactive.drawing import logarithmic, thin
+from accelcal.plots.interactive.error_reduction import steps
 from accelcal.plots.interactive.ranking import classes
 from accelcal.plots.interactive.regions import ordered
-from accelcal.plots.interactive.sheet import logarithmic, thin
 from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.tiles import tiles_of
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.power import power
-from accelcal.recovered import shapes
-from accelcal.simulate import CXL02_RIG, simulate
-from accelcal.tracks import track
+from accelcal.plots.static.comparison import normalised
+from accelcal.selection.nested_models import ladder
+from accelcal.simulation.sensor import CXL02_RIG, simulate
+from accelcal.validation.consistency import cumulative_periodogram
+from accelcal.validation.evaluation import compare
+from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
+from accelcal.workflow import diagnose
 
 THEMES = ("light", "dark")
 LINE = ChannelFinding("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
@@ -151,7 +153,7 @@ def test_one_step_keeps_extremes_and_states_statistics_of_all_data(story, drawn)
     assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-6)
     inside = np.mean(np.abs(e) <= 1.96 * story.seen.residual_std)
     assert f"{100 * inside:.1f} % of" in headline(figure)
-    assert f"4 000 of {style.grouped(len(t))} points shown" in headline(figure)
+    assert f"4 000 of {formatting.grouped(len(t))} points shown" in headline(figure)
 
 
 def test_coasting_shows_drift_and_floor(story, drawn):

@@ -9,13 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import plots
-from accelcal.compare import Bins, Comparison, compare
-from accelcal.fit import fit
+from accelcal import formatting, plots
+from accelcal.estimation.estimate import fit
+from accelcal.formatting import concise
 from accelcal.model import Model
 from accelcal.plots import style
-from accelcal.plots.compare import concise, normalised, quantiles, sentence
-from accelcal.simulate import ADXL105_RIG, simulate
+from accelcal.plots.static.comparison import normalised, quantiles, sentence
+from accelcal.simulation.sensor import ADXL105_RIG, simulate
+from accelcal.validation.comparison import Bins, Comparison
+from accelcal.validation.evaluation import compare
 
 PARAMETERS = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 N = 600
@@ -417,14 +419,14 @@ def test_unknown_theme_is_named():
     ],
 )
 def test_prefixes(unit, value, factor, shown):
-    assert style.prefixed(unit, value) == (factor, shown)
+    assert formatting.prefixed(unit, value) == (factor, shown)
 
 
 @pytest.mark.parametrize(
     ("unit", "shown"), [("m/s^2", "a (m/s²)"), ("degC", "a (°C)"), ("1", "a (1)"), ("", "a (no unit given)")]
 )
 def test_titles_of_axes_say_the_unit_or_that_there_is_none(unit, shown):
-    assert style.label("a", unit) == shown
+    assert formatting.label("a", unit) == shown
 
 
 # Pages and files
@@ -435,7 +437,7 @@ def test_overview_says_the_numbers(fitted):
     said = texts(plots.overview(found, c)).replace("\n", " ")
     assert sentence(found, c) in said
     for number in (c.one_step_rms, c.coast_rms[10.0], c.coast_floor[10.0], c.simulated_rms):
-        assert style.length(number) in said
+        assert formatting.length(number) in said
     assert c.worst in said
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from accelcal.effects import HOUSE, find
-from accelcal.plots import signature as cards
-from accelcal.plots.signature import FOLLOWS, beside, caption, card_motion, contributions, share, typical_shape
+from accelcal.plots.static import signature as cards
+from accelcal.plots.static.signature import FOLLOWS, beside, caption, card_motion, contributions, share, typical_shape
 
 
 def variable(name):

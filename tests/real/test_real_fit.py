@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.compare import compare
-from accelcal.fit import Fit, fit
+from accelcal.data.recording import Recording
+from accelcal.estimation.estimate import Fit, fit
 from accelcal.model import Model
-from accelcal.recording import Recording
+from accelcal.validation.evaluation import compare
 
 HERE = Path(__file__).parent
 BEFORE_IMPACT = {"start": 0.005, "end": 0.185}

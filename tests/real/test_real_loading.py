@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from accelcal import io
-from accelcal.overview import describe, summarise
+from accelcal.data.summary import describe, summarise
 
 HERE = Path(__file__).parent
 SIDECARS = sorted(HERE.glob("*.toml"))

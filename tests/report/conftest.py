@@ -7,8 +7,8 @@ import pytest
 
 import accelcal as ac
 from accelcal import report
-from accelcal.recording import Channel
-from accelcal.rig import Uncertainty
+from accelcal.data.recording import Channel
+from accelcal.data.rig import Uncertainty
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 HOSTILE = "<script>alert(1)</script>"

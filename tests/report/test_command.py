@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import store
 from accelcal.cli import write_recording
+from accelcal.serialization import model_file
 from tests.report.reading import Page
 
 
@@ -23,7 +23,7 @@ def folder(tmp_path_factory):
     truth = {"bias": 0.05, "scale_factor": 0.01}
     run = ac.simulate("tones", seconds=12.0, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(1))
     write_recording(run.recording, path / "run.csv")
-    store.save(ac.fit(ac.Model.linear(), ac.load(path / "run.csv")), path / "m.json")
+    model_file.save(ac.fit(ac.Model.linear(), ac.load(path / "run.csv")), path / "m.json")
     return path
 
 
@@ -34,7 +34,7 @@ def test_report_writes_page_and_paper(folder):
     page = Page((folder / "run.html").read_text(encoding="utf-8"))
     assert page.count("script") == 0
     assert "accelcal report m.json run.csv --light --pdf" in page.text
-    fitted = store.load(folder / "m.json")
+    fitted = model_file.load(folder / "m.json")
     assert page.values["parameters"][::3][:3] == [e.value for e in fitted.estimates]
     assert (folder / "run.pdf").read_bytes().startswith(b"%PDF-")
     assert not list(folder.glob(".*.part"))

@@ -11,10 +11,11 @@ import pytest
 
 import accelcal as ac
 from accelcal import report
-from accelcal.gating import Dropped
-from accelcal.plots.style import MissingExtra
+from accelcal._support.extras import MissingExtra
+from accelcal.diagnosis.outlier_rejection import Dropped
+from accelcal.formatting import spoken
 from accelcal.report.page import script_json
-from accelcal.report.view import METHOD, spoken, view
+from accelcal.report.view import METHOD, view
 from tests.report.conftest import FILE, HOSTILE
 from tests.report.reading import Page
 

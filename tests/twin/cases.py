@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from accelcal import filters, reference
-from accelcal.recording import Channel
+from accelcal import filters
+from accelcal.data.recording import Channel
+from tests.twin import reference
 
 Array = np.ndarray
 SIGMA = {"p": 1e-5, "v": 3e-3, "a": 3.0, "y": 3.0, "k": 0.02, "K0": 0.1, "K2": 1e-4, "K3": 1e-5}

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from accelcal import filters
-from accelcal.filters import FilterChoice, FilterError
-from accelcal.recording import Channel
+from accelcal._core import FilterError
+from accelcal.data.recording import Channel
+from accelcal.filters.choice import FilterChoice
 from tests.twin.workloads import DT, WORKLOADS, cost, record, settings
 
 N = 800

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 
 from accelcal import filters
-from accelcal.filters import FilterChoice, FilterError
-from accelcal.recording import Channel
+from accelcal._core import FilterError
+from accelcal.data.recording import Channel
+from accelcal.filters.choice import FilterChoice
 from tests.twin.cases import Case, cases
 
 DT = 1 / 1667

@@ -14,8 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal import filters
-from accelcal.filters import FilterChoice, FilterError, LiveFilter, Wander
-from accelcal.recording import Channel
+from accelcal._core import FilterError
+from accelcal.data.recording import Channel
+from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.stream import LiveFilter
 from tests.twin.cases import Case, cases
 
 CORE = Path(__file__).parents[2] / "crates" / "ekf-core" / "src"

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from accelcal import reference
-from accelcal.filters import FilterError
+from accelcal._core import FilterError
+from tests.twin import reference
 from tests.twin.cases import Case, cases
 
 BAR = 1e-10  # of max(|x|, sigma) and of sigma_i sigma_j: about 1e3 operations per event, at most 30 events

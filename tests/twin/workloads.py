@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from accelcal import _core, filters
-from accelcal.filters import FilterChoice, LiveFilter
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.stream import LiveFilter
 
 DT = 1.0 / 1667.0
 STEPS = 20_000

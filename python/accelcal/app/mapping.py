@@ -10,8 +10,8 @@ from pathlib import Path
 import tomlkit
 
 from accelcal import io
-from accelcal.io.tables import open_table
-from accelcal.recording import RecordingError
+from accelcal.data.recording import RecordingError
+from accelcal.io.formats import open_table
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")

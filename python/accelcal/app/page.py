@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any, TypeAlias
 
 from nicegui import background_tasks, run, ui
-from starlette.responses import RedirectResponse, Response
 
-from accelcal.app import parts
-from accelcal.app.bench import Busy, Workbench
-from accelcal.app.pictures import Picture
-from accelcal.app.screens import data, improve, model, take, where
+from accelcal.app import widgets
+from accelcal.app.figures import Picture
+from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
-
-if TYPE_CHECKING:
-    from accelcal.app.server import Benches
 
 TICK = 0.25
 """s between looks at the workbench."""
@@ -25,43 +20,17 @@ QUIET = """<script>addEventListener("unhandledrejection", event => {
   if (String(event.reason).includes("Resize must be passed a displayed plot")) event.preventDefault();
 });</script>"""
 """A plot that is taken off the page while it is being resized has nothing to complain of."""
-SCREENS: dict[str, tuple[str, str, Callable[[Page], None]]] = {
-    "data": ("Data", "insert_chart", data.show),
-    "improve": ("Improve", "trending_down", improve.show),
-    "where": ("Where it fails", "troubleshoot", where.show),
-    "model": ("Model", "tune", model.show),
-    "take": ("Take away", "download", take.show),
-}
-"""Title, icon and builder of each screen, in the order of the work."""
-
-
-def install(benches: Benches) -> None:
-    """Enter the pages of the workbench into the server."""
-
-    @ui.page("/")
-    def start() -> Response:
-        return RedirectResponse(f"/bench/{benches.new()}")
-
-    @ui.page("/bench/{name}")
-    async def bench(name: str) -> None:
-        found = benches.find(name)
-        if found is None:
-            with ui.column().classes("gone"):
-                parts.heading("This work is gone", 1)
-                ui.label("The workbench was started again, or newer work took its place.")
-                ui.link("Start anew", "/")
-            return
-        page = Page(found)
-        await page.build()
-        if benches.recording is not None and found.state.file is None and found.job is None and not found.sentence:
-            await page.act(found.load, benches.recording)
+Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
+"""Title, icon and builder of a screen."""
 
 
 class Page:
     """One browser tab on a workbench."""
 
-    def __init__(self, bench: Workbench) -> None:
+    def __init__(self, bench: Workbench, screens: Mapping[str, Screen]) -> None:
         self.bench = bench
+        self.screens = screens
+        """By name, in the order of the work."""
         self.theme: ThemeName = "light"
         self.tab = "data" if bench.state.step is None else "improve"
         self.window: tuple[float, float] | None = None
@@ -86,19 +55,19 @@ class Page:
             ui.label("accelcal").classes("brand")
             self.file = ui.label().classes("file")
             ui.space()
-            self.undo = parts.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
-            self.redo = parts.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
-            self.look = parts.button("Dark page", "dark_mode", self.turn_theme, flat=True)
+            self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
+            self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
+            self.look = widgets.button("Dark page", "dark_mode", self.turn_theme, flat=True)
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
-            parts.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
+            widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline")
             self.said = ui.label().classes("said")
         self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
         with self.tabs:
-            for name, (title, icon, _) in SCREENS.items():
+            for name, (title, icon, _) in self.screens.items():
                 ui.tab(name, title, icon=icon)
         self.tabs.set_value(self.tab)
         self.body = ui.element("main").classes("body")
@@ -194,7 +163,7 @@ class Page:
         self.said.set_text(self.bench.sentence)
         self.body.clear()
         with self.body:
-            SCREENS[self.tab][2](self)
+            self.screens[self.tab][2](self)
 
     def pictures(
         self,
@@ -219,7 +188,7 @@ class Page:
                     headline, note = ui.label(one.headline).classes("headline"), ui.label(one.note).classes("note")
                     note.set_visibility(bool(one.note))
                     plot = ui.plotly(one.figure).classes("plot")
-                    plot.props(f'role=img aria-label="{parts.attribute(one.headline)}"')
+                    plot.props(f'role=img aria-label="{widgets.attribute(one.headline)}"')
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note

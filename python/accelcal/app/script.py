@@ -33,7 +33,7 @@ def python(state: State) -> str:
     if not state.path:
         return (
             "\n".join([*lines, "print(ac.overview.summarise(data))"]).replace(
-                "import accelcal as ac\n", "import accelcal as ac\nimport accelcal.overview\n"
+                "import accelcal as ac\n", "import accelcal as ac\nimport accelcal.data.summary\n"
             )
             + "\n"
         )

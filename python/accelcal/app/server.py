@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import secrets
 import shutil
 import socket
 import tempfile
-from collections import OrderedDict
 from pathlib import Path
 
-from accelcal.app.bench import Workbench
+from accelcal.app.sessions import Benches
 
 HOST = "127.0.0.1"
 NAMES = ("127.0.0.1", "localhost")
@@ -17,36 +15,6 @@ NAMES = ("127.0.0.1", "localhost")
 PORT = 8765
 TRIED = 20
 """Ports that are tried from the first on."""
-MOST = 12
-"""Workbenches that are kept; the one that was not used for longest goes first."""
-
-
-class Benches:
-    """The workbenches of this server by their secret names."""
-
-    def __init__(self, folder: Path, recording: Path | None = None) -> None:
-        self.folder = folder
-        self.recording = recording
-        """Loaded into every new workbench."""
-        self._kept: OrderedDict[str, Workbench] = OrderedDict()
-
-    def new(self) -> str:
-        """Make a workbench and return its name."""
-        name = secrets.token_urlsafe(12)
-        home = self.folder / name
-        home.mkdir(mode=0o700)
-        self._kept[name] = Workbench(home)
-        while len(self._kept) > MOST:
-            gone, bench = self._kept.popitem(last=False)
-            bench.cancel()
-            shutil.rmtree(self.folder / gone, ignore_errors=True)
-        return name
-
-    def find(self, name: str) -> Workbench | None:
-        """Return the workbench called `name`, if it is still there."""
-        if name in self._kept:
-            self._kept.move_to_end(name)
-        return self._kept.get(name)
 
 
 def free_port(first: int) -> int:
@@ -81,13 +49,13 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     MissingExtra
         If NiceGUI or plotly is not installed.
     """
-    from accelcal.plots.style import MissingExtra
+    from accelcal._support.extras import MissingExtra
 
     try:
         from nicegui import app, ui
         from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-        from accelcal.app.page import install
+        from accelcal.app.routes import install
     except ImportError as error:
         raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
     chosen = free_port(PORT) if port is None else port

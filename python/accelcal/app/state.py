@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from accelcal.compare import Comparison
+from accelcal.data.recording import Recording
 from accelcal.effects import Own
-from accelcal.fit import Fit
+from accelcal.estimation.estimate import Fit
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.recording import Recording
+from accelcal.validation.comparison import Comparison
 
 Stretch = tuple[float, float]
 """From, to, s."""

@@ -4,8 +4,8 @@ Grammar everywhere: model first, recording second. Data go to stdout, talk to st
 Exit codes: 0 fine, 2 usage, 3 bad data, 4 not identifiable, 130 interrupted.
 """
 
-from accelcal.cli import data, models, missing, results, about  # noqa: F401, I001  (importing a file enters its commands, in this order)
+from accelcal.cli import data, models, diagnosis, export, demo  # noqa: F401, I001  (importing a file enters its commands, in this order)
 from accelcal.cli.data import write_recording
-from accelcal.cli.frame import app, main
+from accelcal.cli.common import app, main
 
 __all__ = ["app", "main", "write_recording"]

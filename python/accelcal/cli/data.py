@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from accelcal.cli.frame import Json, Rig, RunFile, Usage, app, emit, reported, say, stretch
+from accelcal.cli.common import Json, Rig, RunFile, Usage, app, emit, reported, say, stretch
 
 if TYPE_CHECKING:
-    from accelcal.recording import Recording
+    from accelcal.data.recording import Recording
 
 
 @app.command()
@@ -33,13 +33,14 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
-    from accelcal import io, overview
+    from accelcal import io
+    from accelcal.data import summary
 
     recording = io.load(run, rig)
     if json:
-        emit(overview.describe(recording))
+        emit(summary.describe(recording))
     else:
-        print(overview.summarise(recording))
+        print(summary.summarise(recording))
 
 
 @app.command()
@@ -89,8 +90,8 @@ def simulate(
     """
     import numpy as np
 
-    from accelcal.simulate import ADXL105_RIG, CXL02_RIG
-    from accelcal.simulate import simulate as simulate_rig
+    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
+    from accelcal.simulation.sensor import simulate as simulate_rig
 
     rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
     if sensor not in rigs:

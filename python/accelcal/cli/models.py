@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from accelcal.cli.frame import (
+from accelcal.cli.common import (
     Band,
     EffectsFile,
     From,
@@ -32,8 +32,8 @@ from accelcal.cli.frame import (
 from accelcal.cli.printing import show_comparison, show_fit, show_steps
 
 if TYPE_CHECKING:
-    from accelcal.fit import Fit
-    from accelcal.recording import Recording
+    from accelcal.data.recording import Recording
+    from accelcal.estimation.estimate import Fit
 
 
 OF_FILTERS = ("form", "interpolation", "integrator", "order", "carrier")
@@ -67,9 +67,10 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
-    from accelcal import io, store
-    from accelcal.loop import fit as fit_replay
+    from accelcal import io
     from accelcal.model import Model
+    from accelcal.serialization import model_file
+    from accelcal.workflow import fit as fit_replay
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
@@ -88,13 +89,13 @@ def fit(
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         if len(recordings) != 1 or band is not None:
             raise Usage(f"--method {method} takes one recording and no --band; the replay takes several")
-        from accelcal.recursive import fit_recursive
+        from accelcal.estimation.recursive import fit_recursive
 
         found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
     if output is not None:
-        store.save(found, output, seed=seed)
+        model_file.save(found, output, seed=seed)
     if json:
-        emit(store.to_dict(found, seed=seed))
+        emit(model_file.to_dict(found, seed=seed))
     else:
         show_fit(found, *recordings)
     if output is not None:
@@ -105,7 +106,7 @@ def filter_choice(
     method: str, model: str, form: str, interpolation: str, integrator: str, order: int, carrier: str
 ) -> Any:
     """Check the five choices of a live filter."""
-    from accelcal.filters import FilterChoice
+    from accelcal.filters.choice import FilterChoice
 
     allowed: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
         ("--method", method, ("aci", "cwpa")),
@@ -150,12 +151,12 @@ def compare(
 
     Example: [bold]accelcal compare m.json run13.csv[/bold]
     """
-    from accelcal import store
-    from accelcal.compare import compare as compare_with
     from accelcal.io import atomic_write
+    from accelcal.serialization import model_file
+    from accelcal.validation.evaluation import compare as compare_with
 
     own_effects(effects_file)
-    fitted = store.load(model)
+    fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     seen = compare_with(
         fitted,
@@ -164,12 +165,12 @@ def compare(
         start=amount(start, "time", "--from"),
         end=amount(end, "time", "--to"),
     )
-    content = store.comparison_to_dict(seen)
+    content = model_file.comparison_to_dict(seen)
     if output is not None:
-        atomic_write(output, store.dumps(content))
+        atomic_write(output, model_file.dumps(content))
         say(f"wrote {output}")
     if plots is not None:
-        from accelcal.plots.compare import write
+        from accelcal.plots.static.comparison import write
 
         for path in write(fitted, seen, plots):
             say(f"wrote {path}")
@@ -194,11 +195,11 @@ def add(
 
     Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
     """
-    from accelcal import store
-    from accelcal.loop import add as add_to
+    from accelcal.serialization import model_file
+    from accelcal.workflow import add as add_to
 
     extra = own_effects(effects_file)
-    fitted = store.load(model)
+    fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(add_to(fitted, recording, *effects, extra=extra), recording, output, json)
 
@@ -218,11 +219,11 @@ def drop(
 
     Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
     """
-    from accelcal import store
-    from accelcal.loop import drop as drop_from
+    from accelcal.serialization import model_file
+    from accelcal.workflow import drop as drop_from
 
     own_effects(effects_file)
-    fitted = store.load(model)
+    fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
 
@@ -240,12 +241,14 @@ def history(
 
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
-    from accelcal import findings, store
-    from accelcal.loop import history as history_of
+    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.workflow import history as history_of
 
     own_effects(effects_file)
-    fits = [store.load(path) for path in models]
-    content = findings.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps)
+    fits = [model_file.load(path) for path in models]
+    content = diagnosis_json.history_to_dict(
+        [str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps
+    )
     if json:
         emit(content)
     else:
@@ -268,11 +271,11 @@ def freeze(
 
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
-    from accelcal import store
-    from accelcal.loop import fit as fit_replay
+    from accelcal.serialization import model_file
+    from accelcal.workflow import fit as fit_replay
 
     own_effects(effects_file)
-    fitted = store.load(model)
+    fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     if not at and not release:
         raise Usage("say what to hold or to estimate again: --at bias=0.05 or --release bias")
@@ -291,13 +294,13 @@ def freeze(
 
 def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool) -> None:
     """Write and print a fit."""
-    from accelcal import store
+    from accelcal.serialization import model_file
 
     if output is not None:
-        store.save(found, output)
+        model_file.save(found, output)
         say(f"wrote {output}")
     if json:
-        emit(store.to_dict(found))
+        emit(model_file.to_dict(found))
     else:
         show_fit(found, recording)
 
@@ -305,7 +308,7 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
     """Read a recording of the model's sensor; without a sidecar of its own, under the rig of the model."""
     from accelcal import io
-    from accelcal.recording import require_same_sensor
+    from accelcal.data.recording import require_same_sensor
 
     declared = rig is not None or io.sidecar_of(run).exists()
     recording = io.load(run, rig if declared else fitted.rig)

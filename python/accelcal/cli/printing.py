@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from accelcal.cli.frame import Usage, amount
+from accelcal.cli.common import Usage, amount
+from accelcal.formatting import interval, millionths, plus_minus, short
 
 if TYPE_CHECKING:
-    from accelcal.fit import Fit
-    from accelcal.loop import Improvement
-    from accelcal.recording import Recording
+    from accelcal.data.recording import Recording
+    from accelcal.estimation.estimate import Fit
+    from accelcal.selection.improvement import Improvement
 
 
 def show_export(content: dict[str, Any]) -> None:
     """Print what was exported: where it holds, how good it is, what is not in it."""
-    from accelcal.export.words import upwards
+    from accelcal.calibration.export.words import upwards
 
     low, high = content["validity"]["acceleration_m_per_s2"]
     print(content["model"])
@@ -166,7 +166,7 @@ def contribution(size: dict[str, float | None]) -> str:
 
 def effect_lines(content: dict[str, Any]) -> list[str]:
     """One line for each effect that was named: how large it is over the used range, and whether that matters."""
-    from accelcal.rig import STANDARD_GRAVITY
+    from accelcal.data.rig import STANDARD_GRAVITY
 
     judged, lines = content["tolerance"], []
     for name in content["effects"]:
@@ -206,8 +206,8 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
     """Print a fit as a table with what must be read beside it."""
     from rich.console import Console
 
+    from accelcal.calibration.electrical import electrical
     from accelcal.effects import spelled
-    from accelcal.store import electrical
 
     console = Console()
     console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
@@ -227,9 +227,9 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
 
 def show_parameters(found: Fit) -> None:
     """Print every parameter with its uncertainty, and what it really is on this rig."""
+    from accelcal.data.units import display
     from accelcal.effects import find
-    from accelcal.fit import tied_sum
-    from accelcal.units import display
+    from accelcal.estimation.estimate import tied_sum
 
     rows, told = [], {}
     without = [e for e in found.estimates if e.std <= 0.0 and e.value == 0.0 and find(e.name.partition(".")[0]).family]
@@ -268,51 +268,9 @@ def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     Console(width=max(console.width, needed)).print(table)
 
 
-def short(value: float, std: float) -> str:
-    """A value with the last two digits of its standard deviation in parentheses.
-
-    Examples
-    --------
-    >>> short(0.0009945, 2.8e-6), short(-4.5e-7, 4.4e-7)
-    ('0.0009945(28)', '-4.5(4.4)e-07')
-    """
-    from uncertainties import ufloat
-
-    return f"{ufloat(value, std):.2uS}"
-
-
-def plus_minus(value: float, std: float) -> str:
-    """A value with two digits of its standard deviation, where that is known.
-
-    Examples
-    --------
-    >>> plus_minus(229.04, 3.52), plus_minus(-1.598e-4, 2.1e-4), plus_minus(1.04321, math.nan)
-    ('229.0 ± 3.5', '-0.00016 ± 0.00021', '1.043')
-    """
-    from uncertainties import ufloat
-
-    if not math.isfinite(std) or std <= 0.0:
-        return f"{value:.4g}"
-    return f"{ufloat(value, std):.2u}".replace("+/-", " ± ")
-
-
-def interval(value: float, std: float) -> str:
-    """The interval that holds the truth with 95 % probability, to two digits of the standard deviation.
-
-    Examples
-    --------
-    >>> interval(0.04984, 2.1e-4), interval(9e-7, 3.2e-6)
-    ('0.04943 .. 0.05025', '-5.4e-06 .. 7.2e-06')
-    """
-    last = 1 - math.floor(math.log10(std))
-    low, high = (round(value + side * 1.96 * std, last) for side in (-1.0, 1.0))
-    digits = max(1, 1 + last + math.floor(math.log10(max(abs(low), abs(high)))))
-    return f"{low:.{digits}g} .. {high:.{digits}g}"
-
-
 def noise_lines(report: Any) -> list[str]:
     """Noise of one run in words: all of it, rest, motion, and the data sheet."""
-    from accelcal.units import MICRO_G
+    from accelcal.data.units import MICRO_G
 
     lines = []
     for label, one in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
@@ -389,8 +347,3 @@ def outside_lines(content: dict[str, Any]) -> list[str]:
                 text += f"; drift after {horizon} s {', '.join(sides)}"
         lines.append(text)
     return lines
-
-
-def millionths(value: float | None) -> str:
-    """A length in um, or that there is none."""
-    return "-" if value is None else f"{1e6 * value:.4g} um"

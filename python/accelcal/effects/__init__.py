@@ -1,23 +1,23 @@
 """The catalogue: an effect is one function, its card and its column are the same place."""
 
-from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
+from accelcal.effects import (  # noqa: F401, I001  (importing a file enters its effects, in this order)
     base,
-    cross,
+    cross_axis,
     disturbances,
     drift,
     dynamics,
     encoder,
-    families,
+    curves,
     nonlinear,
     stage,
     thermal,
-    together,
+    interactions,
 )
 from accelcal.effects.cards import card, cards, spelled
-from accelcal.effects.catalogue import CATALOGUE, Effect, Shape, effect, find
-from accelcal.effects.channels import side_channel, side_channels
-from accelcal.effects.expression import ExpressionError, Own, from_expression
-from accelcal.effects.own import EffectsFileError, load_effects
+from accelcal.effects.registry import CATALOGUE, Effect, Shape, effect, find
+from accelcal.effects.side_channels import side_channel, side_channels
+from accelcal.effects.formula import ExpressionError, Own, from_expression
+from accelcal.effects.user_file import EffectsFileError, load_effects
 
 HOUSE = tuple(CATALOGUE.values())
 """The effects that come with accelcal, without side channels and users' own."""

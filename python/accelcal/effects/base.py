@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import effect
-from accelcal.recording import Array
-from accelcal.rig import STANDARD_GRAVITY
-from accelcal.signals import Signals
+from accelcal.data.arrays import Array
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.effects.registry import effect
+from accelcal.signals.signals import Signals
 
 
 @effect("bias", unit="m/s²", symbol="K0", scale=0.1, source="IIS2ICLX: ±8 mg; LIS3DH: ±40 mg; ADXL105: up to ±2.5 g")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from accelcal.effects.catalogue import CARD, Effect
+from accelcal.effects.registry import CARD, Effect
 
 PORTS = {
     "output": "adds to the output",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import Shape, effect
-from accelcal.recording import Array
-from accelcal.signals import Signals
+from accelcal.data.arrays import Array
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import Signals
 
 
 def _lines(s: Signals) -> tuple[float, float]:

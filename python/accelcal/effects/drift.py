@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.families import RECORD, cosines
-from accelcal.effects.memory import instants, since, slow
-from accelcal.recording import Array
-from accelcal.signals import Signals
+from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import instants, since, slow
+from accelcal.effects.curves import RECORD, cosines
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import Signals
 
 STEPS = 16
 """Instants at which a step is tried before it is refined."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import play
-from accelcal.recording import Array
-from accelcal.signals import TINY, Signals
+from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import play
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import TINY, Signals
 
 OUT_OF_LEVEL = 0.02
 """Gravity along the axis of a rig that is taken for level, m/s²: 0.1 degree."""

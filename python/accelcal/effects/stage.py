@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import waves
-from accelcal.recording import Array
-from accelcal.signals import Signals
+from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import waves
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import Signals
 
 
 @effect("velocity", unit="s⁻¹", owner="rig", symbol="cv", scale=1e-3, source="1e-4 m/s² at 0.1 m/s")

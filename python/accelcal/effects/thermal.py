@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from accelcal.effects.catalogue import Shape, effect
-from accelcal.effects.memory import lagged, slow
-from accelcal.recording import Array
-from accelcal.signals import Signals
+from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import lagged, slow
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import Signals
 
 RATE_SPAN = 1.0
 """Temperature rates are differences over this time to either side, s: sensors of temperature are slow and coarse."""

@@ -1,6 +1,6 @@
 """Files become recordings here and only here: nothing guessed, nothing repaired silently."""
 
-from accelcal.io.load import load
+from accelcal.io.loading import load
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
 from accelcal.io.write import atomic, atomic_write, write_csv, write_parquet, write_sidecar

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from accelcal.io.tables import Column
+from accelcal.io.table import Column
 
 
 def column(cells: Any) -> Column:

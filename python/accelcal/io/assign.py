@@ -7,11 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from accelcal import units
+from accelcal.data import units
+from accelcal.data.recording import Finding, RecordingError
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
-from accelcal.io.tables import Table
-from accelcal.recording import Finding, RecordingError
+from accelcal.io.table import Table
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from accelcal.data.recording import RecordingError
 from accelcal.io import arrow
-from accelcal.io.tables import Column, Table
-from accelcal.recording import RecordingError
+from accelcal.io.table import Column, Table
 
 
 def open_parquet(path: Path) -> Table:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from accelcal import units
+from accelcal.data import units
+from accelcal.data.arrays import Array
+from accelcal.data.recording import RecordingError
+from accelcal.data.rig import Rig
 from accelcal.io import naming
 from accelcal.io.assign import USUAL_UNIT, Plan, fix, line
 from accelcal.io.sidecar import Clock, Source
-from accelcal.io.tables import Column, Table
-from accelcal.recording import Array, RecordingError
-from accelcal.rig import Rig
+from accelcal.io.table import Column, Table
 
 UNKNOWN = "?"
 """What a sidecar template puts where the user must fill in a unit."""

@@ -12,10 +12,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from accelcal import units
+from accelcal.data import units
+from accelcal.data.recording import RecordingError
 from accelcal.io import arrow
-from accelcal.io.tables import Column, Table
-from accelcal.recording import RecordingError
+from accelcal.io.table import Column, Table
 
 
 @dataclass(frozen=True, slots=True)

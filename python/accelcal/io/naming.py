@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from accelcal import units
+from accelcal.data import units
 
 ROLES = {
     "time": ("t", "time", "timestamp"),

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from accelcal import units
-from accelcal.recording import RecordingError
-from accelcal.rig import LowPass, Rig, Sensor, Uncertainty
+from accelcal.data import units
+from accelcal.data.recording import RecordingError
+from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 
 ASSUMED_AXIS = 'axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2'
 ASSUMED_MOUNT = 'mount is not declared: "normal" is assumed, so the input axis points along the stage axis'

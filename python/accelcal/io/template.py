@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from accelcal import units
+from accelcal.data import units
+from accelcal.data.recording import RecordingError
 from accelcal.io import naming
 from accelcal.io.assign import discover
 from accelcal.io.convert import UNKNOWN
+from accelcal.io.formats import open_table
 from accelcal.io.sidecar import sidecar_of
-from accelcal.io.tables import Table, open_table
+from accelcal.io.table import Table
 from accelcal.io.write import atomic_write, toml_key, toml_text
-from accelcal.recording import RecordingError
 
 
 def init(path: str | Path) -> str:
@@ -35,7 +36,7 @@ def init(path: str | Path) -> str:
 def template(path: str | Path) -> str:
     """Return the text of a commented sidecar, with columns, units and rates as far as the file tells them.
 
-    What must be added by hand is marked FILL IN; its value is ``"?"``, which `accelcal.io.load` refuses.
+    What must be added by hand is marked FILL IN; its value is ``"?"``, which `accelcal.io.loading` refuses.
 
     Raises
     ------

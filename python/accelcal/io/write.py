@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from accelcal import units
+from accelcal.data import units
+from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.rig import Rig
 from accelcal.io import naming, sidecar
 from accelcal.io.sidecar import Clock, Source
-from accelcal.recording import Channel, Recording, RecordingError
-from accelcal.rig import Rig
 
 
 @contextmanager

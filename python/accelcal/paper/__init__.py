@@ -104,7 +104,7 @@ def reproduce(
     item, tracks = tracks_item(plan)
     figures: tuple[Path, ...] = ()
     if out is not None:
-        from accelcal.plots.paper import draw_tracks
+        from accelcal.paper.figures import draw_tracks
 
         figures = draw_tracks(tracks, out)
     if progress is not None:

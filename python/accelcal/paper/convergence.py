@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal.filters import FilterChoice
+from accelcal.data.arrays import Array
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.rows import ALPHA, Item, Plan, Row, sign_test
 from accelcal.paper.tuning import ACI, CWPA, PLAIN_ADXL105, filtered, motion_states, sampled, start, tuned
-from accelcal.simulate import simulate
-
-Array = NDArray[np.float64]
+from accelcal.simulation.sensor import simulate
 
 TOLERANCE = 0.01
 """Error of k below which a filter has settled."""

@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal.filters import FilterChoice
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.rows import SIGMAS, Item, Paired, Plan, Row, paired
 from accelcal.paper.tuning import ACI, CWPA, PAPER_SENSOR, PLAIN_ADXL105, filtered, prior_sigmas, sampled, start, tuned
-from accelcal.recording import Channel, Recording
-from accelcal.simulate import simulate
-
-Array = NDArray[np.float64]
+from accelcal.simulation.sensor import simulate
 
 SECONDS, CALIBRATION, GAP = 60.0, 20.0, 1.0
 """Length, time with position before the first gap, length of the gaps and of the pauses between them, s."""

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal.consistency import Consistency, chi_square_region, consistency, nees
-from accelcal.filters import FilterChoice, FilterError
-from accelcal.matched import Matched, matched_aci, matched_cwpa
-from accelcal.motion import motion
+from accelcal._core import FilterError
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.rows import ALPHA, Item, Plan, Row
 from accelcal.paper.tuning import (
     ACCEL_RATE,
@@ -28,11 +28,10 @@ from accelcal.paper.tuning import (
     start,
     tuned,
 )
-from accelcal.recording import Channel
-from accelcal.rig import STANDARD_GRAVITY, Rig
-from accelcal.simulate import ADXL105_RIG, Simulated, simulate
-
-Array = NDArray[np.float64]
+from accelcal.simulation.filter_model import Matched, matched_aci, matched_cwpa
+from accelcal.simulation.motion import motion
+from accelcal.simulation.sensor import ADXL105_RIG, Simulated, simulate
+from accelcal.validation.consistency import Consistency, chi_square_region, consistency, nees
 
 PAIRS = tuple(
     tuple(paper_choice(replace(system, model=model, order=order)) for order in (1, 2))

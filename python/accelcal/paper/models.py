@@ -8,13 +8,14 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal.filters import FilterChoice, FilterRun
-from accelcal.motion import Motion, Tones
+from accelcal.data.recording import Channel
+from accelcal.data.rig import STANDARD_GRAVITY, Mount
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import FilterRun
 from accelcal.paper.rows import SIGMAS, Item, Plan, Row
 from accelcal.paper.tuning import ACI, CWPA, PLAIN_CXL02, filtered, prior_sigmas, start, tuned
-from accelcal.recording import Channel
-from accelcal.rig import STANDARD_GRAVITY, Mount
-from accelcal.simulate import Simulated, simulate
+from accelcal.simulation.motion import Motion, Tones
+from accelcal.simulation.sensor import Simulated, simulate
 
 QUIET = replace(PLAIN_CXL02, sensor=replace(PLAIN_CXL02.sensor, noise=0.0), resolution=None)
 SECONDS = 60.0

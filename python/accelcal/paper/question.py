@@ -13,17 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from accelcal.compare import compare
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.data.rig import Rig
 from accelcal.demo import with_effect
 from accelcal.effects import find
-from accelcal.fit import Fit, fit
-from accelcal.loop import improve
+from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.run import Run
 from accelcal.model import Model
-from accelcal.paper.rows import SIGMAS, Array, Item, Plan, Row, paired
-from accelcal.recording import Recording
-from accelcal.replay import Run
-from accelcal.rig import Rig
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.paper.rows import SIGMAS, Item, Plan, Row, paired
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation.evaluation import compare
+from accelcal.workflow import improve
 
 SECONDS = 60.0
 HORIZON = 5.0

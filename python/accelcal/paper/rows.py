@@ -9,10 +9,10 @@ from typing import Any, Literal, TypeVar
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from accelcal.data.arrays import Array
+
 Result = TypeVar("Result")
 
 ALPHA = 1e-3

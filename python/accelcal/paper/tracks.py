@@ -7,15 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal.filters import FilterChoice
-from accelcal.motion import Motion
+from accelcal.data.arrays import Array
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.rows import SIGMAS, Item, Plan, Row
 from accelcal.paper.tuning import ACI, CWPA, PLAIN_ADXL105, filtered, label, motion_states, prior_sigmas, start, tuned
-from accelcal.simulate import simulate
-
-Array = NDArray[np.float64]
+from accelcal.simulation.motion import Motion
+from accelcal.simulation.sensor import simulate
 
 LINEAR_SENSOR = {"bias": 0.05, "scale_factor": 0.01}
 CUBIC_SENSOR = {**LINEAR_SENSOR, "quadratic": -1e-3, "cubic": 1e-4}

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal.filters import FilterChoice, FilterRun, run
-from accelcal.motion import Motion
-from accelcal.recording import Recording
-from accelcal.rig import Rig
-from accelcal.simulate import ADXL105_RIG, CXL02_RIG, Truth
-
-Array = NDArray[np.float64]
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.data.rig import Rig
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import FilterRun, run
+from accelcal.simulation.motion import Motion
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Truth
 
 ACI = FilterChoice("aci")
 CWPA = FilterChoice("cwpa")

@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from accelcal.consistency import rms_error
-from accelcal.filters import FilterChoice
-from accelcal.motion import Motion
+from accelcal.data.arrays import Array
+from accelcal.filters.choice import FilterChoice
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.paper.tuning import ACI, CWPA, PAPER_SENSOR, PLAIN_CXL02, filtered, prior_sigmas, sampled, start, tuned
-from accelcal.simulate import Vibration, simulate
-
-Array = NDArray[np.float64]
+from accelcal.simulation.motion import Motion
+from accelcal.simulation.sensor import Vibration, simulate
+from accelcal.validation.consistency import rms_error
 
 AMPLITUDES = (0.0, 0.5, 1.0, 2.0)
 """A, m/s² at top speed."""

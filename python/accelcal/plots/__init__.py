@@ -1,6 +1,7 @@
 """Figures. Each takes finished results and draws them; matplotlib is imported when a figure is drawn, not before."""
 
-from accelcal.plots.compare import (
+from accelcal._support.extras import MissingExtra
+from accelcal.plots.static.comparison import (
     accel_residual,
     autocorrelation,
     coasting,
@@ -12,7 +13,6 @@ from accelcal.plots.compare import (
     simulated,
     write,
 )
-from accelcal.plots.style import MissingExtra
 
 __all__ = [
     "MissingExtra",

@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal.data.arrays import Array
+from accelcal.formatting import grouped
 from accelcal.io import atomic
-from accelcal.recording import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
+from accelcal._support.extras import MissingExtra
 
 ThemeName = Literal["light", "dark"]
 
@@ -38,6 +40,7 @@ OKABE_ITO: Mapping[str, str] = MappingProxyType(
         "reddish purple": "#CC79A7",
     }
 )
+
 PIXELS_PER_INCH = 160
 """Of written images: eight inches are 1280 pixels."""
 COLUMNS = 2000
@@ -50,10 +53,6 @@ SMALL, NORMAL, LARGE = 8.0, 9.0, 10.5
 """Sizes of type, points."""
 LETTER = 0.54
 """Mean width of a letter over the size of its type."""
-
-
-class MissingExtra(ImportError):
-    """An optional package is not installed. The text says how to get it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +101,7 @@ LIGHT = Theme(
     residual=Look(OKABE_ITO["blue"], "-", "s"),
     band=OKABE_ITO["orange"],
 )
+
 DARK = Theme(
     name="dark",
     page="#15171C",
@@ -114,6 +114,7 @@ DARK = Theme(
     residual=Look(OKABE_ITO["sky blue"], "-", "s"),
     band=OKABE_ITO["orange"],
 )
+
 THEMES: Mapping[ThemeName, Theme] = MappingProxyType({"light": LIGHT, "dark": DARK})
 
 
@@ -173,50 +174,6 @@ def dress(axes: Axes, theme: Theme, *, x: str, y: str, title: str = "") -> None:
     axes.set_ylabel(y, color=theme.ink, fontsize=NORMAL)
     if title:
         axes.set_title(title, color=theme.ink, fontsize=NORMAL, loc="left")
-
-
-def label(quantity: str, unit: str) -> str:
-    """Title of an axis: the quantity with its unit in parentheses, "1" for a pure number.
-
-    Examples
-    --------
-    >>> label("temperature", "degC")
-    'temperature (°C)'
-    """
-    shown = unit.replace("degC", "°C").replace("^2", "²").replace("^3", "³")
-    return f"{quantity} ({shown or 'no unit given'})"
-
-
-def prefixed(unit: str, *values: Array | float) -> tuple[float, str]:
-    """Factor and unit in which the largest of some values is at least 1; only metres and what begins with them.
-
-    Examples
-    --------
-    >>> prefixed("m", 2e-6)
-    (1000000.0, 'µm')
-    >>> prefixed("K", 2e-6)
-    (1.0, 'K')
-    """
-    sizes = [np.abs(v[np.isfinite(v)]).max(initial=0.0) for v in map(np.atleast_1d, values)]
-    largest = float(max(sizes, default=0.0))
-    if not (unit == "m" or unit.startswith("m/")) or not 0.0 < largest < 1.0:
-        return 1.0, unit
-    for factor, prefix in ((1e3, "m"), (1e6, "µ")):
-        if largest * factor >= 1.0:
-            return factor, prefix + unit
-    return 1e9, "n" + unit
-
-
-def length(metres: float) -> str:
-    """A length in words, three digits.
-
-    Examples
-    --------
-    >>> length(1.2345e-6)
-    '1.23 µm'
-    """
-    factor, unit = prefixed("m", metres)
-    return f"{metres * factor:.3g} {unit}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -320,11 +277,6 @@ def broken(drawn: Thinned, t: Array, factor: float) -> tuple[Array, Array]:
     at = np.unique(np.searchsorted(drawn.t, holes, side="right"))
     at = at[(at > 0) & (at < len(drawn.t))]
     return np.insert(drawn.t, at, np.nan), np.insert(drawn.y * factor, at, np.nan)
-
-
-def grouped(number: int) -> str:
-    """A count with its thousands apart: 400 000."""
-    return f"{number:,}".replace(",", " ")
 
 
 def plain_decades(axis: Axis, decades: float) -> None:

@@ -2,6 +2,6 @@
 
 from accelcal.report.content import Content, gather
 from accelcal.report.page import html, light, write
-from accelcal.report.paper import pdf
+from accelcal.report.pdf import pdf
 
 __all__ = ["Content", "gather", "html", "light", "pdf", "write"]

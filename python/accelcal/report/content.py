@@ -6,20 +6,21 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from accelcal.applied import Application, example
-from accelcal.budget import Budget, budget
-from accelcal.compare import Comparison, compare
+from accelcal.calibration.apply import Application, example
+from accelcal.calibration.budget import Budget, budget
+from accelcal.data.recording import Recording
+from accelcal.data.summary import describe
+from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect
-from accelcal.fit import Fit
-from accelcal.judgement import Diagnosis
-from accelcal.ladder import Ladder, ladder
-from accelcal.loop import diagnose
-from accelcal.overview import describe
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.parameter_tracks import Track, track
+from accelcal.estimation.shape_functions import Shape, shapes
+from accelcal.experiment import Power, power
 from accelcal.plots.interactive.timeline import Marks, marks
-from accelcal.power import Power, power
-from accelcal.recording import Recording
-from accelcal.recovered import Shape, shapes
-from accelcal.tracks import Track, track
+from accelcal.selection.nested_models import Ladder, ladder
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.evaluation import compare
+from accelcal.workflow import diagnose
 
 T = TypeVar("T")
 
@@ -39,7 +40,7 @@ class Content:
     """Whether the fit has never seen what `judged` is about."""
     marks: Marks
     described: dict[str, Any]
-    """What was understood of `recording`, from `accelcal.overview.describe`."""
+    """What was understood of `recording`, from `accelcal.data.summary.describe`."""
     budget: Budget
     applied: Application | None
     """A worked example; None where the model cannot be inverted."""

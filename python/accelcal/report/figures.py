@@ -6,8 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from accelcal.plots import compare as still
-from accelcal.plots import interactive, story
+from accelcal.plots import interactive
+from accelcal.plots.static import comparison as still
+from accelcal.plots.static import diagnosis
 from accelcal.plots.style import ThemeName
 from accelcal.report.content import Content
 
@@ -42,7 +43,7 @@ def entries(content: Content) -> list[Entry]:
             "found",
             "By evidence, which charges for freedom. Filled: significant; in brackets: what cannot be told apart.",
             lambda theme: interactive.ranking(d, theme=theme),
-            lambda theme: story.ranking(d, theme=theme),
+            lambda theme: diagnosis.ranking(d, theme=theme),
         )
     ]
     if c.shapes:
@@ -63,7 +64,7 @@ def entries(content: Content) -> list[Entry]:
                 "falling",
                 "Hatched: an effect that the model does not hold yet.",
                 lambda theme: interactive.falling(climbed, theme=theme),
-                lambda theme: story.falling(climbed, theme=theme),
+                lambda theme: diagnosis.falling(climbed, theme=theme),
             )
         )
     found += [
@@ -86,7 +87,7 @@ def entries(content: Content) -> list[Entry]:
             "where",
             on_run,
             lambda theme: interactive.tiles(where, theme=theme),
-            lambda theme: story.tiles(where, theme=theme),
+            lambda theme: diagnosis.tiles(where, theme=theme),
         ),
         Entry(
             "regions",

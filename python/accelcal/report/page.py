@@ -9,9 +9,9 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from accelcal._support.extras import MissingExtra
 from accelcal.io import atomic_write
 from accelcal.plots import style
-from accelcal.plots.style import MissingExtra
 from accelcal.report.content import Content
 from accelcal.report.figures import Entry, entries
 from accelcal.report.view import view

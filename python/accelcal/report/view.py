@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import Any
 
 from accelcal._core import __version__
-from accelcal.budget import COVERAGE_FACTOR, Component
-from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.findings import sizes
-from accelcal.fit import tied_sum
-from accelcal.gauss_newton import Estimate
-from accelcal.importance import Size
-from accelcal.plots import style
-from accelcal.plots.compare import concise
-from accelcal.plots.interactive.falling import headline, steps
+from accelcal.calibration.budget import COVERAGE_FACTOR, Component
+from accelcal.calibration.electrical import electrical
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.diagnosis.contribution import Size
+from accelcal.effects import find, spelled
+from accelcal.estimation.estimate import tied_sum
+from accelcal.formatting import amount, grouped, label, length, number, probability, spoken, usual, with_unit
+from accelcal.model import Estimate
+from accelcal.plots.interactive.error_reduction import headline, steps
 from accelcal.report.content import Content
-from accelcal.rig import STANDARD_GRAVITY
-from accelcal.store import electrical
-from accelcal.units import display
+from accelcal.serialization.diagnosis_json import sizes
 
 METHOD = (
     "A filter for position and velocity runs once over the encoder readings, driven by exact integrals of the "
@@ -72,45 +69,6 @@ def view(content: Content) -> dict[str, Any]:
     }
 
 
-def number(value: float, digits: int = 4) -> str:
-    """A number for reading, with a true minus sign.
-
-    Examples
-    --------
-    >>> number(-0.000123456), number(1.8e-5, 2)
-    ('−0.0001235', '1.8e−5')
-    """
-    return typeset(f"{value:.{digits}g}")
-
-
-def typeset(text: str) -> str:
-    """Numbers in a text with true minus signs and short exponents."""
-    return re.sub(r"e([+-])0*(?=\d)", r"e\1", text).replace("e+", "e").replace("-", "−")
-
-
-def with_unit(text: str, unit: str) -> str:
-    """A number with its unit; a pure number has none."""
-    return text if unit in ("", "1") else f"{text} {unit}"
-
-
-def spoken(text: str) -> str:
-    """A sentence of the library without the identifiers of the catalogue."""
-    for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
-        text = text.replace(name, spelled(name))
-    return text.replace(" sigma", " σ")
-
-
-def amount(value: float, std: float, unit: str) -> str:
-    """A value with the standard uncertainty of its last digits and its unit."""
-    shown = concise(value, std) if std > 0.0 else f"{number(value)} (held)"
-    return with_unit(shown, unit)
-
-
-def probability(p: float) -> str:
-    """A probability, also where it is too small for a number."""
-    return number(p, 2) if p > 0.0 else "<1e−300"
-
-
 def summary(content: Content) -> list[str]:
     """The figures that a test engineer asks for first."""
     seen = content.judged
@@ -125,10 +83,9 @@ def summary(content: Content) -> list[str]:
         if content.ladder is not None and content.ladder.horizon == h:
             floor = content.ladder.floor  # of the best model: the noise of a poor one holds what it lacks
         lines.append(
-            f"Unaided drift after {h:g} s on {kind}: {style.length(drift)} rms; noise alone would give "
-            f"{style.length(floor)}."
+            f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise alone would give {length(floor)}."
         )
-    lines.append(f"One step ahead: {style.length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}.")
+    lines.append(f"One step ahead: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}.")
     return lines
 
 
@@ -167,11 +124,6 @@ def found(content: Content) -> list[dict[str, Any]]:
     return rows
 
 
-def usual(unit: str, value: float, std: float) -> str:
-    """A value in the unit that test engineers use; empty where SI is that unit."""
-    return typeset(display(unit, value, std) or "").replace(" u", " µ")
-
-
 def several(estimates: list[Estimate]) -> str:
     """Estimates of one effect in a cell."""
     if len(estimates) > 2:
@@ -184,7 +136,7 @@ def contribution(content: Content, size: Size | None) -> str:
     if size is None:
         return ""
     if size.at_encoder:
-        return style.length(size.value)
+        return length(size.value)
     found = sizes(size, content.fit.rig.sensor.range)
     text = f"{number(size.value, 3)} m/s², {number(found['mg'] or 0.0, 3)} mg"
     share = found["percent_of_full_scale"]
@@ -242,7 +194,7 @@ def falling(content: Content) -> dict[str, Any] | None:
             {
                 "model": name,
                 "error": error,
-                "shown": style.length(error),
+                "shown": length(error),
                 "in_model": rung.in_model,
                 "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
             }
@@ -338,10 +290,10 @@ def data(content: Content) -> dict[str, Any]:
         "channels": [
             {
                 "name": name,
-                "samples": style.grouped(c["samples"]),
+                "samples": grouped(c["samples"]),
                 "rate": f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
                 "span": f"{number(c['start_s'], 6)} s to {number(c['end_s'], 6)} s",
-                "range": f"{number(c['min'])} to {number(c['max'])} {style.label('', c['unit']).strip(' ()')}",
+                "range": f"{number(c['min'])} to {number(c['max'])} {label('', c['unit']).strip(' ()')}",
             }
             for name, c in seen["channels"].items()
         ],
@@ -361,9 +313,7 @@ def noise(content: Content, index: int) -> str:
     """Noise of one fitted run in words."""
     run = content.fit.runs[index]
     level, micro = run.noise.all, 1e6 / STANDARD_GRAVITY
-    text = (
-        f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, encoder {style.length(level.reading)} rms"
-    )
+    text = f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, encoder {length(level.reading)} rms"
     if run.noise.declared is not None:
         text += f"; declared {number(run.noise.declared * micro)} µg/√Hz"
     return text

@@ -2,72 +2,70 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
-from accelcal import overview
-from accelcal.app import mapping, parts, pictures
-from accelcal.app.bench import MOST_BYTES, Refused
-from accelcal.recording import RecordingError
-from accelcal.report.view import number
-
-if TYPE_CHECKING:
-    from accelcal.app.page import Page
+from accelcal.app import figures, mapping, widgets
+from accelcal.app.page import Page
+from accelcal.app.workbench import MOST_BYTES, Refused
+from accelcal.data import summary
+from accelcal.data.recording import RecordingError
+from accelcal.formatting import number
 
 
 def show(page: Page) -> None:
     """Build the screen."""
     state, arriving = page.bench.state, page.bench.arriving
     if arriving is not None:
-        with parts.card(arriving.name):
+        with widgets.card(arriving.name):
             ui.label("Breaks and faults are being looked for …").classes("note")
             page.pictures(
                 ("arriving", id(arriving), arriving.digest),
-                lambda theme: [pictures.arriving(arriving, theme)],
+                lambda theme: [figures.arriving(arriving, theme)],
                 height=420,
             )
         return
     if state.file is None:
-        with parts.card("Drop a recording", "welcome"):
+        with widgets.card("Drop a recording", "welcome"):
             ui.label(
                 "CSV, Parquet, MAT, npz or HDF5 with the accelerometer's output and the encoder's position; drop its "
                 "sidecar (.toml) along with it if there is one. Nothing leaves this machine."
             )
             drop(page, "Drop a recording here, or press + to choose")
-            parts.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
+            widgets.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
         return
     if state.recording is None:
-        with parts.card(f"{state.file.name} is not understood yet"):
+        with widgets.card(f"{state.file.name} is not understood yet"):
             ui.label(state.trouble).classes("trouble").props("role=alert")
             columns(page)
-        with parts.card("Another recording"):
+        with widgets.card("Another recording"):
             drop(page, "Drop another recording here")
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
-            with parts.card("Fit"):
+            with widgets.card("Fit"):
                 fitting(page)
-            with parts.card("Held out and left out"):
+            with widgets.card("Held out and left out"):
                 division(page)
-            with parts.card("Recordings"):
+            with widgets.card("Recordings"):
                 drop(page, "Drop another recording here")
                 ui.label("Hold out a whole recording instead of a part of this one:").classes("note")
                 drop(page, "Drop a held-out recording here", other=True)
         with ui.element("div").classes("stack"):
-            with parts.card("The recording"):
+            with widgets.card("The recording"):
                 ui.label("Drag over the picture to choose a stretch to hold out or to leave out.").classes("note")
                 key = ("data", id(state.recording), state.held_out, state.left_out)
                 page.pictures(
                     key,
-                    lambda theme: [pictures.data(state, theme)],
+                    lambda theme: [figures.data(state, theme)],
                     prepare=lambda plot, redraw: brushing(page, plot),
                     height=420,
                 )
-            with parts.card("Data check"):
+            with widgets.card("Data check"):
                 check(page)
             later(ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"), page)
-    parts.copies(page)
+    widgets.copies(page)
 
 
 def drop(page: Page, label: str, *, other: bool = False) -> None:
@@ -120,7 +118,7 @@ def check(page: Page) -> None:
     """What was understood, warnings first."""
     state = page.bench.state
     assert state.recording is not None
-    seen = overview.describe(state.recording)
+    seen = summary.describe(state.recording)
     rows = [
         [
             name,
@@ -131,17 +129,17 @@ def check(page: Page) -> None:
         ]
         for name, c in seen["channels"].items()
     ]
-    parts.table(["channel", "samples", "rate", "from, to", "least, largest"], rows, "Channels")
+    widgets.table(["channel", "samples", "rate", "from, to", "least, largest"], rows, "Channels")
     if state.marks is not None:
-        parts.lines([f"Suspect data: {fault.sentence}" for fault in state.marks.faults], "warning")
+        widgets.lines([f"Suspect data: {fault.sentence}" for fault in state.marks.faults], "warning")
     for severity, kind in (("warning", "warning"), ("note", "note")):
-        parts.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
+        widgets.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
     if seen["assumptions"]:
         count = len(seen["assumptions"])
         with ui.expansion(f"{count} thing{'s are' if count > 1 else ' is'} assumed", icon="help_outline").classes(
             "full"
         ):
-            parts.lines(seen["assumptions"])
+            widgets.lines(seen["assumptions"])
 
 
 def later(box: ui.expansion, page: Page) -> None:
@@ -166,24 +164,24 @@ def columns(page: Page) -> None:
         ui.label(bench.plain(str(error))).classes("trouble")
         return
     roles, names, units = [], [], []
-    rows: list[list[parts.Cell]] = []
+    rows: list[list[widgets.Cell]] = []
     for one in found:
         known = one.channel if one.channel in (*mapping.ESSENTIAL, mapping.NOT_USED) else "other"
 
         def role(one: mapping.Choice = one, known: str = known) -> None:
             made = ui.select([*mapping.ESSENTIAL, "other", mapping.NOT_USED], value=known)
-            roles.append(made.props(f'dense outlined aria-label="Role of {parts.attribute(one.column)}"'))
+            roles.append(made.props(f'dense outlined aria-label="Role of {widgets.attribute(one.column)}"'))
 
         def name(one: mapping.Choice = one, known: str = known) -> None:
             made = ui.input(value=one.channel if known == "other" else one.column)
-            names.append(made.props(f'dense outlined aria-label="Name of {parts.attribute(one.column)}"'))
+            names.append(made.props(f'dense outlined aria-label="Name of {widgets.attribute(one.column)}"'))
 
         def unit(one: mapping.Choice = one) -> None:
             made = ui.input(value=one.unit, placeholder="unit")
-            units.append(made.props(f'dense outlined aria-label="Unit of {parts.attribute(one.column)}"'))
+            units.append(made.props(f'dense outlined aria-label="Unit of {widgets.attribute(one.column)}"'))
 
         rows.append([one.column, role, name, unit])
-    parts.table(["column", "is", "named (if other)", "unit"], rows, "Columns")
+    widgets.table(["column", "is", "named (if other)", "unit"], rows, "Columns")
     sheet = ui.textarea("Sidecar: sensor, rig and columns", value=text).props("outlined autogrow").classes("code full")
 
     async def use_columns() -> None:
@@ -203,8 +201,8 @@ def columns(page: Page) -> None:
         await page.act(bench.load, state.file, made)
 
     with ui.row():
-        parts.button("Use these columns", "check", use_columns, primary=state.recording is None)
-        parts.button(
+        widgets.button("Use these columns", "check", use_columns, primary=state.recording is None)
+        widgets.button(
             "Use the sidecar as written", "description", lambda: page.act(bench.load, state.file, str(sheet.value))
         )
 
@@ -236,7 +234,7 @@ def division(page: Page) -> None:
     for i, (a, b) in enumerate(state.left_out):
         with ui.row().classes("line"):
             ui.label(f"Left out: {a:.6g} s to {b:.6g} s")
-            parts.button(
+            widgets.button(
                 "Use again",
                 "undo",
                 lambda i=i: page.act(bench.take_back, i),
@@ -257,8 +255,8 @@ def division(page: Page) -> None:
         await page.act(action, float(first.value), float(last.value))
 
     with ui.row().classes("line"):
-        parts.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
-        parts.button("Leave out", "content_cut", lambda: mark(bench.leave_out), label="Leave this stretch out")
+        widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
+        widgets.button("Leave out", "content_cut", lambda: mark(bench.leave_out), label="Leave this stretch out")
     if state.steps:
         ui.label("Another division needs another fit: models begin anew; Undo brings them back.").classes("note")
 
@@ -271,11 +269,11 @@ def fitting(page: Page) -> None:
     else:
         ui.label(f"The model that is looked at: {' '.join(s.label for s in state.path)}.")
     with ui.row().classes("line"):
-        parts.button(
+        widgets.button(
             "Fit" if state.step is None else "Fit again",
             "play_arrow",
             lambda: page.improve(bench.fit, "linear"),
             primary=state.step is None,
             label="Fit the linear model",
         )
-        parts.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)
+        widgets.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)

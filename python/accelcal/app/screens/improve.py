@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from nicegui import ui
 
-from accelcal.app import parts, pictures, words
+from accelcal import formatting
+from accelcal.app import figures, widgets, wording
+from accelcal.app.page import Page
 from accelcal.app.state import Step
-from accelcal.plots import style
-
-if TYPE_CHECKING:
-    from accelcal.app.page import Page
 
 LIMITS = 6
 """Detection limits that are spelled out at once."""
@@ -21,41 +17,41 @@ def show(page: Page) -> None:
     """Build the screen."""
     state = page.bench.state
     if state.step is None:
-        parts.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
+        widgets.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
-            with parts.card("What is missing", "verdict"):
+            with widgets.card("What is missing", "verdict"):
                 verdict(page)
-            with parts.card("Models"):
+            with widgets.card("Models"):
                 tree(page)
         with ui.element("div").classes("stack"):
-            with parts.card("The error on held-out data"):
+            with widgets.card("The error on held-out data"):
                 error(page)
                 page.pictures(
                     ("falling", state.current),
-                    lambda theme: [pictures.falling(state, theme)],
+                    lambda theme: [figures.falling(state, theme)],
                 )
-            with parts.card("What is left over on held-out data"):
+            with widgets.card("What is left over on held-out data"):
                 if state.previous is not None:
                     ui.label(f"Faint: before {state.step.label}.").classes("note")
                 page.pictures(
                     ("left", state.current),
                     lambda theme: [
-                        pictures.residual(state, page.bench.before(), theme),
-                        pictures.one_step(state, theme),
+                        figures.residual(state, page.bench.before(), theme),
+                        figures.one_step(state, theme),
                     ],
                     height=620,
                 )
-            with parts.card("Unaided drift"):
-                page.pictures(("coast", state.current), lambda theme: [pictures.coasting(state, theme)])
-    parts.copies(page)
+            with widgets.card("Unaided drift"):
+                page.pictures(("coast", state.current), lambda theme: [figures.coasting(state, theme)])
+    widgets.copies(page)
 
 
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    climbed, found = pictures.ladder(state), page.bench.diagnosis
+    climbed, found = figures.ladder(state), page.bench.diagnosis
     now, floor = climbed.errors[-1], climbed.floor
     with ui.row().classes("numbers"):
         figure("error now", now, "error")
@@ -74,7 +70,7 @@ def error(page: Page) -> None:
 def figure(name: str, value: float, mark: str) -> None:
     """A number with its name; its full digits stand in the page."""
     with ui.element("div").classes("number"):
-        ui.label(style.length(value)).classes("large").props(f"data-number={mark} data-value={value!r}")
+        ui.label(formatting.length(value)).classes("large").props(f"data-number={mark} data-value={value!r}")
         ui.label(name).classes("note")
 
 
@@ -84,26 +80,26 @@ def verdict(page: Page) -> None:
     if found is None:
         if bench.job is None and not page.asking:
             ui.label("Not asked yet.")
-            parts.button("Look for what is missing", "search", page.ask, primary=True)
+            widgets.button("Look for what is missing", "search", page.ask, primary=True)
         else:
             ui.label("Every effect of the catalogue is being tried …")
         return
-    nothing = not words.may_add(bench.state, found)
-    ui.label(words.badge(found)).classes("badge").classes("good" if found.verdict == "adequate" else "bad").props(
+    nothing = not wording.may_add(bench.state, found)
+    ui.label(wording.badge(found)).classes("badge").classes("good" if found.verdict == "adequate" else "bad").props(
         f"role=status data-verdict={found.verdict}"
     )
-    ui.label(words.sentence(found)).classes("verdict-text")
-    parts.lines(words.asides(bench.state, found), "warning")
+    ui.label(wording.sentence(found)).classes("verdict-text")
+    widgets.lines(wording.asides(bench.state, found), "warning")
     if found.verdict == "adequate":
         ui.label("Nothing missing larger than").classes("strong")
-        parts.table(["effect", "seen from"], words.limits(found)[:LIMITS], "Detection limits")
-        if words.limits(found)[LIMITS:]:
+        widgets.table(["effect", "seen from"], wording.limits(found)[:LIMITS], "Detection limits")
+        if wording.limits(found)[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
-                parts.table(["effect", "seen from"], words.limits(found)[LIMITS:], "More detection limits")
+                widgets.table(["effect", "seen from"], wording.limits(found)[LIMITS:], "More detection limits")
     if nothing:
-        made = parts.button("Add", "add", lambda: None, label="Nothing to add")
+        made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
-    near, further, rest = words.offered(found)
+    near, further, rest = wording.offered(found)
     for one in near:
         candidate(page, one)
     if further:
@@ -116,7 +112,7 @@ def verdict(page: Page) -> None:
             for one in rest:
                 ui.label(one.title).classes("strong")
                 ui.label("; ".join(one.facts)).classes("note")
-    several = words.ties(found)
+    several = wording.ties(found)
     if several:
         with ui.expansion("Cannot be told apart, and the experiment that would", icon="balance").classes("full"):
             for members, experiment in several:
@@ -124,12 +120,12 @@ def verdict(page: Page) -> None:
                 ui.label(experiment).classes("note")
 
 
-def candidate(page: Page, one: words.Card) -> None:
+def candidate(page: Page, one: wording.Card) -> None:
     """One candidate with its card and its button."""
     with ui.element("article").classes("candidate").classes("first" if one.first else ""):
         with ui.row().classes("line spread"):
             ui.label(one.title).classes("strong large-name")
-            parts.button(
+            widgets.button(
                 "Add",
                 "add",
                 lambda: page.improve(page.bench.add, one.effect),
@@ -137,7 +133,7 @@ def candidate(page: Page, one: words.Card) -> None:
                 label=f"Add {one.title}",
             ).set_enabled(page.bench.job is None)
         ui.label(one.about)
-        parts.lines(one.facts)
+        widgets.lines(one.facts)
         if one.rivals:
             more = f" and {len(one.rivals) - 4} more" if len(one.rivals) > 4 else ""
             ui.label(f"Cannot be told apart from: {', '.join(one.rivals[:4])}{more}.").classes("warning")
@@ -155,12 +151,12 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = pictures.ladder(state).horizon
+    horizon = figures.ladder(state).horizon
 
     def line(step: Step) -> None:
         value = step.heldout.simulated_rms if horizon is None else step.heldout.coast_rms[horizon]
         here = step.key == state.current
-        text = f"{step.label.replace('_', ' ')} · {'too short' if value is None else style.length(value)}"
+        text = f"{step.label.replace('_', ' ')} · {'too short' if value is None else formatting.length(value)}"
         made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
         made.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
         made.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")

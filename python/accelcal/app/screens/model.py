@@ -2,52 +2,48 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from nicegui import ui
 
-from accelcal.app import parts, words
+from accelcal.app import widgets, wording
+from accelcal.app.page import Page
 from accelcal.effects import HOUSE, spelled
-from accelcal.effects.expression import FUNCTIONS, MOTION
-from accelcal.fit import tied_sum
-from accelcal.gauss_newton import Estimate
-from accelcal.report.view import number, usual
-
-if TYPE_CHECKING:
-    from accelcal.app.page import Page
+from accelcal.effects.formula import FUNCTIONS, MOTION
+from accelcal.estimation.estimate import tied_sum
+from accelcal.formatting import number, usual
+from accelcal.model import Estimate
 
 
 def show(page: Page) -> None:
     """Build the screen."""
     step = page.bench.state.step
     if step is None:
-        parts.empty(
+        widgets.empty(
             "Fit a model first, on the screen Data." if page.bench.state.recording else "Load a recording first."
         )
         return
-    with parts.card("Parameters", "parameters"):
+    with widgets.card("Parameters", "parameters"):
         parameters(page)
-        parts.lines(step.fit.remarks)
+        widgets.lines(step.fit.remarks)
     with ui.element("div").classes("halves"):
-        with parts.card("Effects of this model"):
+        with widgets.card("Effects of this model"):
             added(page)
-        with parts.card("An effect of your own"):
+        with widgets.card("An effect of your own"):
             own(page)
-    parts.copies(page)
+    widgets.copies(page)
 
 
 def parameters(page: Page) -> None:
     """Every parameter with its uncertainty, and a button that holds or releases it."""
     step = page.bench.state.step
     assert step is not None
-    rows: list[list[parts.Cell]] = []
+    rows: list[list[widgets.Cell]] = []
     for e in (*step.fit.estimates, *step.fit.shapes):
         held = e.name in step.fit.model.fixed
 
         def act(e: Estimate = e, held: bool = held) -> None:
             bench = page.bench
             if held:
-                parts.button(
+                widgets.button(
                     "Release",
                     "lock_open",
                     lambda: page.improve(bench.release, e.name),
@@ -57,7 +53,7 @@ def parameters(page: Page) -> None:
                 return
             with ui.row().classes("line tight"):
                 value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value at which {parts.attribute(spelled(e.name))} is held"'
+                    f'dense outlined aria-label="Value at which {widgets.attribute(spelled(e.name))} is held"'
                 )
 
                 async def hold() -> None:
@@ -68,13 +64,13 @@ def parameters(page: Page) -> None:
                         return
                     await page.improve(bench.freeze, e.name, number_)
 
-                parts.button("Hold", "lock", hold, flat=True, label=f"Hold {e.name}")
+                widgets.button("Hold", "lock", hold, flat=True, label=f"Hold {e.name}")
 
         rows.append(
             [
                 spelled(e.name),
                 e.symbol,
-                words.value(e),
+                wording.value(e),
                 usual(e.unit, e.value, e.std),
                 "held" if held else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
                 tied_sum(step.fit, e.name),
@@ -92,7 +88,7 @@ def parameters(page: Page) -> None:
         "owner",
         "hold at (SI)",
     ]
-    parts.table(titles, rows, "Parameters")
+    widgets.table(titles, rows, "Parameters")
 
 
 def added(page: Page) -> None:
@@ -104,7 +100,7 @@ def added(page: Page) -> None:
     for name in step.fit.model.added:
         with ui.row().classes("line spread"):
             ui.label(spelled(name)).classes("strong")
-            parts.button(
+            widgets.button(
                 "Remove",
                 "remove",
                 lambda name=name: page.improve(bench.drop, name),
@@ -124,7 +120,7 @@ def added(page: Page) -> None:
             if chosen.value:
                 await page.improve(bench.add, str(chosen.value))
 
-        parts.button("Put in", "playlist_add", put)
+        widgets.button("Put in", "playlist_add", put)
 
 
 def own(page: Page) -> None:
@@ -149,6 +145,6 @@ def own(page: Page) -> None:
         if not bench.sentence:
             await page.act(bench.diagnose, then="improve")
 
-    parts.button("Try it as a candidate", "functions", enter)
+    widgets.button("Try it as a candidate", "functions", enter)
     for one in state.own:
         ui.label(f"{one.effect.name}: {one.expression}").classes("note")

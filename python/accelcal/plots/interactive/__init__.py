@@ -2,7 +2,7 @@
 
 from accelcal.plots.interactive.distribution import quantile_plot
 from accelcal.plots.interactive.drift import coasting
-from accelcal.plots.interactive.falling import falling
+from accelcal.plots.interactive.error_reduction import falling
 from accelcal.plots.interactive.linked import linked
 from accelcal.plots.interactive.motion import simulated
 from accelcal.plots.interactive.power import power_of

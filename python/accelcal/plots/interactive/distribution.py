@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
 from accelcal.plots import style
-from accelcal.plots.compare import imposed, normalised, quantiles
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
+from accelcal.plots.static.comparison import imposed, normalised, quantiles
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,7 +21,7 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`.
+    comparison : from `accelcal.compare`.
     theme : "light" or "dark".
 
     Raises
@@ -32,7 +32,7 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
     look = style.theme_of(theme)
     y = normalised(comparison)
     expected, seen = quantiles(y)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     figure.add_scatter(
         x=expected.astype(np.float32),
         y=seen.astype(np.float32),
@@ -42,9 +42,9 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
         hovertemplate="%{x:.2f} expected, %{y:.2f} seen<extra></extra>",
     )
     reach = float(np.abs(expected).max())
-    sheet.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), look.other, "standard normal")
+    drawing.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), look.other, "standard normal")
     nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"Q-Q plot of one-step residuals over their predicted deviation: standard deviation {np.std(y):.3f}{nis}"
@@ -52,6 +52,6 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
         note=style.Thinned(expected, seen, len(seen), len(y)).note,
         height=340,
     )
-    figure.update_xaxes(title_text=sheet.axis_title("normal quantile", "1"))
-    figure.update_yaxes(title_text=sheet.axis_title("quantile of residuals", "1"))
+    figure.update_xaxes(title_text=drawing.axis_title("normal quantile", "1"))
+    figure.update_yaxes(title_text=drawing.axis_title("quantile of residuals", "1"))
     return figure

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
+from accelcal import formatting
 from accelcal.plots import style
-from accelcal.plots.compare import HEADLINE_HORIZON, horizons
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
+from accelcal.plots.static.comparison import HEADLINE_HORIZON, horizons
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -22,7 +23,7 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`; horizons that the record does not allow are absent.
+    comparison : from `accelcal.compare`; horizons that the record does not allow are absent.
     theme : "light" or "dark".
 
     Raises
@@ -31,7 +32,7 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         If plotly is not installed.
     """
     look = style.theme_of(theme)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     curves = (
         ("this run's constant re-estimated", comparison.coast_rms, look.model),
         ("every parameter from the fit", comparison.coast_frozen_rms, look.other),
@@ -41,30 +42,30 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     allowed = points[0][1]
     if len(allowed) == 0:
         least = min(comparison.coast_rms, default=1.0)
-        return sheet.message(figure, look, "Unaided drift", f"The record is too short to coast {least:g} s.")
-    factor, unit = style.prefixed("m", *[y for _, _, y, _ in points])
+        return drawing.message(figure, look, "Unaided drift", f"The record is too short to coast {least:g} s.")
+    factor, unit = formatting.prefixed("m", *[y for _, _, y, _ in points])
     for name, h, y, chosen in points:
-        sheet.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
+        drawing.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
     quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else float(allowed[-1])
     drift, floor = comparison.coast_rms[quoted], comparison.coast_floor[quoted]
     assert drift is not None
     assert floor is not None
     counts = ", ".join(f"{h:g} s: {comparison.coast_starts[h]}" for h in allowed.tolist())
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
-        f"Unaided drift after {quoted:g} s: {style.length(drift)} rms, noise alone {style.length(floor)}",
+        f"Unaided drift after {quoted:g} s: {formatting.length(drift)} rms, noise alone {formatting.length(floor)}",
         note=f"start points {counts}",
     )
     ticks = allowed.tolist()
-    time = sheet.logarithmic(ticks[0] / 1.4, ticks[-1] * 1.4)
+    time = drawing.logarithmic(ticks[0] / 1.4, ticks[-1] * 1.4)
     time |= {"tickvals": ticks, "ticktext": [f"{h:g}" for h in ticks]}
-    figure.update_xaxes(**time, title_text=sheet.axis_title("time without position", "s"))
+    figure.update_xaxes(**time, title_text=drawing.axis_title("time without position", "s"))
     found = np.concatenate([y for _, _, y, _ in points]) * factor
     middle, reach = (
         math.sqrt(found.min() * found.max()),
         max(1.5 * math.sqrt(found.max() / found.min()), math.sqrt(10.0)),
     )
-    rms = sheet.logarithmic(middle / reach, middle * reach)  # a flat curve must not look steep
-    figure.update_yaxes(**rms, title_text=sheet.axis_title("rms unaided drift", unit))
+    rms = drawing.logarithmic(middle / reach, middle * reach)  # a flat curve must not look steep
+    figure.update_yaxes(**rms, title_text=drawing.axis_title("rms unaided drift", unit))
     return figure

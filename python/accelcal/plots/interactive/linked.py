@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal.compare import Comparison
+from accelcal import formatting
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.recording import Array, Channel, Recording
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -50,7 +52,7 @@ def linked(
     first = sorted(recording.side.values(), key=lambda one: (one.name != "temperature", one.name))[:SIDE]
     residual = comparison is not None and len(comparison.accel_residual[0]) > 0
     rows = 2 + int(residual) + len(first)
-    figure = sheet.canvas(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
+    figure = drawing.canvas(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
 
     def inside(t: Array, y: Array) -> tuple[Array, Array]:
         if window is None:
@@ -60,9 +62,9 @@ def linked(
 
     def draw(row: int, channel: Channel, name: str, chosen: style.Look) -> style.Thinned:
         t, y = inside(channel.t, channel.y)
-        factor, unit = style.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
-        figure.update_yaxes(title_text=sheet.axis_title(name, unit), row=row, col=1)
-        return sheet.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
+        factor, unit = formatting.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
+        figure.update_yaxes(title_text=drawing.axis_title(name, unit), row=row, col=1)
+        return drawing.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
 
     drawn = [
         draw(1, recording.position, "position", look.measured),
@@ -70,27 +72,27 @@ def linked(
     ]
     if comparison is not None and residual:
         t, y = inside(*comparison.accel_residual)
-        factor, unit = style.prefixed("m/s²", y)
+        factor, unit = formatting.prefixed("m/s²", y)
         if previous is not None and len(previous.accel_residual[0]):
             old = inside(*previous.accel_residual)
-            sheet.trace(figure, *old, look.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
-        drawn.append(sheet.trace(figure, t, y, look.residual, "residual", factor=factor, unit=unit, row=3))
-        figure.update_yaxes(title_text=sheet.axis_title("residual", unit), row=3, col=1)
+            drawing.trace(figure, *old, look.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
+        drawn.append(drawing.trace(figure, t, y, look.residual, "residual", factor=factor, unit=unit, row=3))
+        figure.update_yaxes(title_text=drawing.axis_title("residual", unit), row=3, col=1)
     drawn += [draw(rows - len(first) + 1 + i, channel, channel.name, look.other) for i, channel in enumerate(first)]
     low, high = (recording.position.t[0], recording.position.t[-1]) if window is None else window
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"From {low:.5g} s to {high:.5g} s",
-        note=sheet.note_of(*drawn),
-        height=sheet.BOTTOM + PANEL * rows,
+        note=drawing.note_of(*drawn),
+        height=drawing.BOTTOM + PANEL * rows,
         legend=previous is not None and residual,
         left=92,
     )
     for begin, end, label in marked:
         mark(figure, begin, end, label, look)
     figure.update_xaxes(range=[float(low), float(high)])
-    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=rows, col=1)
+    figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=rows, col=1)
     return figure
 
 
@@ -107,8 +109,8 @@ def mark(figure: Figure, begin: float, end: float, label: str, look: style.Theme
         xref="x",
         yref="paper",
         yanchor="top",
-        text=sheet.plain(label),
+        text=drawing.plain(label),
         showarrow=False,
         bgcolor=look.page,
-        font={"size": sheet.SMALL, "color": look.ink},
+        font={"size": drawing.SMALL, "color": look.ink},
     )

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
+from accelcal import formatting
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -20,7 +21,7 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`.
+    comparison : from `accelcal.compare`.
     theme : "light" or "dark".
 
     Raises
@@ -31,26 +32,26 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     look = style.theme_of(theme)
     t, measured, position = comparison.simulated
     error, spread = position - measured, 2.0 * comparison.simulated_std
-    factor, unit = style.prefixed("m", measured)
-    error_factor, error_unit = style.prefixed("m", error)
-    figure = sheet.canvas(2, 1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06)
-    drawn = sheet.trace(figure, t, measured, look.measured, "measured", factor=factor, unit=unit)
-    sheet.trace(figure, t, position, look.model, "simulated", factor=factor, unit=unit)
+    factor, unit = formatting.prefixed("m", measured)
+    error_factor, error_unit = formatting.prefixed("m", error)
+    figure = drawing.canvas(2, 1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06)
+    drawn = drawing.trace(figure, t, measured, look.measured, "measured", factor=factor, unit=unit)
+    drawing.trace(figure, t, position, look.model, "simulated", factor=factor, unit=unit)
     at, reach = style.typical(t, spread)
     reach = reach * error_factor
-    sheet.band(figure, at, -reach, reach, "noise alone, ± 2 σ", look, row=2)
-    sheet.trace(figure, t, error, look.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2)
-    sheet.dress(
+    drawing.band(figure, at, -reach, reach, "noise alone, ± 2 σ", look, row=2)
+    drawing.trace(figure, t, error, look.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2)
+    drawing.dress(
         figure,
         look,
-        f"Simulated without position from {t[0]:.3g} s on: rms error {style.length(comparison.simulated_rms)}",
+        f"Simulated without position from {t[0]:.3g} s on: rms error {formatting.length(comparison.simulated_rms)}",
         note=drawn.note,
         height=460,
     )
-    figure.update_yaxes(title_text=sheet.axis_title("position", unit), row=1, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("position", unit), row=1, col=1)
     edge = (
         1.1 * error_factor * max(float(np.abs(error).max()), min(float(spread.max()), 3.0 * float(np.abs(error).max())))
     )
-    figure.update_yaxes(title_text=sheet.axis_title("error", error_unit), range=[-edge, edge], row=2, col=1)
-    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=2, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("error", error_unit), range=[-edge, edge], row=2, col=1)
+    figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=2, col=1)
     return figure

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from accelcal.effects import find, spelled
+from accelcal.experiment import Power, Sight
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.power import Power, Sight
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -32,7 +32,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    power : from `accelcal.power.power`.
+    power : from `accelcal.power`.
     theme : "light" or "dark".
 
     Raises
@@ -47,11 +47,11 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
     ]
     panels = [p for p in panels if p[0]]
     if not panels:
-        return sheet.message(sheet.canvas(), look, "Power", "No effect can be seen on this record.")
+        return drawing.message(drawing.canvas(), look, "Power", "No effect can be seen on this record.")
     heights = [len(p[0]) for p in panels]
     total = sum(heights)
     room = ROW * (total + len(panels)) + GAP * (len(panels) - 1)
-    figure = sheet.canvas(
+    figure = drawing.canvas(
         len(panels),
         1,
         row_heights=[(h + 1.0) / (total + len(panels)) for h in heights],
@@ -59,7 +59,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         vertical_spacing=GAP / room if len(panels) > 1 else 0.0,
     )
     for row, (several, unit, _) in enumerate(panels, 1):
-        names = [sheet.plain(spelled(s.effect)) for s in several]
+        names = [drawing.plain(spelled(s.effect)) for s in several]
         figure.add_scatter(
             x=[s.largest for s in several],
             y=names,
@@ -71,19 +71,19 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
             customdata=[f"{min(s.smallest):.3g} {s.unit}" for s in several],
             hovertemplate="%{y}: %{customdata}, at most %{x:.3g} " + unit + "<extra></extra>",
         )
-        scale = sheet.logarithmic(0.7 * several[0].largest, 1.4 * several[-1].largest)
-        title = sheet.axis_title("largest contribution at the smallest size that is found", unit)
+        scale = drawing.logarithmic(0.7 * several[0].largest, 1.4 * several[-1].largest)
+        title = drawing.axis_title("largest contribution at the smallest size that is found", unit)
         figure.update_xaxes(**scale, title_text=title, row=row, col=1)
         figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
     blind = [spelled(s.effect) for s in power.sights if not s.seen]
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"What this record can see with 95 % probability, among {power.examined} alternatives",
         note=f"not seen at all: {', '.join(blind)}" if blind else "",
-        height=sheet.BOTTOM + room,
+        height=drawing.BOTTOM + room,
         legend=False,
         titled=True,
-        left=sheet.labels([s.effect for several, _, _ in panels for s in several]),
+        left=drawing.labels([s.effect for several, _, _ in panels for s in several]),
     )
     return figure

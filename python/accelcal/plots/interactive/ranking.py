@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from accelcal.diagnose import Candidate
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
-from accelcal.judgement import Diagnosis
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    diagnosis : from `accelcal.loop.diagnose`.
+    diagnosis : from `accelcal.diagnose`.
     theme : "light" or "dark".
 
     Raises
@@ -46,12 +46,12 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
         If plotly is not installed.
     """
     look = style.theme_of(theme)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     groups = classes(diagnosis)
     if not groups:
-        return sheet.message(figure, look, "Candidates", "No candidate could be tested on this record.")
+        return drawing.message(figure, look, "Candidates", "No candidate could be tested on this record.")
     flat = [c for group in groups for c in group]
-    names = [sheet.plain(spelled(c.effect)) for c in flat]
+    names = [drawing.plain(spelled(c.effect)) for c in flat]
     for said, chosen, filled in (("significant", look.model, True), ("no evidence", look.floor, False)):
         rows = [i for i, c in enumerate(flat) if (c.p_value < diagnosis.alpha) == filled]
         if not rows:
@@ -63,7 +63,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
             name=said,
             width=0.62,
             marker={
-                "color": chosen.colour if filled else sheet.faded(chosen.colour, 0.15),
+                "color": chosen.colour if filled else drawing.faded(chosen.colour, 0.15),
                 "line": {"color": chosen.colour, "width": 1.5},
                 "pattern": {"shape": "" if filled else "/", "size": 5},
             },
@@ -96,16 +96,16 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
                 align="left",
             )
         begin = end + 1
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"What the model lacks: {diagnosis.scan.examined} candidates examined",
         note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
-        height=sheet.BOTTOM + 20 + 30 * len(flat),
-        left=sheet.labels(names),
+        height=drawing.BOTTOM + 20 + 30 * len(flat),
+        left=drawing.labels(names),
     )
     figure.update_xaxes(
-        title_text=sheet.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
+        title_text=drawing.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
     )
     figure.update_yaxes(
         tickvals=list(range(len(flat))),
@@ -119,5 +119,5 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
 
 def _amount(c: Candidate) -> str:
     if len(c.estimate) == 1:
-        return sheet.plain(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
-    return sheet.plain(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")
+        return drawing.plain(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
+    return drawing.plain(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")

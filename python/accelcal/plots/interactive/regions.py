@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal.compare import Bins, Comparison
+from accelcal import formatting
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Bins, Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -32,7 +33,7 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`; bins with too little data to have a band are absent.
+    comparison : from `accelcal.compare`; bins with too little data to have a band are absent.
     theme : "light" or "dark".
 
     Raises
@@ -43,22 +44,24 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     look = style.theme_of(theme)
     chosen = ordered(comparison)
     if not chosen:
-        return sheet.message(sheet.canvas(), look, "Mean residual", "The record is too short to say where it fails.")
+        return drawing.message(
+            drawing.canvas(), look, "Mean residual", "The record is too short to say where it fails."
+        )
     rows = math.ceil(len(chosen) / COLUMNS)
-    titles = [sheet.plain(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
-    figure = sheet.canvas(
+    titles = [drawing.plain(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
+    figure = drawing.canvas(
         rows, COLUMNS, subplot_titles=titles, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.075
     )
     means = [np.where(b.std > 0.0, b.mean, np.nan) for b, _ in chosen]
-    factor, unit = style.prefixed("m/s²", *means)
+    factor, unit = formatting.prefixed("m/s²", *means)
     for i, ((one, _), mean) in enumerate(zip(chosen, means, strict=True)):
         place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
-        x_factor, x_unit = (1.0, one.unit) if one.unit == "s" else style.prefixed(one.unit, one.edges)
+        x_factor, x_unit = (1.0, one.unit) if one.unit == "s" else formatting.prefixed(one.unit, one.edges)
         centre = 0.5 * (one.edges[1:] + one.edges[:-1]) * x_factor
         x = np.repeat(one.edges, 2)[1:-1] * x_factor
         reach = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
         known = np.isfinite(reach)
-        sheet.band(
+        drawing.band(
             figure,
             x[known],
             -reach[known],
@@ -69,7 +72,7 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
             group="band",
             **place,
         )
-        sheet.curve(
+        drawing.curve(
             figure,
             centre,
             mean * factor,
@@ -82,17 +85,17 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
             legendgroup="mean",
             **place,
         )
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         comparison.worst[:1].upper() + comparison.worst[1:],
-        height=sheet.BOTTOM + PANEL * rows,
+        height=drawing.BOTTOM + PANEL * rows,
         titled=True,
     )
     for i, (one, _) in enumerate(chosen):
         at = {"row": i // COLUMNS + 1, "col": i % COLUMNS + 1}
-        x_unit = one.unit if one.unit == "s" else style.prefixed(one.unit, one.edges)[1]
-        figure.update_xaxes(title_text=sheet.axis_title(one.variable, x_unit), nticks=5, **at)
-        title = sheet.axis_title("mean residual", unit) if i % COLUMNS == 0 else None
+        x_unit = one.unit if one.unit == "s" else formatting.prefixed(one.unit, one.edges)[1]
+        figure.update_xaxes(title_text=drawing.axis_title(one.variable, x_unit), nticks=5, **at)
+        title = drawing.axis_title("mean residual", unit) if i % COLUMNS == 0 else None
         figure.update_yaxes(title_text=title, nticks=6, **at)
     return figure

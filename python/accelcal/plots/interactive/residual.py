@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
+from accelcal import formatting
 from accelcal.plots import style
-from accelcal.plots.compare import TRANSIENT, TWO_SIDED_95, imposed
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
+from accelcal.plots.static.comparison import TRANSIENT, TWO_SIDED_95, imposed
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -21,7 +22,7 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`.
+    comparison : from `accelcal.compare`.
     previous : of the model before, on the same recording.
     theme : "light" or "dark".
 
@@ -35,28 +36,28 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
     reach = TWO_SIDED_95 * comparison.residual_std
     settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
     edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
-    factor, unit = style.prefixed("m", edge)
-    figure = sheet.canvas()
+    factor, unit = formatting.prefixed("m", edge)
+    figure = drawing.canvas()
     if previous is not None:
         old_t, old = previous.residual
         edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
-        sheet.trace(figure, old_t, old, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
-    drawn = sheet.trace(figure, t, e, look.residual, "residual", factor=factor, unit=unit)
+        drawing.trace(figure, old_t, old, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
+    drawn = drawing.trace(figure, t, e, look.residual, "residual", factor=factor, unit=unit)
     at, usual = style.typical(t, reach)
     usual = np.minimum(usual, 1.1 * edge) * factor
-    sheet.band(figure, at, -usual, usual, "predicted 95 % band", look)
+    drawing.band(figure, at, -usual, usual, "predicted 95 % band", look)
     inside, beyond = float(np.mean(np.abs(e) <= reach)), int(np.count_nonzero(np.abs(e) > edge))
-    off = f"{style.grouped(beyond)} beyond the axis" if beyond else ""
-    sheet.dress(
+    off = f"{formatting.grouped(beyond)} beyond the axis" if beyond else ""
+    drawing.dress(
         figure,
         look,
-        f"One-step residuals: rms {style.length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
-        f"{style.grouped(len(e))} inside the 95 % band{imposed(comparison)}",
+        f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
+        f"{formatting.grouped(len(e))} inside the 95 % band{imposed(comparison)}",
         note="; ".join(filter(None, (off, drawn.note))),
         height=320,
     )
-    figure.update_xaxes(title_text=sheet.axis_title("time", "s"))
-    figure.update_yaxes(title_text=sheet.axis_title("one-step residual", unit), range=[-edge * factor, edge * factor])
+    figure.update_xaxes(title_text=drawing.axis_title("time", "s"))
+    figure.update_yaxes(title_text=drawing.axis_title("one-step residual", unit), range=[-edge * factor, edge * factor])
     return figure
 
 
@@ -67,15 +68,15 @@ def accel_side(comparison: Comparison, *, previous: Comparison | None = None, th
     """
     look = style.theme_of(theme)
     t, residual = comparison.accel_residual
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     headline = "Accelerometer residual"
     if len(t) == 0:
-        return sheet.message(figure, look, headline, f"The record is too short below {comparison.band:.3g} Hz.")
-    factor, unit = style.prefixed("m/s²", residual)
+        return drawing.message(figure, look, headline, f"The record is too short below {comparison.band:.3g} Hz.")
+    factor, unit = formatting.prefixed("m/s²", residual)
     if previous is not None and len(previous.accel_residual[0]):
-        sheet.trace(figure, *previous.accel_residual, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
-    drawn = sheet.trace(figure, t, residual, look.residual, "output − model", factor=factor, unit=unit)
-    sheet.dress(
+        drawing.trace(figure, *previous.accel_residual, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
+    drawn = drawing.trace(figure, t, residual, look.residual, "output − model", factor=factor, unit=unit)
+    drawing.dress(
         figure,
         look,
         f"{headline} below {comparison.band:.3g} Hz: rms {comparison.accel_rms * factor:.3g} {unit}",
@@ -83,6 +84,6 @@ def accel_side(comparison: Comparison, *, previous: Comparison | None = None, th
         height=320,
         legend=previous is not None,
     )
-    figure.update_xaxes(title_text=sheet.axis_title("time", "s"))
-    figure.update_yaxes(title_text=sheet.axis_title("accelerometer residual", unit))
+    figure.update_xaxes(title_text=drawing.axis_title("time", "s"))
+    figure.update_yaxes(title_text=drawing.axis_title("accelerometer residual", unit))
     return figure

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from accelcal import formatting
+from accelcal.estimation.shape_functions import Shape
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.recovered import Shape
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -19,7 +20,7 @@ def shape(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    recovered : branches of one effect, from `accelcal.recovered.shapes`.
+    recovered : branches of one effect, from `accelcal.estimation.shape_functions.shapes`.
     theme : "light" or "dark".
 
     Raises
@@ -28,26 +29,26 @@ def shape(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
         If plotly is not installed.
     """
     look = style.theme_of(theme)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     if not recovered:
-        return sheet.message(figure, look, "Recovered shape", "The model holds no shape without a name.")
+        return drawing.message(figure, look, "Recovered shape", "The model holds no shape without a name.")
     first = recovered[0]
-    factor, unit = style.prefixed(first.unit, *[one.value for one in recovered])
+    factor, unit = formatting.prefixed(first.unit, *[one.value for one in recovered])
     x_factor, x_unit = (1.0, first.variable_unit)
     if first.variable_unit != "s":
-        x_factor, x_unit = style.prefixed(first.variable_unit, first.x)
+        x_factor, x_unit = formatting.prefixed(first.variable_unit, first.x)
     for one, chosen in zip(recovered, (look.model, look.other), strict=False):
         x, y, reach = one.x * x_factor, one.value * factor, 2.0 * one.std * factor
         name = one.label or "recovered"
-        sheet.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", look, colour=chosen.colour)
-        sheet.curve(figure, x, y, chosen, name, unit=unit)
-    sheet.dress(
+        drawing.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", look, colour=chosen.colour)
+        drawing.curve(figure, x, y, chosen, name, unit=unit)
+    drawing.dress(
         figure,
         look,
         f"What has no name: a function of {first.variable}",
         note="a constant could as well be bias",
         height=340,
     )
-    figure.update_xaxes(title_text=sheet.axis_title(first.variable, x_unit))
-    figure.update_yaxes(title_text=sheet.axis_title("contribution", unit))
+    figure.update_xaxes(title_text=drawing.axis_title(first.variable, x_unit))
+    figure.update_yaxes(title_text=drawing.axis_title("contribution", unit))
     return figure

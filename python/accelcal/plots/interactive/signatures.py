@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from accelcal.effects import spelled
-from accelcal.likeness import Likeness, likeness
+from accelcal.experiment import Power
+from accelcal.experiment.signature_correlation import Likeness, likeness
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import OKABE_ITO, ThemeName
-from accelcal.power import Power
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -40,7 +40,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
 
     Parameters
     ----------
-    power : from `accelcal.power.power`.
+    power : from `accelcal.power`.
     first : effects that must be on the map.
     theme : "light" or "dark".
 
@@ -51,10 +51,10 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     """
     look = style.theme_of(theme)
     seen = chosen(power, first)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     if len(seen.names) < 2:
-        return sheet.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
-    names = [sheet.plain(spelled(n)) for n in seen.names]
+        return drawing.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
+    names = [drawing.plain(spelled(n)) for n in seen.names]
     texts = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in seen.correlation]
     figure.add_heatmap(
         z=seen.correlation,
@@ -71,17 +71,17 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
         colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, look.page], [1.0, OKABE_ITO["vermillion"]]],
         colorbar={"title": {"text": "ρ", "side": "top"}, "thickness": 12, "outlinewidth": 0},
     )
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         "How alike effects look on this record: correlation of their signatures, the base taken out",
         note="numbers in percent where |ρ| is 50 or more; beyond 95 % two effects cannot be told apart",
-        height=sheet.BOTTOM + 24 * len(names),
+        height=drawing.BOTTOM + 24 * len(names),
         legend=False,
-        left=sheet.labels(names),
+        left=drawing.labels(names),
     )
-    under = 40 + int(0.8 * sheet.labels(names))
-    figure.update_layout(margin_b=under, height=figure.layout.height + under - sheet.BOTTOM)
+    under = 40 + int(0.8 * drawing.labels(names))
+    figure.update_layout(margin_b=under, height=figure.layout.height + under - drawing.BOTTOM)
     figure.update_xaxes(tickangle=-50, showgrid=False, ticks="", title_text="effect (ρ has unit 1)")
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")
     return figure

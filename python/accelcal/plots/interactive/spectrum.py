@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal.channels import ChannelFinding
-from accelcal.compare import Comparison, Spectrum, accel_spectrum, one_step_spectrum
+from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
 from accelcal.effects import spelled
-from accelcal.fit import Fit
+from accelcal.estimation.estimate import Fit
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison, Spectrum
+from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -33,7 +34,7 @@ def spectrum(
     Parameters
     ----------
     fit : whose noise is predicted.
-    comparison : of that fit, from `accelcal.compare.compare`.
+    comparison : of that fit, from `accelcal.compare`.
     findings : of a diagnosis; those with a frequency are named.
     theme : "light" or "dark".
 
@@ -52,13 +53,13 @@ def spectrum(
             (whole, "one-step residual / predicted σ", "1/√Hz", "one step ahead, up to half the encoder's rate")
         )
     if not panels:
-        return sheet.message(sheet.canvas(), look, "Spectrum", "The record is too short for a spectrum.")
-    figure = sheet.canvas(1, len(panels), subplot_titles=[p[3] for p in panels], horizontal_spacing=0.11)
+        return drawing.message(drawing.canvas(), look, "Spectrum", "The record is too short for a spectrum.")
+    figure = drawing.canvas(1, len(panels), subplot_titles=[p[3] for p in panels], horizontal_spacing=0.11)
     outside = 0.0
     for i, (seen, _, unit, _) in enumerate(panels):
         f, expected = seen.frequency, np.sqrt(seen.predicted)
         place: dict[str, Any] = {"row": 1, "column": i + 1}
-        sheet.band(
+        drawing.band(
             figure,
             f,
             expected * seen.low**0.5,
@@ -69,8 +70,8 @@ def spectrum(
             group="band",
             **place,
         )
-        drawn = sheet.thin(f, np.sqrt(seen.density))
-        sheet.curve(
+        drawn = drawing.thin(f, np.sqrt(seen.density))
+        drawing.curve(
             figure,
             drawn.t,
             drawn.y,
@@ -82,7 +83,7 @@ def spectrum(
             legendgroup="residual",
             **place,
         )
-        sheet.curve(
+        drawing.curve(
             figure,
             f,
             expected,
@@ -99,7 +100,7 @@ def spectrum(
             if f[0] <= at <= f[-1]:
                 _mark(figure, at, name, look, i + 1)
     named = "; ".join(f"{name} at {at:.4g} Hz" for at, name in lines(findings))
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"Spectrum of the residual: up to {100.0 * outside:.0f} % of frequencies outside the band, 5 % by chance",
@@ -108,10 +109,10 @@ def spectrum(
         titled=True,
     )
     for i, (seen, quantity, unit, _) in enumerate(panels):
-        across = sheet.logarithmic(float(seen.frequency[0]), float(seen.frequency[-1]))
-        figure.update_xaxes(**across, title_text=sheet.axis_title("frequency", "Hz"), row=1, col=i + 1)
-        upward = sheet.logarithmic(*_reach(seen))
-        figure.update_yaxes(**upward, title_text=sheet.axis_title(quantity, unit), row=1, col=i + 1)
+        across = drawing.logarithmic(float(seen.frequency[0]), float(seen.frequency[-1]))
+        figure.update_xaxes(**across, title_text=drawing.axis_title("frequency", "Hz"), row=1, col=i + 1)
+        upward = drawing.logarithmic(*_reach(seen))
+        figure.update_yaxes(**upward, title_text=drawing.axis_title(quantity, unit), row=1, col=i + 1)
     return figure
 
 
@@ -135,6 +136,6 @@ def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) 
         xanchor="right",
         showarrow=False,
         textangle=-90,
-        text=sheet.plain(f"{name} {at:.4g} Hz"),
+        text=drawing.plain(f"{name} {at:.4g} Hz"),
         **place,
     )

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
+from accelcal import formatting
+from accelcal.data.arrays import Array
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import OKABE_ITO, ThemeName
-from accelcal.recording import Array
+from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -38,8 +39,8 @@ def tiles_of(comparison: Comparison) -> Tiles:
     chosen = sorted(comparison.bins, key=lambda b: -float(np.abs(b.score).max(initial=0.0)))
     rows, sigma, ranges = [], [], []
     for b in chosen:
-        factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else style.prefixed(b.unit, b.edges)
-        shown = style.label("", unit).strip(" ()")
+        factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else formatting.prefixed(b.unit, b.edges)
+        shown = formatting.label("", unit).strip(" ()")
         edges = b.edges * factor
         rows.append(f"{b.variable}, {edges[0]:.3g} to {edges[-1]:.3g} {shown}".replace(" -", " −"))
         sigma.append(np.where(b.std > 0.0, b.score, np.nan))
@@ -53,7 +54,7 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`.
+    comparison : from `accelcal.compare`.
     theme : "light" or "dark".
 
     Raises
@@ -63,20 +64,20 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     """
     look = style.theme_of(theme)
     seen = tiles_of(comparison)
-    figure = sheet.canvas()
+    figure = drawing.canvas()
     if not seen.rows:
-        return sheet.message(figure, look, "Where it fails", "The record is too short to say where it fails.")
+        return drawing.message(figure, look, "Where it fails", "The record is too short to say where it fails.")
     count = seen.sigma.shape[1]
     texts = [["" if np.isnan(v) else signed(v) for v in row] for row in seen.sigma]
     figure.add_heatmap(
         z=np.clip(seen.sigma, -LOUD, LOUD)[::-1],
         x=list(range(1, count + 1)),
-        y=[sheet.plain(r) for r in seen.rows][::-1],
+        y=[drawing.plain(r) for r in seen.rows][::-1],
         text=texts[::-1],
         texttemplate="%{text}",
         xgap=2,
         ygap=2,
-        customdata=[[sheet.plain(c) for c in row] for row in seen.ranges][::-1],
+        customdata=[[drawing.plain(c) for c in row] for row in seen.ranges][::-1],
         zmin=-LOUD,
         zmax=LOUD,
         hovertemplate="%{customdata}<br>%{text} σ<extra></extra>",
@@ -84,17 +85,17 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, look.page], [1.0, OKABE_ITO["vermillion"]]],
         colorbar={"title": {"text": "σ", "side": "top"}, "thickness": 12, "outlinewidth": 0},
     )
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         "Where it fails: mean residual in each bin over what noise alone would give",
         note="numbers in standard deviations; |σ| of 2 happens in one tile of twenty by chance; empty: too little data",
-        height=sheet.BOTTOM + 34 * len(seen.rows),
+        height=drawing.BOTTOM + 34 * len(seen.rows),
         legend=False,
-        left=sheet.labels(seen.rows),
+        left=drawing.labels(seen.rows),
     )
     figure.update_xaxes(
-        title_text=sheet.axis_title("bin, from the least to the largest value", "1"),
+        title_text=drawing.axis_title("bin, from the least to the largest value", "1"),
         dtick=1,
         showgrid=False,
         showline=False,

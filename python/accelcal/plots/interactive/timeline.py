@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal.breaks import Fault, faults, usable
-from accelcal.overview import rest
+from accelcal import formatting
+from accelcal.data.recording import Recording
+from accelcal.data.summary import rest
+from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.faults import Fault, faults
+from accelcal.estimation.run import Run
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.recording import Recording
-from accelcal.replay import Run
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -69,11 +71,11 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
     """
     look = style.theme_of(theme)
     position, accel = recording.position, recording.accel
-    figure = sheet.canvas(2, 1, shared_xaxes=True, vertical_spacing=0.06)
-    factor, unit = style.prefixed("m", position.y)
+    figure = drawing.canvas(2, 1, shared_xaxes=True, vertical_spacing=0.06)
+    factor, unit = formatting.prefixed("m", position.y)
     drawn = [
-        sheet.trace(figure, position.t, position.y, look.measured, "position", factor=factor, unit=unit),
-        sheet.trace(figure, accel.t, accel.y, look.residual, "output", unit="m/s²", row=2),
+        drawing.trace(figure, position.t, position.y, look.measured, "position", factor=factor, unit=unit),
+        drawing.trace(figure, accel.t, accel.y, look.residual, "output", unit="m/s²", row=2),
     ]
     figure.update_layout(shapes=[_shade(begin, end, look.grid) for begin, end in longest(seen.rest)])
     for at in seen.breaks:
@@ -95,21 +97,21 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
             row=1,
             col=1,
             marker={"symbol": "x", "size": 10, "color": look.other.colour},
-            text=[sheet.plain(f.sentence) for f in seen.faults],
+            text=[drawing.plain(f.sentence) for f in seen.faults],
             hovertemplate="%{text}<extra></extra>",
         )
     broken = f"{len(seen.breaks)} break" + ("" if len(seen.breaks) == 1 else "s") if seen.breaks else "no break"
     counted = f"{len(seen.faults)} fault" + ("" if len(seen.faults) == 1 else "s") if seen.faults else "no fault"
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"Used from {seen.start:.4g} s to {seen.end:.4g} s: {broken}, {counted}",
-        note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", sheet.note_of(*drawn)))),
+        note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", drawing.note_of(*drawn)))),
         height=400,
     )
-    figure.update_yaxes(title_text=sheet.axis_title("position", unit), row=1, col=1)
-    figure.update_yaxes(title_text=sheet.axis_title("output", "m/s²"), row=2, col=1)
-    figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=2, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("position", unit), row=1, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("output", "m/s²"), row=2, col=1)
+    figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=2, col=1)
     return figure
 
 

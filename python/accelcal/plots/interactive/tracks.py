@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal.effects import spelled
+from accelcal.estimation.parameter_tracks import Track
 from accelcal.plots import style
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.tracks import Track
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -30,7 +30,7 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    track : from `accelcal.tracks.track`.
+    track : from `accelcal.estimation.parameter_tracks.track`.
     theme : "light" or "dark".
 
     Raises
@@ -41,8 +41,8 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
     look = style.theme_of(theme)
     count = min(MOST, len(track.names))
     rows = math.ceil(count / COLUMNS)
-    names = [sheet.plain(spelled(n)) for n in track.names[:count]]
-    figure = sheet.canvas(
+    names = [drawing.plain(spelled(n)) for n in track.names[:count]]
+    figure = drawing.canvas(
         rows, COLUMNS, subplot_titles=names, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.11
     )
     for i in range(count):
@@ -53,9 +53,9 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
         low, high = y - 2.0 * std, y + 2.0 * std
         late = slice(int(SETTLED * len(y)), None)
         ends = (float(low[late].min()), float(high[late].max())) if len(y) else (0.0, 1.0)
-        factor, unit = sheet.scaled(track.units[i], *ends)
-        sheet.band(figure, t, low * factor, high * factor, "± 2 σ", look, legend=i == 0, group="band", **place)
-        sheet.curve(
+        factor, unit = drawing.scaled(track.units[i], *ends)
+        drawing.band(figure, t, low * factor, high * factor, "± 2 σ", look, legend=i == 0, group="band", **place)
+        drawing.curve(
             figure,
             t,
             y * factor,
@@ -67,15 +67,15 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
             **place,
         )
         figure.update_yaxes(range=[e * factor for e in ends], row=place["row"], col=place["column"])
-        figure.update_yaxes(title_text=sheet.axis_title("estimate", unit), row=place["row"], col=place["column"])
-        figure.update_xaxes(title_text=sheet.axis_title("time", "s"), row=place["row"], col=place["column"])
+        figure.update_yaxes(title_text=drawing.axis_title("estimate", unit), row=place["row"], col=place["column"])
+        figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=place["row"], col=place["column"])
     left = len(track.names) - count
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         "Parameters from the readings up to each instant, with their uncertainty",
         note=f"{left} further parameters are not drawn" if left else "",
-        height=sheet.BOTTOM + PANEL * rows,
+        height=drawing.BOTTOM + PANEL * rows,
         titled=True,
         left=92,
     )

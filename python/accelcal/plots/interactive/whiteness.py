@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal.compare import Comparison
-from accelcal.consistency import cumulative_periodogram, whiteness
 from accelcal.plots import style
-from accelcal.plots.compare import LAGS, TWO_SIDED_95, normalised
-from accelcal.plots.interactive import sheet
+from accelcal.plots.interactive import drawing
+from accelcal.plots.static.comparison import LAGS, TWO_SIDED_95, normalised
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.consistency import cumulative_periodogram, whiteness
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -22,7 +22,7 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
     Parameters
     ----------
-    comparison : from `accelcal.compare.compare`.
+    comparison : from `accelcal.compare`.
     theme : "light" or "dark".
 
     Raises
@@ -34,14 +34,14 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     y = normalised(comparison)
     lags = min(LAGS, len(y) // 4)
     if lags < 4 or not np.any(y):
-        return sheet.message(sheet.canvas(), look, "Whiteness", "The record has too few readings for a test.")
+        return drawing.message(drawing.canvas(), look, "Whiteness", "The record has too few readings for a test.")
     found, power = whiteness(y, lags), cumulative_periodogram(y)
     limit = TWO_SIDED_95 / float(np.sqrt(found.samples))
     lag = np.arange(1, lags + 1).astype(float)
     titles = ["autocorrelation", "cumulative periodogram: share of power below, less that of white residuals"]
-    figure = sheet.canvas(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
+    figure = drawing.canvas(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
     ends = np.array([0.5, lags + 0.5])
-    sheet.band(figure, ends, np.full(2, -limit), np.full(2, limit), "95 % of white residuals", look, group="band")
+    drawing.band(figure, ends, np.full(2, -limit), np.full(2, limit), "95 % of white residuals", look, group="band")
     figure.add_scatter(
         x=np.repeat(lag, 3),
         y=np.column_stack([np.zeros(lags), found.autocorrelation, np.full(lags, np.nan)]).ravel(),
@@ -64,7 +64,7 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         hovertemplate="lag %{x}: %{y:.3f}<extra></extra>",
     )
     ends = np.array([0.0, 0.5])
-    sheet.band(
+    drawing.band(
         figure,
         ends,
         np.full(2, -power.limit),
@@ -76,12 +76,12 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         legend=False,
         group="band",
     )
-    drawn = sheet.thin(power.frequency, power.share - 2.0 * power.frequency, 1000)
-    sheet.curve(
+    drawn = drawing.thin(power.frequency, power.share - 2.0 * power.frequency, 1000)
+    drawing.curve(
         figure, drawn.t, drawn.y, look.residual, "residuals", column=2, showlegend=False, legendgroup="residuals"
     )
     beyond = int(np.count_nonzero(np.abs(found.autocorrelation) > limit))
-    sheet.dress(
+    drawing.dress(
         figure,
         look,
         f"Whiteness: {beyond} of {lags} lags outside, {0.05 * lags:.2g} by chance; cumulative periodogram "
@@ -90,8 +90,8 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         height=320,
         titled=True,
     )
-    figure.update_xaxes(title_text=sheet.axis_title("lag", "readings"), row=1, col=1)
-    figure.update_yaxes(title_text=sheet.axis_title("autocorrelation", "1"), row=1, col=1)
-    figure.update_xaxes(title_text=sheet.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
-    figure.update_yaxes(title_text=sheet.axis_title("distance from a straight line", "1"), row=1, col=2)
+    figure.update_xaxes(title_text=drawing.axis_title("lag", "readings"), row=1, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("autocorrelation", "1"), row=1, col=1)
+    figure.update_xaxes(title_text=drawing.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
+    figure.update_yaxes(title_text=drawing.axis_title("distance from a straight line", "1"), row=1, col=2)
     return figure

@@ -1,0 +1,1 @@
+"""Support: threads of the linear algebra, results shown in a notebook, missing extras."""

@@ -1,0 +1,75 @@
+"""What to take away: model, report, code, certificate, sidecar, own effects, the steps as a script and as commands."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from accelcal.app import mapping, widgets
+from accelcal.app.page import Page
+from accelcal.app.script import COPIES
+from accelcal.app.workbench import Export
+
+
+def show(page: Page) -> None:
+    """Build the screen."""
+    state = page.bench.state
+    if state.recording is None:
+        widgets.empty("Load a recording first.")
+        return
+    with widgets.card("Files"):
+        with ui.row().classes("line"):
+            if state.step is not None:
+                results(page)
+            sources(page)
+        if state.step is not None:
+            ui.label(
+                "The certificate is a draft: what only the laboratory knows is marked in it as missing, and filled in "
+                "by accelcal export with --dcc and --lab."
+            ).classes("note")
+    for name, make in COPIES.items():
+        with widgets.card(f"The same as {name}" if name == "Python" else "The same on the command line"):
+            ui.code(make(state), language="python" if name == "Python" else "bash").classes("full")
+    widgets.copies(page)
+
+
+def results(page: Page) -> None:
+    """Buttons for what the model that is looked at gives."""
+    bench, file = page.bench, page.bench.state.file
+    assert file is not None
+    stem = file.stem
+
+    async def report() -> None:
+        path = await page.act(bench.report)
+        if path is not None:
+            with page.body:  # the button that was pressed has been built anew meanwhile
+                ui.download.file(path, f"{stem}.html")
+
+    async def export(kind: Export) -> None:
+        path = await page.act(bench.export, kind)
+        if path is not None:
+            with page.body:
+                ui.download.file(path, f"{stem}_{path.name}")
+
+    widgets.button(
+        "Model (.json)", "save", lambda: ui.download.content(bench.model_text(), f"{stem}.json"), primary=True
+    )
+    widgets.button("Report (.html)", "article", report)
+    widgets.button("For firmware, C (.h)", "memory", lambda: export("C"))
+    widgets.button("For firmware, Rust (.rs)", "memory", lambda: export("Rust"))
+    widgets.button("Calibration (.json)", "data_object", lambda: export("JSON"))
+    widgets.button("Certificate, draft (.xml)", "workspace_premium", lambda: export("DCC"))
+
+
+def sources(page: Page) -> None:
+    """Buttons for what the steps begin with: sidecar, own effects, the script."""
+    state = page.bench.state
+    assert state.file is not None
+    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar)
+    widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
+    for one in state.own:
+        widgets.button(
+            f"Own effect {one.effect.name} (.py)",
+            "functions",
+            lambda one=one: ui.download.content(one.file, f"{one.effect.name}.py"),
+        )
+    widgets.button("Script (.py)", "code", lambda: ui.download.content(COPIES["Python"](state), f"{stem}_steps.py"))

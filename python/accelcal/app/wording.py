@@ -1,0 +1,149 @@
+"""What the page says of a diagnosis, in plain words; every number comes from the library."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from accelcal.app.state import State
+from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import CATALOGUE, find, spelled
+from accelcal.formatting import amount, number, probability, spoken, with_unit
+from accelcal.model import Estimate
+from accelcal.plots.interactive.ranking import classes
+from accelcal.report.view import VERDICTS
+from accelcal.serialization.diagnosis_json import sizes
+
+USUAL = ("quadratic", "cubic", "odd_quadratic", "temperature_bias", "temperature_scale", "bias_drift")
+"""Effects that people ask about first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """One candidate for the page."""
+
+    effect: str
+    title: str
+    about: str
+    """First sentence of its card."""
+    facts: tuple[str, ...]
+    """Size, evidence."""
+    rivals: tuple[str, ...]
+    experiment: str
+    lines: tuple[tuple[str, str], ...]
+    """Label and text of the rest of its card."""
+    significant: bool
+    """Whether it may be added."""
+    first: bool
+    """Whether it is what explains most."""
+
+
+def badge(found: Diagnosis) -> str:
+    """The verdict in a few words."""
+    return VERDICTS[found.verdict].capitalize()
+
+
+def sentence(found: Diagnosis) -> str:
+    """The verdict in a sentence, without the identifiers of the catalogue."""
+    return spoken(found.sentence)
+
+
+def cards(found: Diagnosis, most: int = 8) -> list[Card]:
+    """Candidates, best first, each class together."""
+    named = [f.effect for f in found.scan.found]
+    flat = [c for group in classes(found, most) for c in group]
+    return [card(found, c, named) for c in flat]
+
+
+def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
+    """One candidate."""
+    effect = find(c.effect)
+    single = len(c.estimate) == 1
+    size = amount(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+    significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
+    rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
+    return Card(
+        effect=c.effect,
+        title=spelled(c.effect),
+        about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
+        facts=(
+            size,
+            f"at most {reach(found, Size(c.largest, effect.port == 'position'))}",
+            f"{c.snr:.1f} σ, p {probability(c.p_value)}",
+        ),
+        rivals=rivals,
+        experiment=effect.experiment,
+        lines=tuple(
+            (label, text)
+            for label in ("Looks like", "Easily confused with", "Separate by", "Equation")
+            if (text := effect.line(label))
+        ),
+        significant=significant,
+        first=bool(named) and c.effect == named[0],
+    )
+
+
+def reach(found: Diagnosis, size: Size) -> str:
+    """A largest contribution in m/s², mg and percent of full scale, or in µm at the encoder."""
+    told = sizes(size, found.fit.rig.sensor.range)
+    if told["m_per_s2"] is None:
+        return f"{number(1e6 * (told['m'] or 0.0), 3)} µm"
+    share = told["percent_of_full_scale"]
+    full = "" if share is None else f", {number(share, 3)} %FS"
+    return f"{number(told['m_per_s2'], 3)} m/s², {number(told['mg'] or 0.0, 3)} mg{full}"
+
+
+def limits(found: Diagnosis) -> list[list[str]]:
+    """Nothing missing larger than: effect and the smallest coefficient of it that would have been seen."""
+    told = []
+    usual = sorted(CATALOGUE.items(), key=lambda one: USUAL.index(one[0]) if one[0] in USUAL else len(USUAL))
+    for name, effect in usual:
+        size = found.scan.detection_limits.get(name, math.inf)
+        if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
+            told.append([spelled(name), with_unit(number(size, 3), effect.unit)])
+    return told
+
+
+def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
+    """Candidates in three heaps: what explains most and its rivals; what else stands out until that is added; the rest.
+
+    Where nothing is missing everything is in the last.
+    """
+    every = cards(found)
+    first = next((c for c in every if c.first), None)
+    if first is None:
+        return [], [c for c in every if c.significant], [c for c in every if not c.significant]
+    near = [first, *(c for c in every if c.title in first.rivals and c.significant)]
+    return near, [c for c in every if c.significant and c not in near], [c for c in every if not c.significant]
+
+
+def asides(state: State, found: Diagnosis) -> list[str]:
+    """What must be read beside the verdict; holes that the user made are no news."""
+    cut = bool(state.left_out) or state.held_out is not None
+    lines = [f"Suspect data: {text}" for text in found.suspect if not (cut and ": nothing was read for" in text)]
+    lines += [f"{d.sentence}." for d in found.dropped]
+    for test in found.channels:
+        told = test.sentence.rstrip(".")
+        noise = "" if test.effect == "whiteness" else " It acts on noise, so it is not added to the model."
+        lines.append(f"{told[:1].upper()}{told[1:]}.{noise}")
+    if "time_offset" in found.effects:
+        lines.append("The output is late by more than was declared; the model estimates that already (time offset).")
+    return lines
+
+
+def ties(found: Diagnosis) -> list[tuple[str, str]]:
+    """Members that cannot be told apart, and the experiment that would."""
+    several = [t for t in found.classes if len(t.members) > 1]
+    return [(", ".join(spelled(m) for m in t.members), t.experiment) for t in (*several, *found.inseparable)]
+
+
+def may_add(state: State, found: Diagnosis | None) -> bool:
+    """Whether anything is offered."""
+    return state.step is not None and found is not None and any(c.significant for c in cards(found))
+
+
+def value(e: Estimate) -> str:
+    """An estimate with its uncertainty and unit."""
+    return amount(e.value, e.std, e.unit)

@@ -1,0 +1,218 @@
+"""What is exported of a fit: the inverse in both number formats, its bounds, its test vector, and what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+
+import numpy as np
+
+from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
+from accelcal.calibration.export.approximate import Domain, NotInvertible, Proven, invert
+from accelcal.calibration.export.inverse import Inverse, evaluate
+from accelcal.calibration.export.numbers import DOUBLE, SINGLE
+from accelcal.data.arrays import Array
+from accelcal.estimation.estimate import Fit, tied_sum
+from accelcal.model import Estimate
+
+SHARES = (0.05, 0.25, 0.5, 0.8, 0.95)
+"""Places inside the range at which the exported code is tested."""
+BEYOND = 0.1
+"""Share of the range beyond it at which the straight line is tested."""
+NEAR = 0.01
+"""Share of the range to both sides of a joint at which it is tested that each side has its own polynomial."""
+STEADY = 4
+"""Roundings of the test against those of the proof: both evaluations round, beyond the range a little more."""
+
+
+class NotExportable(ValueError):
+    """A model that cannot become a function of one reading. The text names the effects and the next step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One line of the test vector, in one number format."""
+
+    reading: float
+    temperature: float
+    acceleration: float
+    outside: int
+    """Sum of the flags."""
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """The calibration in one number format."""
+
+    proven: Proven
+    vector: tuple[Entry, ...]
+
+    @property
+    def inverse(self) -> Inverse:
+        """The function."""
+        return self.proven.inverse
+
+    @property
+    def bound(self) -> float:
+        """Bound on the distance from the exact inverse inside the range, m/s²."""
+        return self.proven.bound
+
+    @property
+    def tolerance(self) -> float:
+        """What the test vector may be missed by, m/s²."""
+        return STEADY * self.proven.rounding
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """Everything that the files of an export are written from."""
+
+    fit: Fit
+    own: Characteristic
+    domain: Domain
+    double: Code
+    single: Code
+    left_out: tuple[LeftOut, ...]
+    source: str = ""
+    """Name of the model file."""
+
+    @property
+    def codes(self) -> tuple[Code, Code]:
+        """Both number formats."""
+        return self.double, self.single
+
+    @property
+    def unit(self) -> str:
+        """What the reading is counted in."""
+        sensor = self.fit.rig.sensor
+        return "m/s²" if sensor.scale is None else sensor.scale_unit or "V"
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """The parameters that are applied."""
+        return tuple(e for e in self.fit.estimates if e.name in self.own.coefficients)
+
+    @property
+    def covariance(self) -> Array:
+        """Of those among them that are free, in their order, (m, m) SI."""
+        rows = [i for i, e in enumerate(self.fit.free) if e.name in self.own.coefficients]
+        return self.fit.covariance[np.ix_(rows, rows)]
+
+    @property
+    def std(self) -> tuple[float, float]:
+        """Least and largest standard uncertainty from the fit over the range, at the reference temperature, m/s²."""
+        each = [self.own.std(self.fit, float(a)) for a in np.linspace(*self.domain.acceleration, 101)]
+        return min(each), max(each)
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What must be known by who applies it."""
+        found = [
+            f"{name} is {stands}: what one mount and one encoder cannot tell apart is in it"
+            for name in ("bias", "scale_factor")
+            if " + " in (stands := tied_sum(self.fit, name))
+        ]
+        lowpass = self.fit.rig.lowpass
+        if lowpass is not None:
+            found.append(f"the low-pass of {lowpass.cutoff:.6g} Hz that was declared is not undone")
+        if self.own.clip is not None:
+            found.append(f"the range ends where the output saturates, at {self.own.clip:.5g} m/s²")
+        return tuple(found)
+
+
+def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Calibration:
+    """Make the function that applies a calibration, with its proof.
+
+    Parameters
+    ----------
+    fit : as a model file holds it.
+    without : effects of the sensor that are left out knowingly, among those that cannot be exported.
+    source : name of the model file.
+
+    Raises
+    ------
+    NotExportable
+        If effects of the sensor have no place in a function of one reading, or the model cannot be inverted.
+    """
+    own = characteristic(fit)
+    left_out = tuple(_left(one, without) for one in own.left_out)
+    _require_left_out(without, own)
+    refused = [one for one in left_out if one.needed]
+    if refused:
+        told = "; ".join(f"{one.effect} {one.why}" for one in refused)
+        names = " ".join(f"--without {one.effect}" for one in refused)
+        raise NotExportable(
+            f"{told}. It belongs to the sensor and would be missed, so nothing is exported; fit a model without it, or "
+            f"leave it out knowingly: {names}"
+        )
+    domain = _domain(fit, own)
+    try:
+        double, single = (invert(own, fit.rig.sensor, domain, fmt) for fmt in (DOUBLE, SINGLE))
+    except NotInvertible as error:
+        raise NotExportable(str(error)) from None
+    codes = [Code(proven, tuple(_vector(proven.inverse))) for proven in (double, single)]
+    return Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
+
+
+def _left(one: LeftOut, without: Sequence[str]) -> LeftOut:
+    if one.effect not in without:
+        return one
+    return replace(one, why=f"{one.why}; left out by request", needed=False)
+
+
+def _require_left_out(without: Sequence[str], own: Characteristic) -> None:
+    possible = [one.effect for one in own.left_out if one.needed]
+    for name in without:
+        if name not in possible:
+            raise NotExportable(
+                f"{name!r} is not among what cannot be exported ({', '.join(possible) or 'nothing here'}); to take an "
+                "effect out of the model, use accelcal drop"
+            )
+
+
+def _domain(fit: Fit, own: Characteristic) -> Domain:
+    """Accelerations and temperatures that the fit has seen, as far as the output does not saturate."""
+    if "a" not in fit.validity:
+        raise NotExportable(
+            "the model does not say which accelerations its fit has seen; fit it again: accelcal fit RUN.csv -o m.json"
+        )
+    low, high = fit.validity["a"]
+    if own.clip is not None:
+        ends = sorted((sign * own.clip - own.forward(0.0)) / own.scale for sign in (-1.0, 1.0))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    if not low < high:
+        raise NotExportable(
+            f"the range of acceleration is empty ({low:.4g} to {high:.4g} m/s²); fit a record that moves"
+        )
+    if not own.needs_temperature:
+        return Domain((low, high), None)
+    if "temperature" not in fit.validity:
+        raise NotExportable(
+            "the model depends on temperature but its fit has seen none; fit a record with a temperature"
+        )
+    return Domain((low, high), fit.validity["temperature"])
+
+
+def _vector(inverse: Inverse) -> Iterator[Entry]:
+    """Readings inside, at the ends, beyond them and on both sides of every joint, with what must come out."""
+    fmt, w = inverse.format, inverse.warmth
+    centre = w.centre if w else 0.0
+    length = Fraction(inverse.high) - Fraction(inverse.low)
+    places = [fmt.nearest(Fraction(inverse.low) + Fraction(share) * length) for share in SHARES]
+    for end, way in ((inverse.low, -1.0), (inverse.high, 1.0)):
+        places += [end, fmt.next(end, way), fmt.nearest(Fraction(end) + Fraction(way * BEYOND) * length)]
+    for segment in inverse.segments[1:]:
+        near = Fraction(NEAR) * length
+        places += [segment.low, fmt.next(segment.low, -1.0)]
+        places += [fmt.nearest(Fraction(segment.low) + way * near) for way in (-1, 1)]
+    yield from _entries(inverse, sorted(places), centre)
+    if w is not None:
+        for T in (centre - w.half, centre + w.half, centre - 1.5 * w.half, centre + 1.5 * w.half):
+            yield from _entries(inverse, places[: len(SHARES)], fmt.nearest(T))
+
+
+def _entries(inverse: Inverse, readings: Sequence[float], temperature: float) -> Iterator[Entry]:
+    a, outside = evaluate(inverse, np.array(readings), np.full(len(readings), temperature))
+    for reading, at, flags in zip(readings, a, outside, strict=True):
+        yield Entry(reading, temperature, float(at), int(flags))

@@ -1,0 +1,167 @@
+"""Commands that show accelcal itself: demo, paper, doctor."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from accelcal.cli.common import Json, app, emit, folder, progress, reported, say
+from accelcal.cli.data import values_of, write_recording
+from accelcal.cli.printing import show_comparison, show_fit, show_improvement
+
+
+@app.command()
+@reported
+def demo(
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write into.", callback=folder)] = Path(
+        "demo"
+    ),
+    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 1,
+    effect: Annotated[
+        str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and walk the loop.")
+    ] = None,
+) -> None:
+    """Walk the main job: simulate two recordings, fit the first, compare the second, draw.
+
+    With --effect, hide an effect, seal the answer, and walk the loop that finds it.
+
+    Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
+    """
+    if effect is not None:
+        demo_hidden(effect, output, seed)
+        return
+    import numpy as np
+
+    from accelcal import io
+    from accelcal.estimation.estimate import fit as fit_replay
+    from accelcal.model import Model
+    from accelcal.plots.static.comparison import write
+    from accelcal.serialization import model_file
+    from accelcal.simulation.sensor import ADXL105_RIG
+    from accelcal.simulation.sensor import simulate as simulate_rig
+    from accelcal.validation.evaluation import compare as compare_with
+
+    truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
+    began = time.perf_counter()
+    paths = [output / "run1.csv", output / "run2.csv"]
+    seeds = np.random.SeedSequence(seed).spawn(2)
+    for path, each in zip(paths, seeds, strict=True):
+        rng = np.random.default_rng(each)
+        made = simulate_rig("interleaved", seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(made.recording, path)
+        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples; the truth is {values_of(truth)}")
+    print(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
+    first = io.load(paths[0])
+    found = fit_replay(Model.linear(), first)
+    model_file.save(found, output / "m.json", seed=seed)
+    show_fit(found, first)
+    print(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
+    seen = compare_with(found, io.load(paths[1]))
+    show_comparison(model_file.comparison_to_dict(seen))
+    for path in write(found, seen, output):
+        print(f"wrote {path}")
+    print(f"\nThe main job took {time.perf_counter() - began:.1f} s.")
+
+
+def demo_hidden(effect: str, output: Path, seed: int) -> None:
+    """Hide an effect in two recordings and walk the loop."""
+    from accelcal.demo import hide, seal
+    from accelcal.effects import find
+    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.workflow import improve as improve_with
+
+    hidden = hide(effect, seed)
+    paths = [output / "run1.csv", output / "run2.csv"]
+    for path, recording in zip(paths, (hidden.train, hidden.holdout), strict=True):
+        write_recording(recording, path)
+    seal(hidden, output / "answer.json")
+    print(f"Something may be hidden in {paths[0]} and {paths[1]}; the answer is sealed in {output / 'answer.json'}.")
+    print(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
+    with progress("improve") as report:
+        found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
+    model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
+    show_improvement(found, diagnosis_json.improvement_to_dict(found))
+    unit = "" if hidden.effect is None else find(hidden.effect).unit
+    truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g} {unit}".removesuffix(" 1")
+    print(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden was: {truth}.")
+
+
+@app.command()
+@reported
+def paper(
+    full: Annotated[bool, typer.Option("--full", help="All runs of the paper; minutes instead of seconds.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=folder)
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 2007,
+    json: Json = False,
+) -> None:
+    """Reproduce the paper and print measured beside expected.
+
+    Example: [bold]accelcal paper -o figures[/bold]
+    """
+    from accelcal.paper import reproduce
+
+    with progress("paper") as report:
+        found = reproduce(quick=not full, seed=seed, out=output, progress=lambda name, share: report(share))
+    if json:
+        emit(found.to_dict())
+    else:
+        print(found.to_text())
+    for path in found.figures:
+        say(f"wrote {path}")
+
+
+@app.command()
+@reported
+def doctor(json: Json = False) -> None:
+    """Say which versions, extras and processors are at hand.
+
+    Example: [bold]accelcal doctor[/bold]
+    """
+    import importlib.metadata as metadata
+    import importlib.util
+    import os
+    import platform
+    import shutil
+
+    import accelcal
+
+    extras = {
+        "plot": "matplotlib",
+        "report": "plotly",
+        "pdf": "typst",
+        "app": "nicegui",
+        "dask": "distributed",
+        "dcc": "xmlschema",
+        "docs": "sphinx",
+        "hdf5": "h5py",
+        "peers": "filterpy",
+    }
+    needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
+    content = {
+        "accelcal": accelcal.__version__,
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "processors": os.cpu_count(),
+        "packages": {name: metadata.version(name) for name in needed},
+        "extras": {
+            extra: metadata.version(package) if importlib.util.find_spec(package) else None
+            for extra, package in extras.items()
+        },
+        "chromium": shutil.which("chromium"),
+    }
+    if json:
+        emit(content)
+        return
+    print(f"accelcal {content['accelcal']}, Python {content['python']}, {content['platform']}")
+    print(f"processors: {content['processors']}")
+    for name in needed:
+        print(f"  {name} {metadata.version(name)}")
+    for extra, package in extras.items():
+        have = importlib.util.find_spec(package) is not None
+        text = metadata.version(package) if have else f'missing; pip install "accelcal[{extra}]"'
+        print(f"  [{extra}] {package} {text}")

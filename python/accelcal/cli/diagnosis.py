@@ -1,0 +1,244 @@
+"""Commands that look for what a model lacks, and say what a motion can see."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from accelcal.cli.common import (
+    EffectsFile,
+    From,
+    Holdout,
+    Json,
+    ModelFile,
+    Output,
+    Rig,
+    RunFile,
+    To,
+    Usage,
+    amount,
+    app,
+    emit,
+    own_effects,
+    progress,
+    reported,
+    say,
+)
+from accelcal.cli.models import load_like
+from accelcal.cli.printing import limit, show_diagnosis, show_improvement, show_plan, show_power, show_steps
+
+if TYPE_CHECKING:
+    from accelcal.data.rig import Rig as RigOf
+    from accelcal.experiment import Plan
+
+
+@app.command()
+@reported
+def diagnose(
+    model: ModelFile,
+    run: RunFile,
+    rig: Rig = None,
+    holdout: Holdout = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Say which physical effect a model lacks on a recording: ranked candidates, ties, a verdict.
+
+    Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
+    """
+    from accelcal.io import atomic_write
+    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.validation.evaluation import compare as compare_with
+    from accelcal.workflow import diagnose as diagnose_with
+
+    extra = own_effects(effects_file)
+    fitted = model_file.load(model)
+    recording = load_like(fitted, run, rig)
+    found = diagnose_with(fitted, recording, extra=extra)
+    content = diagnosis_json.diagnosis_to_dict(found)
+    if recording.digest not in {one.digest for one in fitted.runs}:
+        say(f"{run} is not the recording of {model}: all coefficients were profiled anew on it")
+    if holdout is not None:
+        seen = compare_with(found.fit, load_like(fitted, holdout, rig))
+        content["heldout"] = model_file.comparison_to_dict(seen)
+    if output is not None:
+        atomic_write(output, model_file.dumps(content))
+        say(f"wrote {output}")
+    if json:
+        emit(content)
+        return
+    show_diagnosis(content)
+    if holdout is not None:
+        show_steps([(str(model), content["heldout"])])
+
+
+@app.command()
+@reported
+def improve(
+    runs: Annotated[list[Path], typer.Argument(help="One or several recordings to learn from.", metavar="RUN...")],
+    holdout: Holdout = None,
+    rig: Rig = None,
+    most: Annotated[int, typer.Option("--max-effects", help="Most effects to add.", min=0)] = 3,
+    effects_file: EffectsFile = None,
+    start: From = None,
+    end: To = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Fit the base model, diagnose, add the effect that is missing, refit, until nothing is missing.
+
+    Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
+    """
+    from accelcal import io
+    from accelcal.estimation.estimate import require_distinct
+    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.workflow import improve as improve_with
+
+    extra = own_effects(effects_file)
+    recordings = [io.load(path, rig) for path in runs]
+    unseen = None if holdout is None else io.load(holdout, rig)
+    if unseen is not None:
+        require_distinct([*recordings, unseen])
+    with progress("improve") as report:
+        found = improve_with(
+            recordings,
+            holdout=unseen,
+            most=most,
+            extra=extra,
+            start=amount(start, "time", "--from"),
+            end=amount(end, "time", "--to"),
+            report=report,
+        )
+    if output is not None:
+        model_file.save(found.diagnosis.fit, output)
+        say(f"wrote {output}")
+    content = diagnosis_json.improvement_to_dict(found)
+    if json:
+        emit(content)
+    else:
+        show_improvement(found, content)
+
+
+@app.command()
+@reported
+def effects(
+    name: Annotated[str | None, typer.Argument(help="Show the card of this effect.")] = None,
+    effects_file: EffectsFile = None,
+) -> None:
+    """List the catalogue, or show the card of one effect.
+
+    Example: [bold]accelcal effects cubic[/bold]
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from accelcal.effects import CATALOGUE, card, find
+
+    own_effects(effects_file)
+    if name is not None:
+        print(card(find(name)))
+        return
+    table = Table("effect", "unit", "port", "owner", "what it is", box=None)
+    for each in CATALOGUE.values():
+        table.add_row(each.name, each.unit, each.port, each.owner, each.card.split("\n", maxsplit=1)[0])
+    Console().print(table)
+
+
+@app.command()
+@reported
+def power(
+    run: Annotated[Path, typer.Argument(help="Recording, or a planned motion: time and position alone.")],
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    start: From = None,
+    end: To = None,
+    json: Json = False,
+) -> None:
+    """Say what a recording, or a planned motion, can see: smallest detectable size of every effect, and the ties.
+
+    A planned motion is judged by the noise density and resolution of its sidecar, its readings at its own set-points.
+
+    Example: [bold]accelcal power run12.csv[/bold]
+    """
+    from accelcal import io
+    from accelcal.experiment import power as power_of
+    from accelcal.experiment import power_of_set_points
+
+    extra = own_effects(effects_file)
+    recording = io.load(run, rig, need_accel=False)
+    if len(recording.accel):
+        begin, stop = amount(start, "time", "--from"), amount(end, "time", "--to")
+        seen = power_of(recording, extra=extra, start=begin, end=stop)
+    elif start is not None or end is not None:
+        raise Usage("--from and --to are for recordings; a planned motion is judged as a whole")
+    else:
+        seen = power_of_set_points(recording, extra=extra)
+    if json:
+        emit(seen.to_dict())
+    else:
+        show_power(seen.to_dict())
+
+
+@app.command()
+@reported
+def plan(
+    effects: Annotated[str, typer.Option("--effects", help="Effects to separate, with commas between.")],
+    stroke: Annotated[str, typer.Option("--stroke", help='Travel from end to end, e.g. "0.2 m".')],
+    vmax: Annotated[str, typer.Option("--vmax", help='Largest speed, e.g. "0.1 m/s".')],
+    amax: Annotated[str, typer.Option("--amax", help='Largest acceleration, e.g. "20 m/s^2".')],
+    seconds: Annotated[float, typer.Option("--seconds", help="Length, s.")] = 60.0,
+    sensor: Annotated[str, typer.Option("--sensor", help="ADXL105 or CXL02.")] = "ADXL105",
+    rig: Annotated[Path | None, typer.Option("--rig", help="Sidecar of your own rig, in place of --sensor.")] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Plan a motion that separates effects within the limits of a stage, and say what it would see.
+
+    Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
+    """
+    from accelcal import io
+    from accelcal.experiment import plan as plan_for
+    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
+
+    rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+    if rig is None and sensor not in rigs:
+        raise Usage(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+    used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
+    found = plan_for(
+        [name.strip() for name in effects.split(",") if name.strip()],
+        stroke=limit(stroke, "length", "--stroke"),
+        v_max=limit(vmax, "speed", "--vmax"),
+        a_max=limit(amax, "acceleration", "--amax"),
+        seconds=seconds,
+        rig=used,
+    )
+    if output is not None:
+        for path in write_set_points(found, used, output):
+            say(f"wrote {path}")
+    if json:
+        emit(found.to_dict())
+    else:
+        show_plan(found.to_dict())
+
+
+def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
+    """Write time and position of a planned motion, and a sidecar that says how it was judged."""
+    from accelcal import io
+    from accelcal.io.sidecar import Clock, Source
+
+    t, p = found.set_points()
+    rows = "\n".join(f"{when:.6f},{where:.12f}" for when, where in zip(t, p, strict=True))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    io.atomic_write(path, f"t_s,position_m\n{rows}\n")
+    sidecar = io.sidecar_of(path)
+    # The output that is still to be recorded is declared too, or its low-pass would be lost.
+    columns: dict[str, Clock | Source] = {
+        "time": Clock("t_s", unit="s"),
+        "position": Source("position_m", "m"),
+        "accel": Source("accel_m_per_s2", "m/s^2"),
+    }
+    io.write_sidecar(rig, columns, sidecar)
+    return path, sidecar

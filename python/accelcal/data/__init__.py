@@ -1,0 +1,1 @@
+"""Data: a recording, the rig it was made on, units, and the quality of both."""

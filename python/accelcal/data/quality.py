@@ -1,0 +1,302 @@
+"""What is wrong or remarkable in the samples of a channel, and the policy for each case.
+
+==================== ===================================================================================================
+not finite           error: an infinite or undefined reading is not a measurement
+backward stamps      error: there is no telling which of the samples are in the wrong place
+duplicate stamps     equal values: one is kept. Different values: their mean, while fewer than 1 % of the stamps are
+                     concerned; beyond that the stamps are coarser than the sampling, which is an error
+held repeats         accelerations only: a logger faster than its sensor writes each reading again until the next one.
+                     The first is kept, the repeats were not sampled. A quantised reading at rest is not a repeat
+position repeats     mentioned, kept: an encoder at rest reads the same count
+clipping             warning, kept: readings at the declared range, or piled up at the extreme
+constant             warning, kept
+gaps                 mentioned, kept as gaps
+implausible travel   warning: more than 100 m, or faster than 1000 m/s, looks like a wrong unit of position
+==================== ===================================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Finding, RecordingError
+from accelcal.data.rig import Rig
+
+COARSE_STAMPS = 0.01
+"""Share of contradictory duplicate stamps from which on the stamps are coarser than the sampling."""
+CLIP_MARGIN = 1e-3
+"""A reading within this share of the declared range counts as clipped."""
+LONGEST_TRAVEL = 100.0
+"""m"""
+HIGHEST_SPEED = 1000.0
+"""m/s"""
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """The readings of one channel before any check."""
+
+    file: str
+    name: str
+    t: Array
+    """(n,) s"""
+    y: Array
+    """(n,) in `unit`"""
+    unit: str
+    row: Callable[[int], str]
+    """Names the row of the i-th sample, for messages."""
+
+
+def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
+    """Check one channel and apply the policies above.
+
+    Parameters
+    ----------
+    samples : t, y of shape (n,), in s and SI.
+    rig : its declared range judges clipping.
+
+    Returns
+    -------
+    The channel, strictly rising in time and finite, and what was noticed.
+
+    Raises
+    ------
+    RecordingError
+        If samples are missing altogether, not finite, or not in order of time.
+    """
+    _require_finite(samples)
+    _require_order(samples)
+    t, y, findings = _without_duplicates(samples)
+    name, unit = samples.name, samples.unit
+    if len(t) < 2 and name in ("accel", "position"):
+        found = "1 sample" if len(t) else "no sample"
+        raise RecordingError(f"{samples.file}: {name}: {found}; at least 2 are needed to have a rate.")
+    if unit == "m/s^2":
+        kept, noticed = _without_held(name, t, y)
+        if kept is not None:
+            t, y = t[kept], y[kept]
+        findings += noticed
+        findings += _clipping(name, t, y, rig.sensor.range if name == "accel" else None)
+    if name == "position":
+        findings += _position_repeats(t, y) + _travel(t, y)
+    findings += _constant(name, t, y) + _gaps(name, t)
+    return Channel(name, np.ascontiguousarray(t), np.ascontiguousarray(y), unit), findings
+
+
+def require_overlap(file: str, accel: Channel, position: Channel) -> None:
+    """Check that the two channels share a stretch of time.
+
+    Raises
+    ------
+    RecordingError
+        If one ends before the other begins.
+    """
+    if accel.t[0] >= position.t[-1] or position.t[0] >= accel.t[-1]:
+        raise RecordingError(
+            f"{file}: accel ({_span(accel.t)}) and position ({_span(position.t)}) share no stretch of time; "
+            "check the two time columns and their units."
+        )
+
+
+def _span(t: Array) -> str:
+    return f"{t[0]:g} s to {t[-1]:g} s"
+
+
+def _require_finite(samples: Samples) -> None:
+    for what, values in (("time of ", samples.t), ("", samples.y)):
+        bad = ~np.isfinite(values)
+        if bad.any():
+            i, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
+            place = samples.row(i) if what else f"t = {samples.t[i]:.6g} s, {samples.row(i)}"
+            raise RecordingError(
+                f"{samples.file}: {what}{samples.name}: {_counted(count, 'sample')} not finite (first at {place}). "
+                "Drop them or mark them missing with an empty cell."
+            )
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"1 {noun} is" if count == 1 else f"{count} {noun}s are"
+
+
+def _require_order(samples: Samples) -> None:
+    t = samples.t
+    back = t[1:] < t[:-1]
+    if back.any():
+        i = int(np.argmax(back)) + 1
+        count = int(np.count_nonzero(back))
+        more = f", and {count - 1} times more" if count > 1 else ""
+        raise RecordingError(
+            f"{samples.file}: time of {samples.name} runs backward at {samples.row(i)}: "
+            f"{t[i]:.9g} s after {t[i - 1]:.9g} s{more}. Sort the rows, or cut the file at clock restarts."
+        )
+
+
+def _without_duplicates(samples: Samples) -> tuple[Array, Array, list[Finding]]:
+    t, y = samples.t, samples.y
+    if not np.any(t[1:] == t[:-1]):
+        return t, y, []
+    first = np.concatenate(([True], t[1:] != t[:-1]))
+    starts = np.flatnonzero(first)
+    lengths = np.diff(starts, append=len(t))
+    differs = np.maximum.reduceat(y, starts) != np.minimum.reduceat(y, starts)
+    share = np.count_nonzero(differs) / len(starts)
+    doubled = float(t[starts[np.argmax(lengths > 1)]])
+    if share > COARSE_STAMPS:
+        i = int(starts[np.argmax(differs)])
+        raise RecordingError(
+            f"{samples.file}: {samples.name}: {np.count_nonzero(differs)} time stamps ({share:.0%}) carry several "
+            f"different values (first at t = {t[i]:.9g} s, {samples.row(i)}). The stamps are coarser than the "
+            'sampling: export them with more digits, or declare rate = "... Hz" in [channels] in their place.'
+        )
+    mean = np.where(differs, np.add.reduceat(y, starts) / lengths, y[starts])
+    count = len(t) - len(starts)
+    text = f"{samples.name}: {count} samples repeat the time stamp before (first at t = {doubled:.6g} s): "
+    averaged = int(np.count_nonzero(differs))
+    text += (
+        f"where the values differ ({averaged} stamps) their mean is used, else one is kept"
+        if averaged
+        else "one of each is kept"
+    )
+    finding = Finding("duplicate_stamps", samples.name, count, doubled, text, "warning" if averaged else "note")
+    return t[starts], mean, [finding]
+
+
+def _without_held(name: str, t: Array, y: Array) -> tuple[NDArray[np.bool_] | None, list[Finding]]:
+    """Find readings that a logger wrote again because the sensor had no new one yet.
+
+    Chance makes a quantised reading equal to the one before, most often at rest. So the question is asked only
+    right after a clear change, of more than three quantisation steps. There chance makes the next reading equal as
+    often as it makes it one code higher or lower; clearly more often (five standard deviations, and 2 %) means held.
+    """
+    step = np.abs(np.diff(y))
+    quantum = _quantum(step)
+    clear = (step[:-1] > 3 * quantum) & (y[1:-1] != y.max()) & (y[1:-1] != y.min())
+    asked = int(np.count_nonzero(clear))
+    if asked < _FEWEST_CHANGES:
+        return None, []
+    repeated = int(np.count_nonzero(clear & (step[1:] == 0)))
+    by_chance = np.count_nonzero(clear & (step[1:] > 0) & (step[1:] < 1.5 * quantum)) / 2
+    if repeated - by_chance < max(0.02 * asked, 5.0 * np.sqrt(repeated + by_chance)):
+        return None, []
+
+    starts = np.flatnonzero(np.concatenate(([True], step > 0)))
+    lengths = np.diff(starts, append=len(y))
+    after_clear = np.concatenate(([False], step > 3 * quantum))[starts]
+    hold = max(int(np.quantile(lengths[after_clear], 0.9)), 2)
+    sampled = np.maximum(np.rint(lengths / hold), 1.0)  # at rest the sensor itself repeats a code: one sample per hold
+    place = np.arange(len(y)) - np.repeat(starts, lengths)
+    kept = (place % hold == 0) & (place < hold * np.repeat(sampled, lengths))
+    dropped = int(np.count_nonzero(~kept))
+    first = float(t[np.argmin(kept)])
+    text = (
+        f"{name}: {dropped} of {len(y)} samples ({dropped / len(y):.0%}) repeat the one before, far more than "
+        f"quantisation explains (first at t = {first:.6g} s): the logger is faster than the sensor. "
+        "The first of each run is kept, the repeats are taken as not sampled"
+    )
+    return kept, [Finding("held_repeats", name, dropped, first, text, "warning")]
+
+
+_FEWEST_CHANGES = 50  # below that a share of repeats says nothing
+
+
+def _quantum(step: Array) -> float:
+    """Estimate the quantisation from the sizes of the steps: the smallest, but for a hundredth of them; inf if none."""
+    moved = step[step > 0]
+    return float(np.quantile(moved, 0.01, overwrite_input=True)) if len(moved) else np.inf
+
+
+def _position_repeats(t: Array, y: Array) -> list[Finding]:
+    same = y[1:] == y[:-1]
+    count = int(np.count_nonzero(same))
+    if count < 0.2 * len(y) or count == len(y) - 1:
+        return []
+    text = (
+        f"position: {count} of {len(y)} readings ({count / len(y):.0%}) equal the one before, as a quantised encoder "
+        "does at rest; all are kept"
+    )
+    return [Finding("position_repeats", "position", count, float(t[1 + np.argmax(same)]), text)]
+
+
+def _clipping(name: str, t: Array, y: Array, full_scale: float | None) -> list[Finding]:
+    if full_scale is not None:
+        clipped = np.abs(y) >= full_scale * (1.0 - CLIP_MARGIN)
+        reason = f"within {CLIP_MARGIN:.1%} of the declared range ±{full_scale:.6g} m/s^2 or beyond"
+        if clipped.any():
+            return [_clipped(name, t, clipped, reason)]
+    findings = []
+    for extreme, others in ((y.max(), y[y < y.max()]), (y.min(), y[y > y.min()])):
+        at = y == extreme
+        count = int(np.count_nonzero(at))
+        if count < _FEWEST_PILED or not len(others):
+            continue
+        neighbour = others.max() if extreme > others[0] else others.min()
+        if count >= _PILED * np.count_nonzero(others == neighbour) and _codes_between(y) > _FEWEST_CODES:
+            findings.append(_clipped(name, t, at, f"piled up at the extreme {extreme:.6g} m/s^2"))
+    return findings
+
+
+_FEWEST_PILED = 5
+_PILED = 5  # a sine has at most 2.4 times as many readings at its extreme code as at the next
+_FEWEST_CODES = 16  # a record at rest has only a few codes, and its extreme one may well be the commonest
+
+
+def _codes_between(y: Array) -> float:
+    return float(np.ptp(y)) / _quantum(np.abs(np.diff(y)))
+
+
+def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Finding:
+    count, first = int(np.count_nonzero(clipped)), float(t[np.argmax(clipped)])
+    text = (
+        f"{name}: {count} samples are {reason} (first at t = {first:.6g} s): the sensor was probably saturated. "
+        "They are kept; cut them out, or fit where the motion is smaller"
+    )
+    return Finding("clipping", name, count, first, text, "warning")
+
+
+def _travel(t: Array, y: Array) -> list[Finding]:
+    findings = []
+    travel = float(np.ptp(y))
+    if travel > LONGEST_TRAVEL:
+        text = f"position spans {travel:.4g} m, more than {LONGEST_TRAVEL:g} m: check its unit (mm read as m?)"
+        findings.append(Finding("implausible_travel", "position", 1, float(t[0]), text, "warning"))
+    speed = np.abs(np.diff(y) / np.diff(t))
+    fast = speed > HIGHEST_SPEED
+    if fast.any():
+        i = int(np.argmax(fast))
+        text = (
+            f"position moves faster than {HIGHEST_SPEED:g} m/s between {np.count_nonzero(fast)} pairs of samples "
+            f"(first at t = {t[i]:.6g} s): check its unit (mm read as m?) and for jumps"
+        )
+        findings.append(
+            Finding("implausible_speed", "position", int(np.count_nonzero(fast)), float(t[i]), text, "warning")
+        )
+    return findings
+
+
+def _constant(name: str, t: Array, y: Array) -> list[Finding]:
+    if np.ptp(y) > 0:
+        return []
+    text = f"{name}: all {len(y)} samples read {y[0]:.6g}; the channel says nothing"
+    return [Finding("constant", name, len(y), float(t[0]), text, "warning")]
+
+
+def _gaps(name: str, t: Array) -> list[Finding]:
+    """Find intervals clearly longer than the usual one, allowing for the jitter of the clock."""
+    if len(t) < 3:
+        return []
+    low, usual, high = np.quantile(np.diff(t), (0.25, 0.5, 0.75), overwrite_input=True)
+    interval = np.diff(t)
+    long = interval > 1.5 * usual + 3.0 * (high - low)
+    if not long.any():
+        return []
+    count, i, worst = int(np.count_nonzero(long)), int(np.argmax(long)), int(np.argmax(interval))
+    text = (
+        f"{name}: {count} gaps longer than {1.5 * usual + 3.0 * (high - low):.3g} s (usual interval {usual:.3g} s), "
+        f"the longest {interval[worst]:.4g} s at t = {t[worst]:.6g} s; they stay gaps"
+    )
+    return [Finding("gap", name, count, float(t[i]), text)]

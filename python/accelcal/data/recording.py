@@ -1,0 +1,135 @@
+"""What was measured: channels, each on its own clock, and what was noticed when they were read."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal._support.notebook_repr import shown
+from accelcal.data.arrays import Array
+from accelcal.data.rig import Rig
+
+
+class RecordingError(ValueError):
+    """The data cannot be used as they are. The text says what was found, where, and the next step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One measured quantity on its own clock."""
+
+    name: str
+    t: Array
+    """(n,) s, strictly rising, finite."""
+    y: Array
+    """(n,) in `unit`, finite: a sample that was not taken is simply absent."""
+    unit: str
+    """SI unit of `y` (temperature: "degC")."""
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something noticed while reading, and the policy that was applied to it."""
+
+    kind: str
+    """One word: gap, held_repeats, duplicate_stamps, clipping, constant, ... (see `accelcal.data.quality`)."""
+    channel: str
+    count: int
+    first: float
+    """Time of the first occurrence, s."""
+    text: str
+    """A whole sentence: what was found, where, what was done about it."""
+    severity: Literal["note", "warning"] = "note"
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """One run: the accelerometer output, the encoder position, side channels, and the rig it came from."""
+
+    accel: Channel
+    """Accelerometer output, m/s² (converted from V or counts through the declared scale)."""
+    position: Channel
+    """Encoder reading, m."""
+    rig: Rig
+    side: Mapping[str, Channel] = field(default_factory=dict)
+    """Further channels by name: temperature, a_y, ..."""
+    name: str = ""
+    """File name, for messages."""
+    digest: str = ""
+    """SHA-256 of the source file, hex."""
+    findings: tuple[Finding, ...] = ()
+
+    def __repr__(self) -> str:
+        side = "".join(f", {name}" for name in self.side)
+        return f"Recording({self.name!r}: {len(self.accel)} samples of accel, {len(self.position)} of position{side})"
+
+    def part(self, start: float, end: float) -> Recording:
+        """The recording from `start` to `end`, both included, s.
+
+        The digest becomes that of the old one with the stretch, for it is not the whole file any more.
+
+        Raises
+        ------
+        RecordingError
+            If the stretch is not rising, or no sample or reading lies in it.
+        """
+        return self._cut(start, end, lambda t: (t >= start) & (t <= end), "only")
+
+    def without(self, *stretches: tuple[float, float]) -> Recording:
+        """The recording without some stretches (start, end), ends included, s: what was not sampled is absent.
+
+        Raises
+        ------
+        RecordingError
+            If a stretch is not rising, or nothing is left.
+        """
+        left = self
+        for start, end in stretches:
+            left = left._cut(start, end, lambda t, a=start, b=end: (t < a) | (t > b), "without")  # type: ignore[misc]
+        return left
+
+    def _cut(self, start: float, end: float, keep: Callable[[Array], NDArray[np.bool_]], word: str) -> Recording:
+        if not start < end:
+            raise RecordingError(
+                f"{self.name}: a stretch from {start:g} s to {end:g} s is empty; give start before end"
+            )
+
+        def kept(channel: Channel) -> Channel:
+            rows = keep(channel.t)
+            return replace(channel, t=channel.t[rows], y=channel.y[rows])
+
+        accel, position = kept(self.accel), kept(self.position)
+        if (len(self.accel) and not len(accel)) or (len(self.position) and not len(position)):
+            raise RecordingError(
+                f"{self.name}: nothing is left {word} {start:g} s to {end:g} s; choose another stretch"
+            )
+        side = {name: kept(channel) for name, channel in self.side.items()}
+        digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
+        side = {name: channel for name, channel in side.items() if len(channel)}
+        return replace(self, accel=accel, position=position, side=side, digest=digest)
+
+
+def require_same_sensor(recording: Recording, rig: Rig, other: str) -> None:
+    """Refuse a recording whose sidecar declares another sensor than `rig`, which belongs to `other`.
+
+    Raises
+    ------
+    RecordingError
+        Naming both; what is declared on one side only is not compared.
+    """
+    for key in ("model", "serial"):
+        here, there = getattr(recording.rig.sensor, key), getattr(rig.sensor, key)
+        if here and there and here != there:
+            raise RecordingError(
+                f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '
+                "Give a recording of the same one, or correct [sensor] in the sidecar"
+            )

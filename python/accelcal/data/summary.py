@@ -1,0 +1,108 @@
+"""What was understood of a recording: rates, spans, ranges, rest, and the findings; no judgement of its own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+
+STILL_SPAN = 0.1
+"""s; rest is judged on stretches of this length, or of 20 samples if that is longer."""
+STILL_STEPS = 4
+"""A stretch is at rest when the position stays within this many quantisation steps ..."""
+STILL_SHARE = 1e-3
+"""... or within this share of the whole travel."""
+
+
+def describe(recording: Recording) -> dict[str, Any]:
+    """Return what was understood of a recording, ready for JSON.
+
+    Returns
+    -------
+    ``name``, ``digest``; ``channels``: by name ``samples``, ``start_s``, ``end_s``, ``rate_hz`` (gaps left out),
+    ``longest_interval_s``, ``unit``, ``min``, ``max``; ``range_used`` (share of the declared full scale, or None);
+    ``rest_s``: list of [start, end]; ``findings``; ``assumptions``.
+    """
+    channels = [recording.accel, *([recording.position] if len(recording.position) else []), *recording.side.values()]
+    full_scale = recording.rig.sensor.range
+    return {
+        "name": recording.name,
+        "digest": recording.digest,
+        "channels": {channel.name: _channel(channel) for channel in channels},
+        "range_used": float(np.max(np.abs(recording.accel.y))) / full_scale if full_scale else None,
+        "rest_s": [list(stretch) for stretch in rest(recording)],
+        "findings": [asdict(finding) for finding in recording.findings],
+        "assumptions": list(recording.rig.assumptions),
+    }
+
+
+def summarise(recording: Recording) -> str:
+    """Return `describe` as lines for a human reader; warnings come before notes."""
+    found = describe(recording)
+    lines = [found["name"] or "recording"]
+    for name, channel in found["channels"].items():
+        rate = f"{channel['rate_hz']:.6g} Hz" if channel["rate_hz"] else "no rate"
+        lines.append(
+            f"  {name}: {channel['samples']} samples, {rate}, {channel['start_s']:.6g} s to {channel['end_s']:.6g} s, "
+            f"{channel['min']:.6g} to {channel['max']:.6g} {channel['unit']}"
+        )
+    if found["range_used"] is not None:
+        lines.append(f"  range used: {found['range_used']:.0%} of ±{recording.rig.sensor.range:.6g} m/s^2")
+    total = sum(end - start for start, end in found["rest_s"])
+    stretches = ", ".join(f"{start:.4g} s to {end:.4g} s" for start, end in found["rest_s"][:3])
+    more = ", ..." if len(found["rest_s"]) > 3 else ""
+    lines.append(
+        f"  at rest: {total:.4g} s in {len(found['rest_s'])} stretches ({stretches}{more})"
+        if total
+        else "  at rest: never"
+    )
+    for severity in ("warning", "note"):
+        lines += [f"  {severity}: {finding.text}" for finding in recording.findings if finding.severity == severity]
+    return "\n".join(lines + [f"  assumed: {sentence}" for sentence in found["assumptions"]])
+
+
+def rest(recording: Recording) -> list[tuple[float, float]]:
+    """Find where the stage stands still, judged by the encoder.
+
+    Returns
+    -------
+    (start, end) of each stretch of at least two spans (`STILL_SPAN`), in s. Empty without a position.
+    """
+    t, y = recording.position.t, recording.position.y
+    if len(t) < 20:
+        return []
+    edges = _edges(t)
+    reach = np.maximum.reduceat(y, edges) - np.minimum.reduceat(y, edges)
+    step = np.abs(np.diff(y))
+    quantum = recording.rig.resolution or float(step.min(where=step > 0, initial=np.ptp(y)))
+    limit = max(STILL_STEPS * quantum, STILL_SHARE * float(np.ptp(y)))
+    still = np.concatenate(([False], reach <= limit, [False]))
+    starts, ends = np.flatnonzero(~still[:-1] & still[1:]), np.flatnonzero(still[:-1] & ~still[1:])
+    last = np.append(edges[1:], len(t)) - 1
+    return [(float(t[edges[a]]), float(t[last[b - 1]])) for a, b in zip(starts, ends, strict=True) if b - a >= 2]
+
+
+def _edges(t: Array) -> NDArray[np.intp]:
+    """Return the index at which each judged span begins; spans without samples do not appear."""
+    span = max(STILL_SPAN, 20 * float(np.median(np.diff(t))))
+    return np.unique(np.searchsorted(t, np.arange(t[0], t[-1], span)))
+
+
+def _channel(channel: Channel) -> dict[str, Any]:
+    interval = np.diff(channel.t)
+    usual = interval[interval <= 2.0 * np.median(interval)] if len(interval) else interval
+    return {
+        "samples": len(channel),
+        "start_s": float(channel.t[0]),
+        "end_s": float(channel.t[-1]),
+        "rate_hz": 1.0 / float(np.mean(usual)) if len(usual) else None,
+        "longest_interval_s": float(interval.max()) if len(interval) else None,
+        "unit": channel.unit,
+        "min": float(channel.y.min()),
+        "max": float(channel.y.max()),
+    }

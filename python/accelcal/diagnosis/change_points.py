@@ -1,0 +1,172 @@
+"""Change points: instants at which the relation of output and encoder changes for good."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.faults import glitches
+from accelcal.diagnosis.local_spread import LOCAL
+from accelcal.diagnosis.relation import (
+    BANDS_BELOW,
+    BANDS_PER_DECADE,
+    EXPLAINED,
+    LEAST_BLOCKS,
+    MOST_BLOCKS,
+    UNEXPLAINED,
+    Columns,
+    Relation,
+    _solve,
+    _unexplained,
+)
+from accelcal.estimation.run import Run
+
+
+@dataclass(frozen=True, slots=True)
+class Usable:
+    """The stretch of a record on which one model can hold."""
+
+    start: float
+    """s"""
+    end: float
+    """s"""
+    breaks: tuple[float, ...]
+    """Instants from which on no relation holds, s; empty when the whole record is good."""
+    columns: Columns
+    """Of the whole overlap of the channels."""
+
+
+def usable(recording: Recording) -> Usable:
+    """The stretch before the first break; the whole overlap of the channels when there is none.
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+    """
+    run = Run(recording)
+    columns = Columns(run)
+    breaks = find_breaks(columns)
+    start, end = float(run.t[0]), float(run.t[-1])
+    if breaks:
+        before = run.t[run.t < breaks[0]]
+        end = float(before[-1])
+    return Usable(start, end, breaks, columns)
+
+
+LOUDER = 9.0
+"""Residual power after a break over the one before: under its own relation, and in the median block under the old."""
+EVIDENCE = 30.0
+"""Log-likelihood that a break must gain, search included."""
+
+
+def find_breaks(columns: Columns) -> tuple[float, ...]:
+    """First instant from which on no linear relation between output and encoder holds, to the end of the record.
+
+    Parameters
+    ----------
+    columns : of a record; nothing need be fitted.
+
+    Returns
+    -------
+    At most one instant, s on the position clock.
+
+    Notes
+    -----
+    For every split of the record, each side is fitted on its own; log-likelihood of two variances against one picks
+    the split. It is a break when the side before is explained, the side behind is not explained by any relation of its
+    own, and its residual is louder by a factor that effects, vibration and a change from rest to motion do not reach.
+    A slow departure shows in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
+    """
+    run = columns.run
+    top = 0.1 / run.reading_step
+    lowest = 4.0 * LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+    if lowest >= top:
+        return ()
+    count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
+    widest, found = 0.0, math.inf
+    for band in np.geomspace(top, lowest, count):
+        if band < widest / BANDS_BELOW:
+            break
+        split = _split(columns.inside(float(band)))
+        if split is not None:
+            widest, found = max(widest, float(band)), min(found, split)
+    if widest == 0.0:
+        found = shock(run)
+    return (found,) if math.isfinite(found) else ()
+
+
+TOGETHER = 0.1
+"""Time within which both channels must be hit by a shock, s."""
+SHOCK = 50.0
+"""A shock stands above the local spread of the output by this factor ..."""
+THROWN = 20.0
+"""The encoder is thrown off when its second difference surpasses the usual one by this factor."""
+SHOCK_SAMPLES = 5
+"""It is shorter than twice this many samples."""
+UNHEARD = 3.0
+"""... and above anything else in the record by this one; vibration has many peaks of one height."""
+
+
+def shock(run: Run) -> float:
+    """Instant of a blow that hits both channels at once, s; infinite when there is none.
+
+    A blow lasts for several samples of the output, surpasses all else in it, and throws the encoder off in the same
+    tenth of a second. This is what is left to see where no relation ever held (a barometer as encoder).
+    """
+    t, u = run.accel.t, run.accel.y
+    if len(u) < 4 * LOCAL:
+        return math.inf
+    usual = scipy.ndimage.median_filter(u, 2 * SHOCK_SAMPLES + 1, mode="nearest")
+    excess = np.abs(u - usual)
+    pair = np.minimum(excess[1:], excess[:-1])
+    hit = int(np.argmax(pair))
+    if hit < 4 * LOCAL:
+        return math.inf  # too little before it to know what is usual
+    elsewhere = pair[np.abs(t[:-1] - t[hit]) > 2.0 * TOGETHER]
+    before = slice(max(0, hit - 4 * LOCAL), max(1, hit - SHOCK_SAMPLES))
+    spread = float(np.median(excess[before])) / 0.6745
+    steps = np.abs(np.diff(u))
+    spread = max(spread, float(np.min(steps[steps > 0.0], initial=math.inf)))
+    if pair[hit] < max(SHOCK * spread, UNHEARD * float(np.max(elsewhere, initial=0.0))) or pair[hit] == 0.0:
+        return math.inf
+    bent = np.abs(np.diff(run.z, 2))
+    begin = int(np.searchsorted(run.t, t[hit] - TOGETHER))
+    usually = float(np.median(bent[max(0, begin - 4 * LOCAL) : max(1, begin)])) + run.least_step
+    jumps = run.t[1:-1][bent > THROWN * usually]
+    thrown = [*(f.time for f in glitches(run.recording, run)), *(float(time) for time in jumps)]
+    near = [time for time in thrown if abs(time - float(t[hit])) < TOGETHER]
+    return min([float(t[hit]), *near]) if near else math.inf
+
+
+def _split(relation: Relation) -> float | None:
+    """Time of the break inside one band, if there is one."""
+    gram, edges = relation.blocks(MOST_BLOCKS)
+    K = len(gram)
+    if K < 2 * LEAST_BLOCKS:
+        return None
+    forward = np.cumsum(gram, axis=0)
+    backward = forward[-1] - forward
+    before, behind = _unexplained(forward[:-1]), _unexplained(backward[:-1])
+    n1, n2 = forward[:-1, -1, -1], backward[:-1, -1, -1]
+    k = np.arange(1, K)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        power1, power2 = before[0] / n1, behind[0] / n2
+        whole = _unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
+        gain = 0.5 * (K * np.log(whole) - k * np.log(power1) - (K - k) * np.log(power2))
+        lost = (behind[1] < UNEXPLAINED) & (power2 > LOUDER * power1)
+    possible = lost & (k >= LEAST_BLOCKS) & (K - k >= 2) & np.isfinite(gain)
+    if not possible.any():
+        return None
+    best = int(np.argmax(np.where(possible, gain, -np.inf)))
+    if gain[best] < EVIDENCE or before[1][best] < EXPLAINED:
+        return None
+    held = _solve(forward[best])
+    if np.median(relation.power(gram[best + 1 :], held)) < LOUDER * power1[best]:
+        return None
+    near = (edges[max(0, best - 1)], edges[min(K, best + 4)])
+    return relation.departure(held, float(power1[best]), near)

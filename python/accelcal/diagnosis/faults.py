@@ -1,0 +1,278 @@
+"""Faults of the data: dropouts, glitches, stuck or clipped channels, lost samples, steps of position."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.diagnosis.local_spread import LOCAL, WHOLE, local_spread
+from accelcal.diagnosis.relation import LEAST_BLOCKS, MOST_BLOCKS, Columns, _solve
+from accelcal.estimation.drive import HOLE
+from accelcal.estimation.run import Run
+
+Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A stretch or an instant at which a channel did not measure."""
+
+    kind: Kind
+    channel: str
+    time: float
+    """Where it begins, s."""
+    size: float
+    """dropout, rail_hit, stuck: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
+    sentence: str
+
+
+# ---- faults ------------------------------------------------------------------------------------------------------
+
+LONG_GAP = 1e-6
+"""A gap is a fault when losing so many samples in a row by chance is less likely than this in the whole record."""
+RAIL_RUN = 4
+"""So many equal readings in a row at the extreme of the record, after a jump to it, are a rail."""
+AT_LIMIT = 1e-3
+"""Share of the declared range within which a reading lies at its limit; readings beyond say the range is another."""
+STUCK_RUN = 32
+"""Fewer equal readings in a row than this are quantisation."""
+SURE = 1e-6
+"""Family-wise false-alarm rate of steps and dropped samples."""
+CHANGE = 6.5
+"""Standard deviations by which the delay must change at some instant, the search over instants included."""
+
+
+def faults(recording: Recording, run: Run, columns: Columns | None = None) -> tuple[Fault, ...]:
+    """What a channel did that no physics of the sensor explains, in order of time.
+
+    Parameters
+    ----------
+    recording : for its channels as they were read.
+    run : the stretch in use; faults outside of it are not reported.
+    columns : of that run, where they are at hand.
+
+    Returns
+    -------
+    Dropouts, glitches, rail hits, stuck stretches, position steps (missed counts) and dropped samples.
+    """
+    found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
+    found += [*rail_hits(run), *stuck(run)]
+    columns = columns or Columns(run)
+    found += [*position_steps(columns), *dropped_samples(columns)]
+    inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
+    return tuple(sorted(inside, key=lambda f: f.time))
+
+
+def dropouts(channel: Channel) -> list[Fault]:
+    """Gaps that are too long for samples lost one by one."""
+    intervals = np.diff(channel.t)
+    if len(intervals) < 16:
+        return []
+    step = float(np.median(intervals))
+    lost = max(0.0, 1.0 - step * len(intervals) / float(channel.t[-1] - channel.t[0]))
+    by_chance = math.log(LONG_GAP / len(intervals)) / math.log(min(max(lost, 1e-12), 0.9))
+    longest = step * (1.5 + max(HOLE, by_chance))
+    return [
+        Fault(
+            "dropout",
+            channel.name,
+            float(channel.t[i]),
+            float(intervals[i]),
+            f"{channel.name}: nothing was read for {intervals[i]:.3g} s from t = {channel.t[i]:.6g} s on",
+        )
+        for i in np.flatnonzero(intervals > longest)
+    ]
+
+
+def glitches(recording: Recording, run: Run) -> list[Fault]:
+    """Encoder readings that jump away and come back; the replay leaves them out."""
+    if run.left_out == 0:
+        return []
+    t, z = recording.position.t, recording.position.y
+    inside = (t >= run.t[0]) & (t <= run.t[-1])
+    t, z = t[inside], z[inside]
+    gone = ~np.isin(t, run.t)
+    begins = np.flatnonzero(gone & ~np.concatenate([[False], gone[:-1]]))
+    ends = np.flatnonzero(gone & ~np.concatenate([gone[1:], [False]]))
+    found = []
+    for a, b in zip(begins, ends, strict=True):
+        jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
+        size = float(jumps[np.argmax(np.abs(jumps))])
+        text = f"position: {b - a + 1} readings jump away by {size:.3g} m at t = {t[a]:.6g} s and come back"
+        found.append(Fault("glitch", "position", float(t[a]), size, text))
+    return found
+
+
+def rail_hits(run: Run) -> list[Fault]:
+    """Stretches in which the output lies at the limit of its range."""
+    t, u = run.accel.t, run.accel.y
+    declared = run.rig.sensor.range
+    steps = np.abs(np.diff(u))
+    quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
+    found = []
+    for extreme in (float(u.max()), float(u.min())):
+        limit = declared is not None and abs(abs(extreme) / declared - 1.0) < AT_LIMIT
+        at = np.abs(u - extreme) <= AT_LIMIT * abs(extreme) if limit else u == extreme
+        for a, b in _runs(at, 2 if limit else RAIL_RUN):
+            jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
+            if limit or jump > 8.0 * quantum:
+                begin, size = float(t[a]), float(t[b] - t[a])
+                text = (
+                    f"accel: the output lies at its limit, {extreme:.4g} m/s², for {size:.2g} s from {begin:.6g} s on"
+                )
+                found.append(Fault("rail_hit", "accel", begin, size, text))
+    return found
+
+
+def stuck(run: Run) -> list[Fault]:
+    """Stretches in which one channel repeats a value while the other shows that it should move."""
+    found = []
+    wobble = math.sqrt(run.reading_variance_guess) + run.least_step
+    for a, b in _runs(np.diff(run.accel.y) == 0.0, STUCK_RUN):
+        begin, end = run.accel.t[a], run.accel.t[b + 1]
+        rows = slice(*np.searchsorted(run.t, [begin, end]))
+        if rows.stop - rows.start >= 8 and _bent(run.t[rows], run.z[rows], 2) > 10.0 * wobble:
+            text = (
+                f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, from t = {begin:.6g} s on"
+            )
+            found.append(Fault("stuck", "accel", float(begin), float(end - begin), text))
+    for a, b in _runs(np.diff(run.z) == 0.0, STUCK_RUN):
+        begin, end = run.t[a], run.t[b + 1]
+        rows = slice(*np.searchsorted(run.accel.t, [begin, end]))
+        u, step = run.accel.y[rows], run.accel_step
+        if len(u) < 8:
+            continue
+        path = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
+        walk = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
+        if _bent(run.accel.t[rows], path, 1) > 20.0 * wobble + 5.0 * walk:
+            text = f"position: the reading stays {run.z[a]:.6g} m while the output changes, from t = {begin:.6g} s on"
+            found.append(Fault("stuck", "position", float(begin), float(end - begin), text))
+    return found
+
+
+def _bent(t: Array, y: Array, degree: int) -> float:
+    """How far a stretch departs from a straight line (1) or from constant acceleration (2), peak to peak."""
+    x = t - t[0]
+    return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
+
+
+def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
+    """First and last index of each run of true flags that is at least so long."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
+
+
+def position_steps(columns: Columns) -> list[Fault]:
+    """Instants at which the encoder lost or gained counts: its reading jumps and stays.
+
+    The innovations behind a fast filter answer a step by a pulse; the pulse is sought against the local spread.
+    """
+    run = columns.run
+    relation = columns.inside(0.1 / run.reading_step)
+    if len(relation.t) < 8 * LOCAL:
+        return []
+    X, y = relation.columns[:, :4], relation.columns[:, 4] * relation.size[4]
+    residual = y - X @ np.linalg.lstsq(X, y, rcond=None)[0]
+    step = columns.response(relation.band, np.arange(2 * PULSE) >= PULSE)
+    spike = columns.response(relation.band, np.arange(2 * PULSE) == PULSE)
+    matched = np.correlate(residual, step, "full")[PULSE - 1 :] / np.linalg.norm(step)
+    single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
+    score = np.abs(matched) / local_spread(matched)
+    limit = -float(scipy.special.stdtrit(0.7 * LOCAL, 0.5 * SURE / len(score)))
+    quiet = float(np.median(np.abs(residual))) / 0.6745
+    behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
+    found, last = [], -PULSE
+    for k in (int(k) for k in np.flatnonzero((score > limit) & ~behind_gap)):
+        near = slice(max(0, k - PULSE), k + PULSE)
+        if k - last < PULSE or np.max(np.abs(matched[near])) > abs(matched[k]):
+            continue
+        if np.max(np.abs(single[near])) > 1.05 * abs(matched[k]):
+            continue
+        around = residual[max(0, k - PULSE) : k + 2 * PULSE]
+        if matched[k] ** 2 < PULSE_SHARE * float(np.sum(around**2) - len(around) * quiet**2):
+            continue
+        size = float(matched[k] / np.linalg.norm(step))
+        if abs(size) < COUNTS * run.least_step:
+            continue
+        last = k
+        time = float(relation.t[k])
+        text = f"position: the reading jumps by {size * 1e6:+.3g} um at t = {time:.6g} s and stays: missed counts"
+        found.append(Fault("position_step", "position", time, size, text))
+    return found
+
+
+PULSE_SHARE = 0.6
+"""Share of what is loud around a step that the pulse explains; a misfit of the model is wider than a pulse."""
+COUNTS = 3.0
+"""A smaller jump, in steps of the encoder, is its quantisation."""
+PULSE = 16
+"""Readings that a fast filter needs to forget a step."""
+
+
+def dropped_samples(columns: Columns) -> list[Fault]:
+    """An instant at which the delay between the channels jumps for good by a whole sample of either clock.
+
+    Parameter change by cumulated scores, variances from the scatter of blocks (Andrews 1993), the largest over all
+    instants; two of three bands must agree, and on a whole number of samples.
+    """
+    run = columns.run
+    seen: list[tuple[float, float, float]] = []
+    for band in np.geomspace(0.1, 0.005, 3) / run.reading_step:
+        relation = columns.inside(float(band))
+        gram, edges = relation.blocks(MOST_BLOCKS)
+        if len(gram) >= 4 * LEAST_BLOCKS:
+            k, jump, std = _delay_change(gram, relation.size)
+            shift = 2.0 * run.accel_step
+            seen.append((std * shift, jump * shift, float(edges[k])))
+    sure = sorted(one for one in seen if abs(one[1]) > CHANGE * one[0])
+    if len(sure) < 2:
+        return []
+    std_s, jump_s, time = sure[0]
+    for channel, step in ((run.accel.name, run.accel_step), ("position", run.reading_step)):
+        samples = jump_s / step
+        agreed = sum(abs(other - jump_s) < WHOLE * step for _, other, _ in sure)
+        if abs(samples) > 0.5 and abs(samples - round(samples)) < WHOLE and std_s < 0.5 * WHOLE * step and agreed > 1:
+            text = (
+                f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {time:.6g} s and stays: "
+                f"{abs(round(samples))} samples were lost or doubled without a trace in the stamps"
+            )
+            return [Fault("dropped_samples", channel, time, float(round(samples)), text)]
+    return []
+
+
+def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
+    """Where the delay changes most: blocks before, delay behind minus delay before in shifts of `Columns`, and its std.
+
+    The instant is chosen with the scatter of scores under no change; the variance there is that under the change.
+    """
+    c = _solve(gram.sum(axis=0))
+    A = gram[:, :4, :4]
+    score = gram[:, :4, 4] - A @ c
+    eye = 1e-9 * np.trace(A.sum(axis=0)) * np.eye(4)
+    rows = slice(LEAST_BLOCKS, len(A) - LEAST_BLOCKS)
+    A1, s1, V1 = (np.cumsum(x, axis=0)[rows] for x in (A, score, _outer(score)))
+    A2, s2, V2 = A.sum(axis=0) - A1, score.sum(axis=0) - s1, _outer(score).sum(axis=0) - V1
+    B1, B2 = np.linalg.inv(A1 + eye), np.linalg.inv(A2 + eye)
+    before, behind = np.einsum("kij,kj->ki", B1, s1), np.einsum("kij,kj->ki", B2, s2)
+    # tau = (c1/c0) of the columns as they were before they were scaled to unit mean square
+    to_delay = np.array([-c[1] / c[0], 1.0, 0.0, 0.0]) * size[0] / (size[1] * c[0])
+    jump = (behind - before) @ to_delay
+    variance = np.einsum("i,kij,j->k", to_delay, B1 @ V1 @ B1 + B2 @ V2 @ B2, to_delay)
+    k = int(np.argmax(jump**2 / np.maximum(variance, 1e-300)))
+    split = LEAST_BLOCKS + k + 1
+    W1 = _outer(score[:split] - A[:split] @ before[k]).sum(axis=0)
+    W2 = _outer(score[split:] - A[split:] @ behind[k]).sum(axis=0)
+    std = math.sqrt(max(float(to_delay @ (B1[k] @ W1 @ B1[k] + B2[k] @ W2 @ B2[k]) @ to_delay), 1e-300))
+    return split, float(jump[k]), std
+
+
+def _outer(x: Array) -> Array:
+    """Outer product of each row with itself."""
+    return x[:, :, None] * x[:, None, :]

@@ -1,0 +1,229 @@
+"""What the model leaves of a run, as the tests see it: the output above the motion, whitened innovations, speeds."""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.local_spread import local_spread
+from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, Spectra
+from accelcal.diagnosis.noise_tests.interpolation_error import Places, Surprise, above
+from accelcal.diagnosis.noise_tests.noise_test import ALARM
+from accelcal.diagnosis.noise_tests.robust import OUTLIER, Outliers, isolated, outliers, spread_of
+from accelcal.estimation.run_state import Pass
+from accelcal.signals.signals import Signals
+
+HIGH = 0.09
+"""Share of the sampling rate above which no motion leaks: a stage that starts with a jump in snap leaves f^-3."""
+MEMORY = 4.0
+"""Time constants after which the filter has forgotten an outlier."""
+REPAIRS = 2
+"""Rounds of filling in loud samples; the noise that tells how to is known better without them."""
+
+
+class Residuals:
+    """What both channels say beyond the fitted model, on uniform times."""
+
+    def __init__(self, state: Pass) -> None:
+        assert state.signals is not None, "the fit has not been iterated"
+        self.state, self.run = state, state.run
+        self.signals: Signals = state.signals
+        run, s = self.run, self.signals
+        self.step = run.accel_step
+        self.tau = run.tau(state.values)
+        self.rate = 1.0 / self.step
+        spoiled = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
+        spoiled = min(spoiled, 0.05 * float(run.t[-1] - run.t[0]))
+        t = run.accel.t
+        begin = int(np.searchsorted(t, run.t[0] + spoiled))
+        inside = slice(begin, int(np.searchsorted(t, run.t[-1] - spoiled, side="right")))
+        self.t_u, self.u = t[inside], run.accel.y[inside]
+        place = self.place
+        self.n = int(place[-1]) + 1
+        self.taken = np.zeros(self.n, dtype=np.bool_)
+        self.taken[place] = True
+        self.edge = min(max(HIGH * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
+        ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
+        self.taken[:ends] = self.taken[self.n - ends :] = False
+
+    @property
+    def place(self) -> Places:
+        """Uniform time of each sample, counted from the first."""
+        return np.asarray(np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp))
+
+    @property
+    def t(self) -> Array:
+        """Uniform times, (n,) s."""
+        return np.asarray(self.t_u[0] + self.step * np.arange(self.n))
+
+    @property
+    def model(self) -> Array:
+        """Output that the model expects at uniform times: smoothed motion through scale, effects, delay and RC."""
+        s, values, run = self.signals, self.state.values, self.run
+        grid = values.scale * s.a + values.bias
+        for term, coefficient in values.additive("output"):
+            grid = grid + coefficient * term.column(s)
+        at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(self.t - values.time_offset)
+        if self.tau > 0.0:  # exact for straight lines between samples
+            x = self.step / self.tau
+            d = math.exp(-x)
+            b = [1.0 - (1.0 - d) / x, (1.0 - d) / x - d]
+            at, _ = scipy.signal.lfilter(b, [1.0, -d], at, zi=[at[0] * (1.0 - b[0])])
+        return np.asarray(at, dtype=np.float64)
+
+    @cached_property
+    def residual(self) -> Array:
+        """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
+        model, place = self.model, self.place
+        slope = np.gradient(model, self.step)[place]
+        r = self.u - model[place] - slope * (self.t_u - self.t_u[0] - self.step * place)
+        return np.asarray(np.interp(np.arange(self.n), place, r))
+
+    @cached_property
+    def background(self) -> Array:
+        """Residual above the band of any motion, (n,) m/s², lost and loud single samples filled in from their
+        neighbours, so that none rings in its block."""
+        lost, correction = self.lost, np.zeros(self.n)
+        for _ in range(REPAIRS):
+            before = lost
+            correction, lost = self.repaired(correction, before)
+            if lost is before:
+                break
+        return above(self.residual - correction, self.rate, self.edge)
+
+    def release(self) -> None:
+        """Give up `background`, once its spectra are known; who asks for it again waits for it again."""
+        vars(self).pop("background", None)
+
+    def repaired(self, correction: Array, lost: Places) -> tuple[Array, Places]:
+        """Corrections of lost samples (n,) by the noise that is left after earlier ones; loud samples are lost too."""
+        whole = above(self.residual - correction, self.rate, self.edge)
+        surprise = self.surprise(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+        del whole
+        off = surprise(self.residual - np.mean(self.residual))
+        correction = surprise.correction(off, lost)
+        y = surprise.corrected(off, correction, lost)[self.taken]
+        spread, _ = spread_of(y)
+        np.hypot(spread, self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0), out=spread)
+        score = np.abs(y)
+        score /= np.maximum(spread, 1e-300)
+        loud = isolated(score, np.flatnonzero(score > OUTLIER))
+        if len(loud) == 0:
+            return correction, lost
+        loud = np.flatnonzero(self.taken)[loud]
+        lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
+        return surprise.correction(off, lost), lost
+
+    def surprise(self, spectra: Spectra) -> Surprise:
+        """Filter that tells what a sample is off by, for noise with these spectra."""
+        return Surprise.of(spectra, self.n, self.rate, self.edge)
+
+    @property
+    def lost(self) -> Places:
+        """Uniform times at which no sample was taken."""
+        missing = np.ones(self.n, dtype=np.bool_)
+        missing[self.place] = False
+        return np.flatnonzero(missing)
+
+    @cached_property
+    def spectra(self) -> Spectra:
+        """Power of `background` in blocks."""
+        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+
+    @cached_property
+    def brief(self) -> Spectra:
+        """The same in blocks that are as short as the peaks of a move's speed."""
+        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
+
+    @property
+    def matched(self) -> tuple[Array, Array]:
+        """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
+        surprise, lost = self.surprise(self.spectra), self.lost
+        off = surprise(self.residual - np.mean(self.residual))
+        return surprise.corrected(off, surprise.correction(off, lost), lost), surprise.gain
+
+    @cached_property
+    def motion(self) -> tuple[Array, Array]:
+        """Velocity and jerk at the uniform times."""
+        t = self.signals.t + self.run.origins.t
+        return np.interp(self.t, t, self.signals.v), np.interp(self.t, t, self.signals.jerk)
+
+    def motion_blocks(self, spectra: Spectra) -> tuple[Array, Array, Array]:
+        """Means of v², v⁴ and jerk² over the blocks of some spectra, (K,) each."""
+        v, jerk = self.motion
+        v2 = v**2
+        return spectra.means(v2), spectra.means(v2**2), spectra.means(jerk**2)
+
+    @cached_property
+    def lsb(self) -> float:
+        """Step of the grid that the output lies on, m/s²; 0 when it lies on none."""
+        return grid_step(self.u)
+
+    @cached_property
+    def smooth_position(self) -> Array:
+        """RTS-smoothed position at the readings, m."""
+        p, _, _ = self.state.track.smooth(*self.state.drive.arrays)
+        return np.asarray(p)
+
+    @cached_property
+    def loud_readings(self) -> Outliers:
+        """Outliers among the settled readings, against the smoothed position; see `outliers`."""
+        z = (self.run.z - self.smooth_position)[self.state.counts]
+        z = z - np.median(z)
+        spread, dof = spread_of(z, self.run.least_step)
+        return outliers(z, spread, len(z), dof)
+
+    @cached_property
+    def readings(self) -> Array:
+        """Whitened innovations of settled readings, (m,); zero from an outlier on while the filter remembers it."""
+        y = self.state.whitened[self.state.counts]
+        limit = 5.0 * local_spread(y)
+        y = np.clip(y, -limit, limit)
+        peaks = self.loud_readings.peaks
+        if self.loud_readings.p_value < ALARM:
+            memory = MEMORY / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
+            forgotten = np.zeros(len(y) + 1)
+            np.add.at(forgotten, peaks, 1.0)
+            np.add.at(forgotten, np.minimum(peaks + int(memory) + 1, len(y)), -1.0)
+            y = np.where(np.cumsum(forgotten)[:-1] > 0.0, 0.0, y)
+        return y
+
+    def rc_gain(self, frequency: float) -> float:
+        """What the declared low-pass leaves of a line."""
+        return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
+
+
+def grid_step(y: Array) -> float:
+    """Spacing of the values of a quantised channel; 0 when they are not on a grid that is used again and again."""
+    levels = np.unique(y)
+    if len(levels) < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.min(gaps[gaps > 1e-9 * (levels[-1] - levels[0])], initial=math.inf))
+    if not math.isfinite(step) or len(levels) > 0.5 * len(y):
+        return 0.0
+    count = np.rint(gaps / step)
+    step = float(np.sum(gaps) / np.sum(count))
+    off = np.abs((levels - levels[0]) / step - np.rint((levels - levels[0]) / step))
+    return step if float(np.max(off)) < 0.1 else 0.0
+
+
+def coarse(seen: Residuals) -> bool:
+    """Whether the step of the converter outweighs the noise, so that the noise itself depends on the motion."""
+    return seen.lsb > 0.8 * sample_noise(seen)
+
+
+def sample_noise(seen: Residuals) -> float:
+    """Standard deviation of one sample: what the fitted density implies, quantisation taken off, m/s².
+
+    Coarse steps leave nothing to take off; then the declared density speaks, if there is one.
+    """
+    run, noise = seen.run, seen.state.noise
+    bandwidth = 1.0 / (2.0 * seen.tau) if seen.tau > 0.0 else seen.rate
+    variance = noise.q * seen.state.values.scale**2 * bandwidth
+    declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
+    return math.sqrt(max(variance - seen.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))

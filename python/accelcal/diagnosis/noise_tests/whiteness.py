@@ -1,0 +1,51 @@
+"""Colour of the innovations that no other test explains."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, ChannelFinding
+from accelcal.diagnosis.noise_tests.residuals import Residuals
+
+LAGS = 5
+"""Lags looked at on each scale of time."""
+
+
+def whiteness(seen: Residuals) -> ChannelFinding:
+    """Autocorrelation of the whitened innovations, at full rate and over ever longer block sums (Ljung and Box 1978).
+
+    Each lag is scaled by its own sum of squared products, so that noise that comes and goes does not count as colour.
+    Null: chi-square with five degrees of freedom on each scale, times the number of scales.
+    """
+    y = seen.readings
+    scales: dict[int, tuple[float, float]] = {}
+    length = 1
+    while len(y) // length >= 4 * LEAST_BLOCKS:
+        K = len(y) // length
+        sums = y[: K * length].reshape(K, length).sum(axis=1)
+        scales[length] = portmanteau(sums)
+        length *= 4
+    if not scales:
+        return ChannelFinding("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings to tell")
+    worst = min(scales, key=lambda k: scales[k][1])
+    Q, p = scales[worst]
+    p = min(1.0, p * len(scales))
+    lag = worst * seen.run.reading_step
+    first = float(np.mean(y[1:] * y[:-1]) / np.mean(y**2))
+    text = f"innovations are correlated over {lag:.2g} s and longer" if p < ALARM else "the innovations are white"
+    parts = {"scale": lag, **{f"p_{k}": value[1] for k, value in scales.items()}}
+    return ChannelFinding("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
+
+
+def portmanteau(y: Array) -> tuple[float, float]:
+    """Sum of squared autocorrelations, each over its own variance, and its chance in white noise."""
+    y = y - y.mean()
+    Q = 0.0
+    for lag in range(1, LAGS + 1):
+        products = y[lag:] * y[:-lag]
+        Q += float(products.sum()) ** 2 / max(float(np.sum(products**2)), 1e-300)
+    return Q, float(scipy.special.gammaincc(0.5 * LAGS, 0.5 * Q))

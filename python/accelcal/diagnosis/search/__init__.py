@@ -1,0 +1,1 @@
+"""Search: which effects of the catalogue explain what a model leaves."""

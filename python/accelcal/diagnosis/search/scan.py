@@ -1,0 +1,217 @@
+"""Which physical effect is missing: one pass of scores, a search over sets, ties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.search.beam import Robust, Search, block_length
+from accelcal.diagnosis.search.confounding import Finding, describe, members
+from accelcal.diagnosis.search.detection_limits import limits
+from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.likelihood_gain import log_survival
+from accelcal.diagnosis.search.refine import refine, shortlist, starts
+from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.effects import Effect, is_local
+from accelcal.estimation.run_state import Pass
+from accelcal.model import Model, Term
+
+Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
+
+ALPHA = 0.005
+"""Family-wise false-alarm rate of a record."""
+FORMS = 2
+"""Forms of a shape, coarse and fine, of which the one that is least by chance is told."""
+LEAST_BLOCKS = 20
+"""Fewer effective blocks than this are too short a record for any verdict."""
+STRETCH = 1 << 18
+"""Times at which an effect without memory is evaluated at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """What one effect explains, given the model and what entered before it."""
+
+    effect: str
+    shape: Mapping[str, float]
+    estimate: tuple[float, ...]
+    """One value for each column that it has, in `unit`; for a wandering bias its one intensity."""
+    std: tuple[float, ...]
+    unit: str
+    gain: float
+    """Twice the log-likelihood gain, block-robust."""
+    dof: int
+    p_raw: float
+    p_value: float
+    """Family-wise, over everything that was looked at."""
+    log_evidence: float
+    largest: float
+    """Largest contribution over the used range, m/s² (m at the encoder)."""
+    members: tuple[str, ...] = ()
+    """Effects that cannot be told from it on this record, itself included."""
+    looks: int = 1
+    """Values of a shape parameter that the record was searched for this one."""
+
+    @property
+    def chance(self) -> float:
+        """Of a gain as large where the effect is not there, had it been the only one that was looked at."""
+        return min(1.0, self.p_raw * self.looks)
+
+    @property
+    def snr(self) -> float:
+        """Equivalent standard deviations, sqrt of the gain."""
+        return math.sqrt(max(self.gain, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Scan:
+    """Everything that one pass over a record says about what its model lacks."""
+
+    candidates: tuple[Candidate, ...]
+    """By rank."""
+    found: tuple[Finding, ...]
+    """The set that explains most, in order of entry; empty when nothing is significant."""
+    examined: int
+    """Alternatives that were looked at."""
+    blocks: int
+    """Effective blocks of the record."""
+    detection_limits: Mapping[str, float] = field(default_factory=dict)
+    """Smallest coefficient that would have been seen with 95 % probability, by effect; infinite where none would."""
+    entered: tuple[Finding, ...] = ()
+    """Effects that were asked for by name and can be evaluated, whatever they explain."""
+    named: tuple[Finding, ...] = ()
+    """Where a shape without a name comes first: the named effects that cannot be told from it."""
+
+
+def scan(
+    passes: Sequence[Pass],
+    model: Model,
+    *,
+    extra: Sequence[Effect] = (),
+    only: Sequence[Effect] = (),
+    apart: Sequence[Term] = (),
+    alpha: float = ALPHA,
+    report: Callable[[float], None] = lambda share: None,
+) -> Scan:
+    """Rank every effect that could be missing, and find the set that explains most.
+
+    Parameters
+    ----------
+    passes : fitted runs.
+    model : the model they were fitted with.
+    extra : effects of the user's own.
+    only : look at these effects alone, significant or not.
+    apart : contributions that are there and are judged elsewhere, such as lines; nothing is paid for explaining them.
+    alpha : family-wise false-alarm rate.
+    report : called with the share of the work that is done, 0 to 1.
+
+    Notes
+    -----
+    Scores through the filter (Friedland's two stages): no refit is needed to rank. Shape parameters of the finalists
+    are refined by likelihood before effects are compared; scores of the finalists are checked block by block.
+    """
+    items = candidates_for(passes[0], model, extra)
+    if only:
+        names = {effect.name for effect in only}
+        items = [item for item in items if item.effect.name in names]
+        if not items:
+            return Scan((), (), 0, 0)
+    length = max(block_length(one) for one in passes)
+    blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
+    search_in = Search(len(items), blocks, alpha)
+    runs = [Known(one, model, apart) for one in passes]
+    report(0.1)
+    evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
+    finalists = shortlist(evidence, search_in.beam(evidence), search_in)
+    report(0.65)
+    several = refine(runs, starts(evidence, finalists, search_in))
+    report(0.85)
+    finals = [final_of(Evidence(runs, some), length, search_in) for some in several]
+    final, robust, chosen = max(finals, key=lambda one: search_in.worth(one[0], one[2]))
+    report(1.0)
+    return Scan(
+        rank(final, robust, chosen, search_in, passes),
+        tuple(describe(final, robust, chosen, position, search_in) for position in range(len(chosen))),
+        len(items),
+        blocks,
+        limits(evidence, search_in),
+        tuple(
+            describe(final, robust, (i,), 0, search_in) for i in range(len(final.items)) if only and final.gain(i)[1]
+        ),
+        named_members(final, robust, chosen, search_in),
+    )
+
+
+def final_of(evidence: Evidence, length: float, rules: Search) -> tuple[Evidence, Robust, tuple[int, ...]]:
+    """Refined items with the scatter of their scores, and the best set of them."""
+    robust = Robust(evidence, length)
+    return evidence, robust, rules.best(evidence, robust)
+
+
+def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search) -> tuple[Finding, ...]:
+    """Named effects in the class of a shape without a name that comes first, nearest rival first.
+
+    A wandering bias is none of them: it follows any shape.
+    """
+    if not chosen or not evidence.items[chosen[0]].effect.family:
+        return ()
+    able = {i: item.effect for i, item in enumerate(evidence.items) if item.effect.port != "process"}
+    place = {effect.name: i for i, effect in able.items() if not effect.family}
+    rivals = [place[name] for name in members(evidence, robust, chosen[0], chosen[1:], rules) if name in place]
+    return tuple(describe(evidence, robust, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
+
+
+def rank(
+    evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[Pass]
+) -> tuple[Candidate, ...]:
+    """Every finalist as it stands in the first place, best evidence first."""
+    others = chosen[1:]
+    found = []
+    for i, item in enumerate(evidence.items):
+        if i in others:
+            continue
+        gain, dof, estimate, covariance = evidence.gain(i, others)
+        if dof == 0:
+            continue
+        gain /= robust.inflation(i, others)
+        log_p = log_survival(gain, dof)
+        found.append(
+            Candidate(
+                effect=item.effect.name,
+                shape=dict(item.shape),
+                estimate=tuple(float(v) for v in estimate),
+                std=tuple(float(v) for v in np.sqrt(np.diag(covariance))),
+                unit=item.effect.unit,
+                gain=gain,
+                dof=dof,
+                p_raw=math.exp(log_p),
+                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.looks))),
+                log_evidence=rules.price(gain, dof, item) / 2.0,
+                largest=max(largest(item, estimate, one) for one in passes),
+                members=members(evidence, robust, i, others, rules),
+                looks=item.looks * (FORMS if item.effect.coarse else 1),
+            )
+        )
+    return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
+
+
+def largest(item: Item, estimate: Array, one: Pass) -> float:
+    """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
+    s = one.signals
+    assert s is not None
+    stretch = STRETCH if is_local(item.effect) else len(s.t)
+    found = 0.0
+    for begin in range(0, len(s.t), stretch):
+        part = s.part(slice(begin, begin + stretch))
+        columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
+        if item.effect.port == "process":
+            size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))
+        else:
+            size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
+        found = max(found, float(size))
+    return found

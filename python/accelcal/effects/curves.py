@@ -1,0 +1,342 @@
+"""Shapes without a name: smooth functions of one variable, for what no physical effect explains.
+
+The ends of their range are set by the record of the fit and kept by the model, so that the same coefficients are the
+same function on any other record; beyond the range the function is held. What the base already explains, a constant and
+where it is the scale factor or a delay a straight line, is not within their reach.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.effects.building_blocks import direction, since_reversal
+from accelcal.effects.registry import Shape, effect
+from accelcal.signals.signals import TINY, Signals
+
+PIECES = 7
+"""Pieces of a cubic spline."""
+CURVE = ("p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
+"""Columns of a curve: Legendre polynomials by their degree, then the inner splines. The constant is the bias's."""
+BENT = CURVE[1:]
+"""Those of a curve whose straight line the base already is."""
+CUBIC = 3
+"""Degree of the polynomials, which by themselves are a coarse curve: it is seen with less."""
+KNOT_NOISE = 6.0
+"""Knots stand at least this many standard deviations apart, or noise of the variable blurs the pieces."""
+COSINES = tuple(f"c{j}" for j in range(1, 13))
+AGES = (0.02, 0.1, 0.5, 2.5)
+"""Times since a reversal at which a shape has a knot, s."""
+
+
+def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
+    """Columns weights_j cos(pi j (t - start)/length), j = 1.., held beyond both ends; (n, len(weights))."""
+    share = np.clip((t - start) / length, 0.0, 1.0)
+    first = np.cos(np.pi * share)
+    rows = np.empty((len(weights) + 1, len(t)))
+    rows[0] = 1.0
+    rows[1] = first
+    twice = 2.0 * first
+    for j in range(2, len(rows)):  # cos(j x) = 2 cos x cos((j - 1) x) - cos((j - 2) x)
+        np.multiply(twice, rows[j - 1], out=rows[j])
+        rows[j] -= rows[j - 2]
+    return (rows[1:] * weights[:, None]).T
+
+
+def splines(x: Array, low: float, high: float) -> Array:
+    """Uniform cubic B-splines on [low, high], which sum to 1; x is held at the ends; (n, PIECES + 3)."""
+    u = np.clip((x - low) * (PIECES / (high - low)), 0.0, PIECES)
+    piece = np.minimum(u.astype(np.intp), PIECES - 1)
+    f = u - piece
+    g = 1.0 - f
+    n = len(x)
+    flat, at = np.zeros((PIECES + 3) * n), piece * n + np.arange(n)  # each column in one piece of memory
+    f2, g2 = f * f, g * g  # products: a power of 3 costs forty of them
+    flat[at] = g2 * g / 6.0
+    flat[at + n] = (4.0 - 6.0 * f2 + 3.0 * f2 * f) / 6.0
+    flat[at + 2 * n] = (4.0 - 6.0 * g2 + 3.0 * g2 * g) / 6.0
+    flat[at + 3 * n] = f2 * f / 6.0
+    return flat.reshape(PIECES + 3, n).T
+
+
+def curve(x: Array, low: float, high: float, first: int = 1) -> Array:
+    """All that cubic splines on [low, high] can be, less what is below the first degree, cubics first: Legendre
+    polynomials, then the inner splines; x is held at the ends; (n, 10 - first)."""
+    return np.column_stack([legendre(x, low, high, CUBIC)[:, first:], splines(x, low, high)[:, 2:-2]])
+
+
+def rippled(x: Array, low: float, high: float, period: float) -> Array:
+    """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
+    many columns as a bent curve, (n, 8)."""
+    angle = (2.0 * np.pi / period) * x
+    return np.column_stack([legendre(x, low, high, len(BENT) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
+
+
+def legendre(x: Array, low: float, high: float, degree: int) -> Array:
+    """Legendre polynomials of degree 0 and up over [low, high]; x is held at the ends; (n, degree + 1)."""
+    u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
+    return np.asarray(np.polynomial.legendre.legvander(u, degree))
+
+
+def over(unit: str, variable: Callable[[Signals], tuple[Array, float]]) -> dict[str, Shape]:
+    """The range of a variable with a given noise, as shapes that the record sets."""
+
+    def ends(s: Signals) -> tuple[float, float]:
+        y, std = variable(s)
+        low, high = float(np.min(y)), float(np.max(y))
+        middle = 0.5 * (low + high)
+        width = max(high - low, KNOT_NOISE * std * PIECES, TINY, 1e-9 * abs(middle))
+        return middle - 0.5 * width, middle + 0.5 * width
+
+    def low(s: Signals) -> tuple[float, float]:
+        return ends(s)[0], ends(s)[0]
+
+    def high(s: Signals) -> tuple[float, float]:
+        return ends(s)[1], ends(s)[1]
+
+    return {"low": Shape(unit, low, trials=1), "high": Shape(unit, high, trials=1)}
+
+
+def _start(s: Signals) -> tuple[float, float]:
+    return float(s.t[0]), float(s.t[0])
+
+
+def _length(s: Signals) -> tuple[float, float]:
+    return s.length, s.length
+
+
+RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, trials=1)}
+"""The stretch of time on which cosines stand: set by the record of the fit and kept by the model."""
+
+
+@effect(
+    "shape_of_time",
+    unit="m/s²",
+    symbol="f(t)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=RECORD,
+    parts=COSINES,
+    basis="cosines",
+    family=True,
+    covers=("bias_drift", "bias_step", "warm_up"),
+    includes=("bias",),
+)
+def shape_of_time(s: Signals, start: float, length: float) -> Array:
+    """A bias that is some slow function of time.
+
+    Equation: e = sum_j c_j cos(pi j (t - start)/length).
+    Looks like: a residual that depends on time only.
+    Easily confused with: bias_drift, warm_up, bias_step, bias_random_walk, temperature_bias.
+    Separate by: logging what else changes with time; a second record.
+    """
+    return cosines(s.t, start, length, np.ones(len(COSINES)))
+
+
+@effect(
+    "shape_of_position",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(p)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m", lambda s: (s.p, s.p_std)),
+    parts=CURVE,
+    family=True,
+    coarse=CUBIC,
+    covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
+    bends=(("rail_wave", "rail_second_wave"),),
+    includes=("bias",),
+)
+def shape_of_position(s: Signals, low: float, high: float) -> Array:
+    """An acceleration that is some function of the place on the rail.
+
+    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on position only, at any speed.
+    Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
+    Separate by: a very slow traverse; two speeds.
+    """
+    return s.rig.polarity * curve(s.p, low, high)
+
+
+@effect(
+    "shape_of_velocity",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(v)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s", lambda s: (s.v, s.v_std)),
+    parts=CURVE,
+    family=True,
+    coarse=CUBIC,
+    covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"),
+    includes=("bias",),
+)
+def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
+    """An acceleration that is some function of velocity.
+
+    Equation: e = sum_j c_j B_j(v), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on velocity only.
+    Easily confused with: velocity, velocity_squared, velocity_odd, coulomb, vibration_rectification.
+    Separate by: several steady speeds in both directions.
+    """
+    return s.rig.polarity * curve(s.v, low, high)
+
+
+@effect(
+    "shape_of_acceleration",
+    unit="m/s²",
+    symbol="f(a)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
+    parts=BENT,
+    family=True,
+    coarse=CUBIC - 1,
+    covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
+    bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
+    includes=("bias", "scale_factor"),
+)
+def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
+    """A characteristic of the sensor that is some function of acceleration.
+
+    Equation: e = sum_j c_j B_j(a), polynomials of degree 2 and 3, then cubic splines; a ripple: 2 to 7, a sine.
+    Looks like: a residual that depends on acceleration only.
+    Easily confused with: quadratic, cubic, odd_quadratic, scale_asymmetry, dead_zone, saturation.
+    Separate by: several amplitudes at several frequencies.
+    """
+    return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high, first=2)
+
+
+@effect(
+    "shape_of_jerk",
+    unit="m/s²",
+    owner="timing",
+    symbol="f(j)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
+    parts=BENT,
+    family=True,
+    coarse=CUBIC - 1,
+    includes=("bias", "time_offset"),
+)
+def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
+    """An error that is some function of the rate of change of acceleration.
+
+    Equation: e = sum_j c_j B_j(jerk), polynomials of degree 2 and 3, then cubic splines.
+    Looks like: a residual that depends on jerk only.
+    Easily confused with: hysteresis, time_offset, a slew-rate limit.
+    Separate by: rests after either direction; several amplitudes.
+    """
+    return curve(s.jerk, low, high, first=2)
+
+
+@effect(
+    "shape_of_temperature",
+    unit="m/s²",
+    symbol="f(T)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("K", lambda s: (s.temperature, 0.0)),
+    needs=("temperature",),
+    parts=CURVE,
+    family=True,
+    coarse=CUBIC,
+    covers=("temperature_bias",),
+    includes=("bias",),
+)
+def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
+    """A bias that is some function of temperature.
+
+    Equation: e = sum_j c_j B_j(T), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on temperature only.
+    Easily confused with: temperature_bias, shape_of_time while temperature changes steadily.
+    Separate by: a temperature cycle that is not monotone in time.
+    """
+    return curve(s.temperature, low, high)
+
+
+@effect(
+    "shape_of_a_y",
+    unit="m/s²",
+    owner="mounting",
+    symbol="f(a_y)",
+    scale=1e-3,
+    source="0.1 mg",
+    shapes=over("m/s²", lambda s: (s.side["a_y"], 0.0)),
+    needs=("a_y",),
+    parts=CURVE,
+    family=True,
+    coarse=CUBIC,
+    covers=("cross_axis", "cross_axis_quadratic"),
+    includes=("bias",),
+)
+def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
+    """A response that is some function of the lateral acceleration.
+
+    Equation: e = sum_j c_j B_j(a_y), polynomials of degree 1 to 3, then cubic splines.
+    Looks like: a residual that depends on the lateral acceleration only.
+    Easily confused with: cross_axis, cross_axis_quadratic.
+    Separate by: lateral motion of two sizes; turning the sensor about its input axis.
+    """
+    return curve(s.side["a_y"], low, high)
+
+
+@effect(
+    "shape_since_reversal",
+    unit="m/s²",
+    owner="rig",
+    symbol="f(r)",
+    scale=1e-3,
+    source="0.1 mg",
+    parts=tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
+    family=True,
+    includes=("bias",),
+    memory=True,
+)
+def shape_since_reversal(s: Signals) -> Array:
+    """A response to reversals of the stage: some function of the time since the last, alike or odd in direction.
+
+    Equation: e = sum_j (c_j + d_j sgn v) h_j(r), h_j hats over log r, r the time since the last reversal.
+    Looks like: a transient after each reversal.
+    Easily confused with: coulomb, hysteresis, creep, encoder_backlash.
+    Separate by: rests of several lengths between moves.
+    """
+    heading, age = direction(s), since_reversal(s)
+    turned = np.isfinite(age)
+    age = np.where(turned, age, AGES[-1])  # before the first it is long ago
+    u = np.interp(np.log(np.maximum(age, AGES[0])), np.log(AGES), np.arange(len(AGES), dtype=np.float64))
+    way = heading * turned
+    columns = np.empty((2 * len(AGES), len(u)))  # each in one piece of memory
+    for k in range(len(AGES)):
+        hat = s.rig.polarity * np.maximum(1.0 - np.abs(u - k), 0.0)
+        columns[k], columns[len(AGES) + k] = hat, hat * way
+    return columns.T
+
+
+@effect(
+    "encoder_shape_of_position",
+    unit="m",
+    port="position",
+    owner="encoder",
+    symbol="b(p)",
+    scale=1e-6,
+    source="at most 10 µm (paper)",
+    shapes=over("m", lambda s: (s.p, s.p_std)),
+    parts=BENT,
+    family=True,
+    covers=("encoder_nonlinearity", "encoder_cyclic"),
+)
+def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
+    """An error of the encoder that is some function of position; its straight part is encoder_scale.
+
+    Equation: b = sum_j c_j B_j(p), polynomials of degree 2 and 3, then cubic splines.
+    Looks like: a residual that depends on position and grows with the square of speed.
+    Easily confused with: encoder_nonlinearity, encoder_cyclic, shape_of_position.
+    Separate by: two speeds; a shifted start position.
+    """
+    return curve(s.p, low, high, first=2)

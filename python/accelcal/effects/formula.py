@@ -1,0 +1,277 @@
+"""A user's own effect as one line of algebra: read by a small grammar, never run as code."""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.effects.registry import CATALOGUE, Effect
+from accelcal.effects.user_file import PROBE, probe
+from accelcal.signals.signals import Signals
+
+LONGEST = 200
+"""Characters of an expression."""
+DEEPEST = 20
+"""Operations inside each other."""
+LARGEST_POWER = 8.0
+"""Largest exponent, either sign; exponents are plain numbers."""
+MOTION = ("a", "v", "p", "jerk", "t")
+"""Variables that every recording has; every side channel is one more, by its name."""
+FUNCTIONS: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
+    {
+        "abs": np.abs,
+        "sign": np.sign,
+        "sqrt": np.sqrt,
+        "exp": np.exp,
+        "log": np.log,
+        "sin": np.sin,
+        "cos": np.cos,
+        "tan": np.tan,
+        "tanh": np.tanh,
+        "arctan": np.arctan,
+    }
+)
+_BINARY: Mapping[type[ast.operator], tuple[str, Callable[[Array, Array], Array]]] = MappingProxyType(
+    {
+        ast.Add: ("+", np.add),
+        ast.Sub: ("-", np.subtract),
+        ast.Mult: ("*", np.multiply),
+        ast.Div: ("/", np.divide),
+        ast.Pow: ("**", np.power),
+    }
+)
+_UNARY: Mapping[type[ast.unaryop], tuple[str, Callable[[Array], Array]]] = MappingProxyType(
+    {ast.UAdd: ("+", np.positive), ast.USub: ("-", np.negative)}
+)
+_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+_UNIT = re.compile(r"[\w²³⁴⁵⁻¹·./()^* µ°%-]{1,40}")
+
+
+class ExpressionError(ValueError):
+    """An expression or its name cannot be used. The text says what was found and what is allowed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Own:
+    """A user's own effect that is one line of algebra."""
+
+    effect: Effect
+    expression: str
+    """As it was understood."""
+
+    @property
+    def file(self) -> str:
+        """The same effect as a file for `load_effects` and `--effects-file`."""
+        return self.effect.text
+
+
+def from_expression(
+    name: str,
+    text: str,
+    *,
+    unit: str = "1",
+    port: Literal["output", "position"] = "output",
+    owner: Literal["sensor", "mounting", "rig", "encoder"] = "sensor",
+    channels: tuple[str, ...] = (),
+) -> Own:
+    """Enter an effect that is given as an expression into the catalogue.
+
+    Parameters
+    ----------
+    name : its identifier: small letters, digits, underscores.
+    text : such as ``"v * abs(v)"``: numbers, ``+ - * / **``, brackets, `FUNCTIONS`, `MOTION` and side channels. Nothing
+        else is read, and nothing is executed.
+    unit : unit of the coefficient.
+    port : whether it adds to the output (m/s²) or to the encoder's position (m).
+    owner : who carries it.
+    channels : names of the side channels that the expression may use.
+
+    Returns
+    -------
+    The effect, whose `text` is a file that says the same. Entering it a second time changes nothing.
+
+    Raises
+    ------
+    ExpressionError
+        If the name is taken or unfit, the expression holds anything else, or it is not finite on an ordinary motion.
+
+    Examples
+    --------
+    >>> from_expression("air_drag", "v*abs(v)", unit="1/m").expression
+    'v * abs(v)'
+    """
+    if not _NAME.fullmatch(name):
+        raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
+    if not _UNIT.fullmatch(unit):
+        raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")
+    if port not in ("output", "position") or owner not in ("sensor", "mounting", "rig", "encoder"):
+        raise ExpressionError(f"an own effect adds to output or position and belongs to a part; found {port}, {owner}")
+    tree = parse(text, (*MOTION, *channels))
+    understood = ast.unparse(tree)
+    needs = tuple(c for c in channels if c in _names(tree))
+
+    def function(s: Signals) -> Array:
+        known = {each: getattr(s, each) for each in MOTION} | {each: s.side[each] for each in needs}
+        return _value(tree, known)
+
+    function.__doc__ = f"Own effect: {understood}."
+    file = _file(name, tree, understood, unit, port, owner, needs)
+    made = Effect(
+        name=name,
+        unit=unit,
+        port=port,
+        owner=owner,
+        symbol=name,
+        scale=1.0,
+        source="own expression",
+        function=function,
+        shapes=MappingProxyType({}),
+        needs=needs,
+        text=file,
+        digest=hashlib.sha256(file.encode()).hexdigest(),
+    )
+    _try(made, understood)
+    old = CATALOGUE.setdefault(name, made)
+    if old.digest != made.digest:
+        raise ExpressionError(f"name {name!r}: there is an effect called so already; choose another name")
+    return Own(old, understood)
+
+
+def parse(text: str, names: tuple[str, ...]) -> ast.expr:
+    """Read an expression; only the grammar of `from_expression` passes.
+
+    Raises
+    ------
+    ExpressionError
+        Naming what was found and what is allowed.
+    """
+    if len(text) > LONGEST:
+        raise ExpressionError(f"the expression has {len(text)} characters; at most {LONGEST} are read")
+    try:
+        tree = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, MemoryError, RecursionError):
+        raise ExpressionError(f"{text[:40]!r} is not a formula; write one like v * abs(v)") from None
+    _check(tree, names, 0)
+    return tree
+
+
+def _check(node: ast.expr, names: tuple[str, ...], depth: int) -> None:
+    """Refuse everything that is not arithmetic on known names."""
+    if depth > DEEPEST:
+        raise ExpressionError(f"the expression nests more than {DEEPEST} operations; make it simpler")
+    match node:
+        case ast.Constant(value=bool() | complex() | str() | bytes() | None):
+            pass
+        case ast.Constant(value=int() | float() as value) if abs(value) <= 1e30:
+            return
+        case ast.Name(id=name) if name in names:
+            return
+        case ast.Name(id=name):
+            functions = ", ".join(FUNCTIONS)
+            raise ExpressionError(
+                f"there is no variable {name!r} here; there are {', '.join(names)}, and the functions {functions}"
+            )
+        case ast.UnaryOp(op=op, operand=operand) if type(op) in _UNARY:
+            return _check(operand, names, depth + 1)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            if not isinstance(power := _number(right), float) or abs(power) > LARGEST_POWER:
+                raise ExpressionError(
+                    f'found "{ast.unparse(node)[:40]}"; an exponent is a number from '
+                    f"{-LARGEST_POWER:g} to {LARGEST_POWER:g}"
+                )
+            return _check(left, names, depth + 1)
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+            _check(left, names, depth + 1)
+            return _check(right, names, depth + 1)
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
+            return _check(argument, names, depth + 1)
+    raise ExpressionError(
+        f'found "{ast.unparse(node)[:40]}" in the expression; allowed are numbers, + - * / **, brackets, '
+        f"{', '.join(names)}, and {', '.join(FUNCTIONS)} of one argument"
+    )
+
+
+def _number(node: ast.expr) -> float | None:
+    """A plain number, with or without a sign."""
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool) and abs(value) <= 1e30:
+            return float(value)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            inner = _number(operand)
+            return None if inner is None else -inner
+    return None
+
+
+def _names(tree: ast.expr) -> set[str]:
+    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+
+
+def _value(node: ast.expr, known: Mapping[str, Array]) -> Array:
+    """Evaluate a tree that `_check` has passed."""
+    match node:
+        case ast.Constant(value=int() | float() as value):
+            return np.asarray(float(value))
+        case ast.Name(id=name):
+            return known[name]
+        case ast.UnaryOp(op=op, operand=operand):
+            return _UNARY[type(op)][1](_value(operand, known))
+        case ast.BinOp(left=left, op=op, right=right):
+            return _BINARY[type(op)][1](_value(left, known), _value(right, known))
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return FUNCTIONS[name](_value(argument, known))
+    raise AssertionError(f"unchecked expression: {ast.dump(node)}")
+
+
+def _try(made: Effect, understood: str) -> None:
+    """Evaluate an effect on an ordinary motion, which passes through zero."""
+    moving = probe(made.needs)
+    nothing = np.zeros(PROBE)
+    still = replace(moving, p=nothing, v=nothing, a=nothing, jerk=nothing)
+    with np.errstate(all="ignore"):
+        y = np.concatenate([made.column(moving), made.column(still)])
+    if not np.all(np.isfinite(y)):
+        raise ExpressionError(
+            f"{understood}: not finite at {2 * PROBE - int(np.isfinite(y).sum())} of {2 * PROBE} instants of an "
+            "ordinary motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs "
+            "and a constant"
+        )
+    if math.isclose(float(np.ptp(y)), 0.0) and "t" not in understood:
+        raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")
+
+
+def _file(name: str, tree: ast.expr, understood: str, unit: str, port: str, owner: str, needs: tuple[str, ...]) -> str:
+    """The effect as a file of Python; every part of it has been checked."""
+    return (
+        f'"""Own effect {name}."""\n\n'
+        "import numpy as np\n\nfrom accelcal.effects import effect\n\n\n"
+        f'@effect("{name}", unit="{unit}", port="{port}", owner="{owner}", symbol="{name}", scale=1.0, '
+        f'source="own expression", needs={needs!r})\n'
+        f"def {name}(s):\n"
+        f'    """Own effect: {understood}."""\n'
+        f"    return {_python(tree)} + 0.0 * s.t\n"
+    )
+
+
+def _python(node: ast.expr) -> str:
+    """A checked tree as Python on signals."""
+    match node:
+        case ast.Name(id=name):
+            return f"s.{name}" if name in MOTION else f"s.side[{name!r}]"
+        case ast.UnaryOp(op=op, operand=operand):
+            return f"({_UNARY[type(op)][0]}{_python(operand)})"
+        case ast.BinOp(left=left, op=op, right=right):
+            return f"({_python(left)} {_BINARY[type(op)][0]} {_python(right)})"
+        case ast.Call(func=ast.Name(id=name), args=[argument]):
+            return f"np.{name}({_python(argument)})"
+        case ast.Constant(value=int() | float() as value):
+            return repr(float(value))
+    raise AssertionError(f"unchecked expression: {ast.dump(node)}")

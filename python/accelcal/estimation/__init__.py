@@ -1,0 +1,1 @@
+"""Estimation: one recording through the replay, and Gauss-Newton over all of them."""

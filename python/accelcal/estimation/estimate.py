@@ -1,0 +1,402 @@
+"""Fit a model to one or several recordings: the replay, iterated to its fixed point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from accelcal._support.notebook_repr import shown
+from accelcal._support.threads import one_thread
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording, RecordingError, require_same_sensor
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.estimation.gauss_newton import MAX_ROUNDS, Layout, NotIdentifiable, Solution, estimated, iterate
+from accelcal.estimation.run import Run
+from accelcal.estimation.run_state import LEAST_BLOCKS, Pass, RunFit
+from accelcal.estimation.shape_parameters import held_shapes, shaped
+from accelcal.estimation.values import Noise, Values
+from accelcal.model import Estimate, Model, Prior
+from accelcal.signals.signals import Origins
+
+TRIAL_BANDS = 9
+"""Bands that are tried when it is not."""
+SEPARATED_BY_TURNING = ("tilt",)
+SEPARATED_BY_ROLLING = ("misalignment", "cross_axis_gravity")
+SCALE_STD_LIMIT = 0.5
+"""A scale factor less certain than this was not excited at all."""
+PLAUSIBLE_SCALE = (0.5, 2.0)
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Estimates of a model with their covariance, and where they come from."""
+
+    model: Model
+    estimates: tuple[Estimate, ...]
+    covariance: Array
+    """(m, m) of the free estimates, in their order, SI units."""
+    runs: tuple[RunFit, ...]
+    origins: Origins
+    rig: Rig
+    """Rig of the first recording."""
+    method: str = "replay"
+    validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) that the fit has seen."""
+    remarks: tuple[str, ...] = ()
+    """Sentences a user must read beside the numbers."""
+    shapes: tuple[Estimate, ...] = ()
+    """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
+
+    def __repr__(self) -> str:
+        each = (
+            f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
+        )
+        return f"Fit({', '.join(run.name or 'recording' for run in self.runs)}: {', '.join(each)})"
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return the (first) estimate called `name`."""
+        for estimate in (*self.estimates, *self.shapes):
+            if estimate.name == name:
+                return estimate
+        raise KeyError(f"{name!r} is not a parameter of this fit; it has {', '.join(e.name for e in self.estimates)}")
+
+    @property
+    def free(self) -> tuple[Estimate, ...]:
+        """Estimates in the order of the covariance."""
+        return tuple(e for e in self.estimates if e.name not in self.model.fixed)
+
+    @property
+    def log_likelihood(self) -> float:
+        """Innovation log-likelihood of all runs."""
+        return sum(run.log_likelihood for run in self.runs)
+
+    def values(self, run: int = 0) -> Values:
+        """Coefficients as they apply to one run."""
+        return Values({e.name: e.value for e in self.estimates if e.run in (None, run)}, self.model.terms)
+
+    def noise(self, run: int = 0) -> Noise:
+        """Noise of one run."""
+        return self.runs[run].noise.noise
+
+
+@one_thread
+def fit(
+    model: Model,
+    recordings: Recording | Sequence[Recording],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    band: float | None = None,
+    origins: Origins | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> Fit:
+    """Estimate the free parameters of a model by the replay with smoothed regressors.
+
+    Parameters
+    ----------
+    model : base and effects.
+    recordings : one or several runs. Each is whitened on its own; their information adds up. Parameters of the
+        sensor are shared, those of timing belong to each run. Runs with a reversed mount beside normal ones bring in
+        `tilt`, rolled beside normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance
+        brings in `lowpass_error` with that tolerance as its prior.
+    start, end : s, optional; only readings in [start, end] are used.
+    band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
+        to the crossover of the two noises.
+    origins : zero points of t, p and temperature; by default those of the first recording.
+    report : called with the share of the work that is done, 0 to 1.
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    NotIdentifiable
+        If the motion does not excite what the model asks for.
+    RecordingError
+        If polarity or axis of the sidecar contradict the data.
+
+    Notes
+    -----
+    Gauss-Newton about the exact nominal: output re-stamped by `time_offset`, integrals of the output, RTS-smoothed
+    motion as regressors, q and R by innovation likelihood in each of the first rounds.
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not several:
+        raise ValueError("a fit needs at least one recording")
+    return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
+
+
+def solve_runs(
+    model: Model,
+    recordings: Sequence[Recording],
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    band: float | None = None,
+    origins: Origins | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> Solution:
+    """Complete the model, prepare the runs and iterate; where the noise is not white, in the band that determines the
+    scale best.
+
+    Parameters and errors are those of :func:`fit`.
+    """
+    require_distinct(recordings)
+    model = complete(model, recordings)
+    first = Run(recordings[0], origins, start=start, end=end)
+    runs = [first, *(Run(r, first.origins, start=start, end=end) for r in recordings[1:])]
+    for run in runs:
+        require_motion(run)
+        require_band(run, band)
+    solution = iterate(model, runs, [band] * len(runs), report)
+    if band is None:
+        bands = [choose_band(model, one) if one.coloured else None for one in solution.passes]
+        if any(bands):
+            solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
+    return shaped(solution)
+
+
+SETTLING = 3
+"""Times that signals and nominal are made anew from each other when a fit with effects is taken up again."""
+
+
+def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[Pass] | None:
+    """Runs as a fit left them, without solving for it again; None where it was made to other data, or in a band."""
+    if len(recordings) != len(fit.runs) or any(one.noise.band is not None for one in fit.runs):
+        return None
+    passes = []
+    for index, (recording, seen) in enumerate(zip(recordings, fit.runs, strict=True)):
+        run = Run(recording, fit.origins)
+        span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
+        fitted = (seen.start, seen.end, seen.readings, seen.samples)
+        if not seen.digest or seen.digest != recording.digest or span != fitted:
+            return None
+        one = Pass(run, fit.values(index), fit.noise(index), fit.model.free, None)
+        for _ in range(1 if one.values.constant else SETTLING):
+            one.refresh(noise_too=False)
+        passes.append(one)
+    return passes
+
+
+def result(solution: Solution) -> Fit:
+    """The fit that a solution amounts to.
+
+    Raises
+    ------
+    NotIdentifiable, RecordingError
+        If the solution cannot be a sensor on the declared rig.
+    """
+    model, layout, passes = solution.model, solution.layout, solution.passes
+    x, covariance = solution.x, solution.covariance
+    runs = [one.run for one in passes]
+    left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
+    remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
+    remarks += [
+        f"{name_of(run)}: the noise is not white up to the crossover; the encoder is trusted up to {b:.3g} Hz only, "
+        "where the estimate is surest"
+        for run, b in zip(runs, solution.chosen, strict=False)
+        if b is not None
+    ]
+    remarks += judge(layout, x, covariance, runs)
+    remarks += hardly_told(layout, covariance, model)
+    if not solution.converged:
+        remarks.append(
+            f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
+        )
+    fits = tuple(one.finish() for one in passes)
+    remarks += [f"{f.name or 'recording'}: {f.noise.remark}" for f in fits if f.noise.remark]
+    return Fit(
+        model=model,
+        estimates=layout.estimates(x, covariance, model),
+        covariance=covariance,
+        runs=fits,
+        origins=runs[0].origins,
+        rig=runs[0].rig,
+        validity=validity(passes),
+        remarks=tuple(remarks),
+        shapes=(*solution.shapes, *held_shapes(model)),
+    )
+
+
+def choose_band(model: Model, one: Pass) -> float | None:
+    """Band in which this run determines the scale factor best by the scatter of its own blocks.
+
+    Where the noise is not white, a crossover from the likelihood follows the loudest part of the spectrum. Each
+    trial band is fitted on its own; the relative standard deviation of 1 + k decides, measured, not modelled.
+    """
+    crossover = one.run.crossover(one.noise)
+    least = LEAST_BLOCKS / float(one.run.t[-1] - one.run.t[0])
+    top = min(crossover, 0.2 / one.run.reading_step)
+    if least >= top:
+        return None
+    best: tuple[float, float] | None = None
+    for band in np.geomspace(least, top, TRIAL_BANDS):
+        try:
+            trial = estimated(model, [Pass.begin(one.run, model, float(band))])
+        except (NotIdentifiable, ValueError):
+            continue
+        slot = next((i for i, (e, _) in enumerate(trial.layout.slots) if e.name == "scale_factor"), None)
+        if slot is None or not trial.converged:
+            continue
+        doubt = math.sqrt(trial.covariance[slot, slot]) / abs(1.0 + float(trial.x[slot]))
+        if best is None or doubt < best[0]:
+            best = (doubt, float(band))
+    return None if best is None else best[1]
+
+
+def name_of(run: Run) -> str:
+    """What messages call a run."""
+    return run.recording.name or "recording"
+
+
+def complete(model: Model, recordings: Sequence[Recording]) -> Model:
+    """Add what turning or rolling the sensor between recordings makes visible, and the error of the low-pass.
+
+    Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
+    for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
+    """
+    mounts = {r.rig.mount for r in recordings}
+    extra: list[str] = []
+    if {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts:
+        extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
+    if {"normal", "rolled"} <= mounts:
+        extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
+    unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
+    if unsure > 0.0 and "lowpass_error" not in model.effects:
+        model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
+    return model.add(*extra) if extra else model
+
+
+def require_motion(run: Run) -> None:
+    """Refuse a record in which the position never changes."""
+    travel = float(np.ptp(run.z))
+    if travel == 0.0:
+        raise NotIdentifiable(
+            f"{run.recording.name or 'recording'}: position is {run.z[0] + 0.0:.6g} m throughout; acceleration was not "
+            "excited, so scale_factor and time_offset cannot be estimated. Record a run in which the stage moves"
+        )
+
+
+def require_distinct(recordings: Sequence[Recording]) -> None:
+    """Refuse a recording that is given twice, for its readings would count twice, and one of another sensor.
+
+    Raises
+    ------
+    RecordingError
+        Naming the recording.
+    """
+    for number, recording in enumerate(recordings):
+        for before in recordings[:number]:
+            if recording.digest and recording.digest == before.digest:
+                raise RecordingError(
+                    f"{recording.name} is {before.name} once more: its readings would count twice. Give it once"
+                )
+        require_same_sensor(recording, recordings[0].rig, recordings[0].name or "the first recording")
+
+
+def require_band(run: Run, band: float | None) -> None:
+    """Refuse a band that is none, or lies beyond what the readings can show.
+
+    Raises
+    ------
+    ValueError
+        With the limits.
+    """
+    most = 0.5 / run.reading_step
+    if band is not None and not 0.0 < band < most:
+        raise ValueError(
+            f"{name_of(run)}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
+            f"readings, {most:.4g} Hz"
+        )
+
+
+def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[Run]) -> list[str]:
+    """Refuse what cannot be a sensor, and say what is strange.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the scale factor is not determined.
+    RecordingError
+        If the output runs against the encoder, or gravity shows on an axis declared level.
+    """
+    by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
+    rig, name = runs[0].rig, runs[0].recording.name or "recording"
+    remarks: list[str] = []
+    if "scale_factor" in by_name:
+        i = by_name["scale_factor"]
+        scale, std = 1.0 + x[i], math.sqrt(covariance[i, i])
+        if std > SCALE_STD_LIMIT * max(1.0, abs(scale)):
+            raise NotIdentifiable(
+                f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "
+                "enough to estimate scale_factor. Record a run with stronger or longer motion"
+            )
+        if scale < -3.0 * std:
+            other = "normal" if rig.mount == "reversed" else "reversed"
+            raise RecordingError(
+                f"{name}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is mounted the other "
+                f'way round or a sign is swapped; write in the sidecar\n[rig]\nmount = "{other}"'
+            )
+        if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
+            remarks.append(
+                f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
+                f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
+            )
+    if "bias" in by_name:
+        constant = x[by_name["bias"]]
+        axis = "up" if constant * rig.polarity > 0.0 else "down"
+        if rig.gravity == 0.0 and abs(abs(constant) - STANDARD_GRAVITY) < 0.2 * STANDARD_GRAVITY:
+            raise RecordingError(
+                f"{name}: the output has a constant of {constant:.3f} m/s², close to gravity, on an axis declared "
+                f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
+            )
+    return remarks
+
+
+def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
+    """Coefficients of which the record says less than physics did before it, each a sentence."""
+    return [
+        f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
+        for k, (term, _) in enumerate(layout.slots)
+        if term.effect.belief and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
+    ]
+
+
+def validity(passes: Sequence[Pass]) -> dict[str, tuple[float, float]]:
+    """Ranges that the fit has seen, over all runs."""
+    ranges: dict[str, list[float]] = {}
+
+    def widen(key: str, low: float, high: float) -> None:
+        ranges.setdefault(key, [low, high])
+        ranges[key] = [min(ranges[key][0], low), max(ranges[key][1], high)]
+
+    for one in passes:
+        s = one.signals
+        assert s is not None
+        for key, y in (("a", s.a), ("v", s.v), ("p", s.p + one.run.origins.p)):
+            widen(key, float(np.min(y)), float(np.max(y)))
+        widen("frequency", 0.0, s.cutoff)
+        for key, y in s.side.items():
+            offset = one.run.origins.temperature if key == "temperature" else 0.0
+            widen(key, float(np.min(y)) + offset, float(np.max(y)) + offset)
+    return {key: (low, high) for key, (low, high) in ranges.items()}
+
+
+def tied_sum(fit: Fit, name: str) -> str:
+    """What a parameter really is on this rig, as long as no joint fit has separated it."""
+    separated = set(fit.model.effects)
+    parts = {
+        "bias": [
+            "K0",
+            *([] if "tilt" in separated else ["g0 tilt"]),
+            *([] if "misalignment" in separated else ["g0 misalignment"]),
+        ],
+        "scale_factor": ["k", "encoder scale", *([] if "cross_axis_gravity" in separated else ["g0 Kin"])],
+        "time_offset": ["clock offset", "sensor lag", "error of the low-pass"],
+    }
+    return " + ".join(parts.get(name, [fit[name].symbol]))

@@ -1,0 +1,211 @@
+"""Gauss-Newton over all runs: the coefficients at the fixed point of nominal, noise and smoothed regressors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.estimation.run import Run
+from accelcal.estimation.run_state import Pass
+from accelcal.estimation.values import Values
+from accelcal.model import Estimate, Model, Term
+
+LEAST_ROUNDS = 3
+"""Rounds of a fit that begins at a first guess."""
+MAX_ROUNDS = 12
+"""Rounds of linearisation; a start within a fifth of a period of the true delay needs four."""
+USUAL_ROUNDS = 6
+"""Rounds that a well-behaved record takes; the measure of progress."""
+NOISE_ROUNDS = 5
+"""Rounds in which the noise is estimated anew."""
+CONVERGED = 0.01
+"""A round that moves every parameter by less than this share of its standard deviation is the last."""
+PER_RUN_OWNERS = ("timing",)
+"""Owners whose coefficients belong to each run of a joint fit."""
+
+
+class NotIdentifiable(ValueError):
+    """The record cannot determine the model. The text says what was not excited and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Where the iteration came to rest."""
+
+    model: Model
+    """What was fitted: what was asked for, and what the rigs of the runs add to it."""
+    layout: Layout
+    x: Array
+    covariance: Array
+    passes: list[Pass]
+    converged: bool
+    chosen: tuple[float | None, ...] = ()
+    """Band of each run that was chosen because its noise is not white, Hz."""
+    shapes: tuple[Estimate, ...] = ()
+    """Shape parameters that were estimated."""
+
+    @property
+    def log_likelihood(self) -> float:
+        """Innovation log-likelihood of all runs."""
+        return sum(one.log_likelihood for one in self.passes)
+
+
+def iterate(
+    model: Model,
+    runs: Sequence[Run],
+    bands: Sequence[float | None],
+    report: Callable[[float], None] = lambda share: None,
+) -> Solution:
+    """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors, all of it taken there.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the information matrix is singular.
+    """
+    solution = estimated(model, [Pass.begin(run, model, band) for run, band in zip(runs, bands, strict=True)], report)
+    for index, one in enumerate(solution.passes):
+        one.values = solution.layout.scatter(solution.x, model, index)
+        one.refresh(noise_too=False)
+    return solution
+
+
+def estimated(
+    model: Model,
+    passes: list[Pass],
+    report: Callable[[float], None] = lambda share: None,
+    *,
+    grown: bool = False,
+) -> Solution:
+    """The same for who asks for estimates and covariance alone: the passes stay where the last step began.
+
+    Passes that are `grown` from those of another fit have the normal equations of their first step.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the information matrix is singular.
+    """
+    layout = Layout.of(model, len(passes))
+    x = layout.gather([p.values for p in passes])
+    belief, mean = layout.prior_information(model), layout.prior_mean(model)
+    converged, least = False, 2 if grown else LEAST_ROUNDS
+    for round_number in range(MAX_ROUNDS):
+        information, score = np.diag(belief), belief * (mean - x)
+        for index, one in enumerate(passes):
+            one.values = layout.scatter(x, model, index)
+            if round_number > 0 or not grown:
+                one.refresh(noise_too=round_number < NOISE_ROUNDS)
+            rows = layout.rows(index)
+            information[np.ix_(rows, rows)] += one.normal.gram
+            score[rows] += one.normal.score
+        step, covariance = solve(information, score, layout)
+        x = x + step
+        report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
+        converged = bool(np.all(np.abs(step) <= CONVERGED * np.sqrt(np.diag(covariance))))
+        if round_number + 1 >= least and converged:
+            break
+    if any(one.band is not None for one in passes):
+        covariance = robust(covariance, layout, passes, belief)
+    return Solution(model, layout, x, covariance, passes, converged)
+
+
+def robust(covariance: Array, layout: Layout, passes: Sequence[Pass], belief: Array) -> Array:
+    """Covariance from the scatter of block scores where the noise model does not hold (sandwich form)."""
+    middle = np.diag(belief)
+    for index, one in enumerate(passes):
+        rows = layout.rows(index)
+        spread = one.normal.spread
+        middle[np.ix_(rows, rows)] += one.normal.gram if spread is None else spread
+    return np.asarray(covariance @ middle @ covariance)
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which row of the joint solve belongs to which coefficient and run."""
+
+    terms: tuple[Term, ...]
+    runs: int
+    slots: tuple[tuple[Term, int | None], ...]
+
+    @classmethod
+    def of(cls, model: Model, runs: int) -> Layout:
+        """Shared parameters have one row, parameters of timing one for each run."""
+        slots: list[tuple[Term, int | None]] = []
+        for term in model.free:
+            own = runs > 1 and term.owner in PER_RUN_OWNERS
+            slots += [(term, index) for index in range(runs)] if own else [(term, None)]
+        return cls(model.free, runs, tuple(slots))
+
+    def rows(self, run: int) -> list[int]:
+        """Row of each free coefficient as run `run` sees it."""
+        return [
+            next(i for i, (slot, r) in enumerate(self.slots) if slot.name == term.name and r in (None, run))
+            for term in self.terms
+        ]
+
+    def gather(self, values: Sequence[Values]) -> Array:
+        """First guesses of all runs as one vector; shared ones are averaged over runs by median."""
+        x = np.empty(len(self.slots))
+        for i, (term, run) in enumerate(self.slots):
+            each = [v.by_name[term.name] for v in values]
+            x[i] = float(np.median(each)) if run is None else each[run]
+        return x
+
+    def scatter(self, x: Array, model: Model, run: int) -> Values:
+        """Coefficients as run `run` sees them."""
+        own = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
+        terms = model.terms
+        return Values({t.name: own.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)
+
+    def prior_information(self, model: Model) -> Array:
+        """Inverse variances of the priors, 0 where there is none."""
+        return np.array([model.priors[t.name].std ** -2 if t.name in model.priors else 0.0 for t, _ in self.slots])
+
+    def prior_mean(self, model: Model) -> Array:
+        """Means of the priors, 0 where there is none."""
+        return np.array([model.priors[t.name].mean if t.name in model.priors else 0.0 for t, _ in self.slots])
+
+    def estimates(self, x: Array, covariance: Array, model: Model) -> tuple[Estimate, ...]:
+        """Free and fixed parameters in the order of the model."""
+        found: list[Estimate] = []
+        for term in model.terms:
+            if term.name in model.fixed:
+                found.append(Estimate(term.name, term.symbol, term.unit, model.fixed[term.name], 0.0, term.owner))
+            for i, (slot, run) in enumerate(self.slots):
+                if slot.name == term.name:
+                    std = math.sqrt(covariance[i, i])
+                    found.append(Estimate(term.name, term.symbol, term.unit, float(x[i]), std, term.owner, run))
+        return tuple(found)
+
+
+def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Array]:
+    """Solve the normal equations scaled to unit diagonal.
+
+    Raises
+    ------
+    NotIdentifiable
+        If a column is empty or columns cannot be told apart.
+    """
+    names = [term.name for term, _ in layout.slots]
+    size = np.sqrt(np.diag(information))
+    if not np.all(np.isfinite(information)):
+        raise NotIdentifiable("the record is too violent for the model: the information matrix is not finite")
+    silent = [n for n, s in zip(names, size, strict=True) if s == 0.0]
+    if silent:
+        raise NotIdentifiable(f"{' and '.join(silent)} was not excited: the motion does not contain it")
+    correlation = information / np.outer(size, size)
+    eigenvalues, vectors = scipy.linalg.eigh(correlation)
+    if eigenvalues[0] < 1e-10:
+        tied = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.2]
+        raise NotIdentifiable(
+            f"{', '.join(tied)} cannot be told apart on this record; drop all but one, or hold them with a value"
+        )
+    inverse = (vectors / eigenvalues) @ vectors.T
+    covariance = inverse / np.outer(size, size)
+    return covariance @ score, covariance

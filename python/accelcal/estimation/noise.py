@@ -1,0 +1,172 @@
+"""How loud the two channels are: q and R by innovation likelihood, at rest and in motion."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal import _core
+from accelcal.data.arrays import Array, Flags
+from accelcal.estimation.drive import Drive
+from accelcal.estimation.run import Run
+from accelcal.estimation.values import Noise
+
+BLOCKS = 16
+"""Number of blocks over which the likelihood is taken, spread over the whole record."""
+BLOCK_READINGS = 2048
+"""Least number of readings in a block."""
+BLOCK_SPAN = 50.0
+"""Least length of a block in time constants of the filter."""
+LEAST_COUNT = 256
+"""Fewer settled readings than this say nothing about noise."""
+SAID_BEYOND = 1.5
+"""A fitted density that differs from the declared one by more than this factor is said."""
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """Noise of both channels over a part of a record, with standard deviations."""
+
+    density: float
+    """One-sided noise density of the sensor, (m/s²)/sqrt(Hz)."""
+    density_std: float
+    reading: float
+    """Standard deviation of one encoder reading, m."""
+    reading_std: float
+    count: int
+    """Readings that were used."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseReport:
+    """Noise of one recording: all of it, the rests, the motion, and what the data sheet says."""
+
+    noise: Noise
+    all: Level
+    rest: Level | None
+    motion: Level | None
+    declared: float | None
+    """Declared one-sided density, (m/s²)/sqrt(Hz)."""
+    crossover: float
+    """Frequency above which the accelerometer knows more than the encoder, Hz."""
+    band: float | None = None
+    """Band that was imposed because the noise is not white, Hz."""
+
+    @property
+    def ratio(self) -> float | None:
+        """Fitted over declared density."""
+        return None if self.declared is None else self.all.density / self.declared
+
+    @property
+    def remark(self) -> str | None:
+        """What is said when fit and data sheet disagree by more than a factor 1.5."""
+        if self.ratio is None or 1.0 / SAID_BEYOND <= self.ratio <= SAID_BEYOND:
+            return None
+        if self.ratio > 1.0:
+            return (
+                f"the fitted noise density is {self.ratio:.2g} times the declared one: "
+                "something else shakes or disturbs the output, or the model lacks an effect"
+            )
+        return (
+            f"the fitted noise density is {self.ratio:.2g} of the declared one: "
+            "check the declared density and whether a low-pass was left undeclared"
+        )
+
+
+def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None = None, reach: float = 1.0) -> Noise:
+    """Most likely q and R given the nominal motion (physics 6.3).
+
+    Parameters
+    ----------
+    run, drive : a record and the acceleration between its readings.
+    start : where to begin; ten times off is near enough.
+    counts : (n,) optional; readings that are to count.
+    reach : first steps of the search in log q and log R; it goes further where it must.
+
+    Returns
+    -------
+    Noise
+        Intensities; `r` is never below a twentieth of the variance of one encoder step.
+
+    Raises
+    ------
+    ValueError
+        From the core, if the record is unusable.
+    """
+    likelihood = Likelihood(run, drive, start, counts)
+    floor = math.log(max(run.least_step**2 / 12.0 / 20.0, 1e-30))
+
+    def cost(x: Array) -> float:
+        log_q, log_r = float(x[0]), float(x[1])
+        return -likelihood(log_q, max(log_r, floor)) + 1e3 * max(0.0, floor - log_r)
+
+    x0 = np.log([start.q, max(start.r, math.exp(floor) * 1.01)])
+    simplex = x0 + reach * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    best = scipy.optimize.minimize(
+        cost,
+        x0,
+        method="Nelder-Mead",
+        options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
+    )
+    return Noise(float(np.exp(best.x[0])), float(np.exp(max(best.x[1], floor))))
+
+
+class Likelihood:
+    """Innovation log-likelihood over blocks spread over a record, as a function of log q and log R."""
+
+    def __init__(self, run: Run, drive: Drive, near: Noise, counts: Flags | None) -> None:
+        self.run = run
+        span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
+        parts: list[tuple[Drive, Flags]] = []
+        for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
+            part = drive.part(rows)
+            count = part.settled(run.wait(near))
+            if counts is not None:
+                count = count & counts[rows]
+            if count.any():
+                parts.append((part, np.ascontiguousarray(count)))
+        self.count = int(sum(count.sum() for _, count in parts))
+        self.parts = _core.Parts([(*part.arrays, count) for part, count in parts])
+
+    def __call__(self, log_q: float, log_r: float) -> float:
+        q, r = math.exp(log_q), math.exp(log_r)
+        return self.parts.log_likelihood(q=q, r=r, prior=self.run.prior(r))
+
+    def spread(self, at: Noise) -> tuple[float, float]:
+        """Standard deviations of log q and log R from the curvature of the likelihood."""
+        x, h = np.log([at.q, at.r]), 0.05
+        f = {(i, j): self(x[0] + i * h, x[1] + j * h) for i in (-1, 0, 1) for j in (-1, 0, 1)}
+        qq = -(f[1, 0] - 2 * f[0, 0] + f[-1, 0]) / h**2
+        rr = -(f[0, 1] - 2 * f[0, 0] + f[0, -1]) / h**2
+        qr = -(f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4 * h**2)
+        det = qq * rr - qr**2
+        if not (qq > 0.0 and rr > 0.0 and det > 0.0):
+            return math.inf, math.inf
+        return math.sqrt(rr / det), math.sqrt(qq / det)
+
+
+def blocks(n: int, length: int) -> list[slice]:
+    """At most 16 blocks of equal length, evenly spread; one block when the record is short."""
+    if n <= BLOCKS * length:
+        return [slice(0, n)]
+    starts = np.linspace(0, n - length, BLOCKS).astype(int)
+    return [slice(int(s), int(s) + length) for s in starts]
+
+
+def level_of(run: Run, drive: Drive, noise: Noise, counts: Flags, sensor_scale: float) -> Level | None:
+    """Noise level of the readings that count, estimated anew; None when they are too few to tell."""
+    if int(counts.sum()) < LEAST_COUNT:
+        return None
+    return level(run, drive, estimate_noise(run, drive, noise, counts=counts), sensor_scale, counts)
+
+
+def level(run: Run, drive: Drive, fitted: Noise, sensor_scale: float, counts: Flags | None = None) -> Level:
+    """Fitted noise in the user's units, with uncertainty from the curvature of the likelihood."""
+    likelihood = Likelihood(run, drive, fitted, counts)
+    log_q, log_r = likelihood.spread(fitted)
+    density = abs(sensor_scale) * math.sqrt(2.0 * fitted.q)
+    reading = math.sqrt(fitted.r)
+    return Level(density, 0.5 * log_q * density, reading, 0.5 * log_r * reading, likelihood.count)

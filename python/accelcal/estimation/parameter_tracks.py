@@ -1,0 +1,100 @@
+"""Estimates as readings come in: what the record had told by each instant, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.estimation.estimate import Fit, solve_runs
+
+POINTS = 240
+"""Instants of a track."""
+SINGULAR = 1e-10
+"""Least eigenvalue of the scaled information below which nothing can be said yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Estimates of every free parameter over time."""
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    t: Array
+    """(n,) s"""
+    values: Array
+    """(n, m) SI; NaN while the readings do not determine the model."""
+    std: Array
+    """(n, m) SI"""
+
+
+def track(
+    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None, points: int = POINTS
+) -> Track:
+    """Estimate the parameters of a model from the readings up to each instant of a recording.
+
+    Parameters
+    ----------
+    fit : its model and origins are used; the parameters are estimated anew.
+    recording : one run.
+    start, end : s, optional; only this part is used.
+    points : instants, evenly spread.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the whole record does not determine the model.
+
+    Notes
+    -----
+    Information adds up: beta(t) = beta + G(t)^-1 s(t), with the Gram matrix G and the score s of the readings up to t,
+    as a Kalman filter with the parameters in its state would. Noise and smoothed regressors are those of the whole
+    record. Where a band was imposed, deviations are scaled to the robust ones at the end.
+    """
+    solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
+    one = solution.passes[0]
+    assert one.signals is not None
+    model = solution.model
+    belief = solution.layout.prior_information(model)
+    m = len(one.terms)
+    gram, score = np.diag(belief), belief * (solution.layout.prior_mean(model) - solution.x)
+    at = np.linspace(one.run.t[0], one.run.t[-1], points + 1)[1:]
+    last = np.searchsorted(one.run.t, at, side="right")
+    values, std = np.full((points, m), np.nan), np.full((points, m), np.nan)
+    k = 0
+    for rows, columns in one.run.columns(one.track, one.drive, one.terms, one.signals):
+        columns = np.where(one.counts[rows][:, None], columns, 0.0)
+        parts = columns * one.whitened[rows][:, None]
+        begin = 0
+        while begin < len(columns):
+            stop = min(len(columns), int(last[k]) - rows.start) if k < points else len(columns)
+            gram = gram + columns[begin:stop].T @ columns[begin:stop]
+            score = score + np.nansum(parts[begin:stop], axis=0)
+            begin = stop
+            while k < points and last[k] <= rows.start + stop:
+                values[k], std[k] = so_far(gram, score, solution.x)
+                k += 1
+    if one.band is not None:
+        std = std * (np.sqrt(np.diag(solution.covariance)) / std[-1])
+    return Track(
+        names=tuple(term.name for term in one.terms),
+        units=tuple(term.unit for term in one.terms),
+        t=at,
+        values=values,
+        std=std,
+    )
+
+
+def so_far(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
+    """Estimates and deviations from what has been added up, NaN while the information is singular."""
+    nothing = np.full(len(x), np.nan)
+    size = np.sqrt(np.diag(gram))
+    if not np.all(size > 0.0):
+        return nothing, nothing
+    eigenvalues, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    if eigenvalues[0] < SINGULAR:
+        return nothing, nothing
+    covariance = (vectors / eigenvalues) @ vectors.T / np.outer(size, size)
+    return x + covariance @ score, np.sqrt(np.diag(covariance))

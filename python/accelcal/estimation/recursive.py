@@ -1,0 +1,147 @@
+"""Fit with the paper's live filters instead of the replay: ACI or CWPA over one recording."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.run import Run
+from accelcal.filters.choice import FilterChoice
+from accelcal.filters.record import FilterRun, forward_parameters, run
+from accelcal.model import NOMINAL, Estimate, Model
+
+PARAMETER_OF = {"k": "scale_factor", "K0": "bias", "K2": "quadratic", "K3": "cubic"}
+"""Public name of each filter parameter."""
+PRIOR_STD = {"k": 0.3, "K0": 3.0, "K2": 1e-2, "K3": 1e-3}
+"""Standard deviations before the first sample, SI: wide for any working sensor."""
+
+
+def fit_recursive(
+    choice: FilterChoice, recording: Recording, *, start: float | None = None, end: float | None = None
+) -> tuple[Fit, FilterRun]:
+    """Estimate parameters with a live filter; noise and ranges come from the replay on the same recording.
+
+    Parameters
+    ----------
+    choice : system, sensor model and the five choices.
+    recording : one run. Its output is re-stamped by the time offset that the replay finds, since the paper's filters
+        do not estimate it.
+    start, end : s, optional; only this part is used.
+
+    Returns
+    -------
+    The fit, in forward sense, and the filter's own record with a row for each event.
+
+    Raises
+    ------
+    FilterError
+        If a step fails, among others when RK2 loses positive definiteness.
+    NotIdentifiable, RecordingError
+        From the replay.
+
+    Notes
+    -----
+    A declared low-pass is a state in CWPA and reads p + tau v in ACI. CWPA takes its jerk density from the rms change
+    of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; physics 4.1).
+    """
+    model = Model.cubic() if choice.model == "cubic" else Model.linear()
+    replayed = fit(model, recording, start=start, end=end)
+    offset = replayed["time_offset"]
+    prepared = Run(recording, replayed.origins, start=start, end=end)
+    accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")
+    position = Channel("position", prepared.t, prepared.z, "m")
+    noise, scale, tau = replayed.noise(), replayed.values().scale, prepared.tau(replayed.values())
+    density = noise.q * scale**2
+    names = choice.states(low_pass=tau > 0.0)
+    x0 = np.zeros(len(names))
+    x0[0] = prepared.z[0]
+    std = {"p": math.sqrt(noise.r), "v": prepared.speed, "a": float(np.std(accel.y)), "y": float(np.std(accel.y))}
+    P0 = np.diag([({**std, **PRIOR_STD}[name]) ** 2 for name in names])
+    # The filter starts at the output before the first reading, where p is z - v ahead; under ACI, whose motion lags by
+    # the low-pass, z - (ahead + tau) v. It is as uncertain as v and a make it.
+    first = max(0, int(np.searchsorted(accel.t, position.t[0], side="right")) - 1)
+    accel = Channel(accel.name, accel.t[first:], accel.y[first:], accel.unit)
+    ahead = max(0.0, float(position.t[0] - accel.t[0]))
+    lever = ahead + (tau if choice.system == "aci" else 0.0)
+    P0[0, 0] += (lever * std["v"]) ** 2 + (std["a"] * ahead**2 / 2.0) ** 2
+    P0[0, 1] = P0[1, 0] = -lever * std["v"] ** 2
+    if choice.system == "aci":
+        filtered = run(choice, accel, position, q=density, r_position=noise.r, x0=x0, P0=P0, tau=tau)
+    else:
+        change = float(np.mean(np.diff(smoothed_acceleration(prepared, replayed)) ** 2))
+        coloured = tau > 0.0
+        filtered = run(
+            choice,
+            accel,
+            position,
+            q=change / prepared.accel_step,
+            r_position=noise.r,
+            r_accel=READ_OUT_SHARE * density / prepared.accel_step if coloured else density / prepared.accel_step,
+            q_accel=density if coloured else None,
+            x0=x0,
+            P0=P0,
+            tau=tau,
+        )
+    return _as_fit(replayed, filtered, choice), filtered
+
+
+READ_OUT_SHARE = 1e-4
+"""Reading noise of a filtered output over the variance of its unfiltered noise: the converter, not the sensor."""
+
+
+def stage_output(run: Run) -> Array:
+    """Output as a level, normally mounted sensor would give it, (n,) m/s²."""
+    return run.rig.polarity * run.accel.y - run.rig.gravity
+
+
+def smoothed_acceleration(prepared: Run, replayed: Fit) -> Array:
+    """Acceleration of the stage at the accelerometer's rate, without most of the noise, (n,) m/s²."""
+    cutoff = replayed.validity["frequency"][1]
+    values = replayed.values()
+    return prepared.output_at(prepared.uniform_times(), cutoff, prepared.tau(values)) / values.scale
+
+
+def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
+    found = forward_parameters(filtered)
+    order = {PARAMETER_OF[name]: i for i, name in enumerate(found.names)}
+    polarity, gravity = replayed.rig.polarity, replayed.rig.gravity
+    held = {e.name: e.value for e in replayed.free if e.name in NOMINAL and e.name not in order}
+    frozen = replayed.model.freeze(**held)
+    T = np.eye(len(order))
+    # The filter saw polarity * output - gravity; its constant is polarity K0 + (1 + k - 1) gravity.
+    T[order["bias"], order["bias"]] = polarity
+    T[order["bias"], order["scale_factor"]] = -polarity * gravity
+    values, covariance = T @ found.values, T @ found.covariance @ T.T
+    rows = [order[e.name] for e in replayed.estimates if e.name in order]
+    estimates = tuple(
+        replace(e, value=float(values[order[e.name]]), std=math.sqrt(covariance[order[e.name], order[e.name]]))
+        if e.name in order
+        else Estimate(e.name, e.symbol, e.unit, e.value, 0.0, e.owner)
+        for e in replayed.estimates
+    )
+    said = (
+        f"{' and '.join(f'{name} {value:.3g} s' for name, value in held.items())} and the noise are the replay's; "
+        "the filter does not estimate them, and its standard deviations take them as known",
+        *replayed.remarks,
+    )
+    parts = (
+        choice.system,
+        choice.form,
+        choice.interpolation,
+        choice.integrator,
+        f"order {choice.order}",
+        choice.carrier,
+    )
+    return replace(
+        replayed,
+        model=frozen,
+        estimates=estimates,
+        covariance=covariance[np.ix_(rows, rows)],
+        method=" ".join(parts),
+        remarks=said,
+    )

@@ -1,0 +1,104 @@
+"""The shape of what has no name: a fitted family as a function of its variable, with its standard uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.effects import find
+from accelcal.effects.building_blocks import since_reversal
+from accelcal.effects.curves import AGES
+from accelcal.estimation.estimate import Fit
+from accelcal.signals.signals import Signals
+
+POINTS = 201
+STROKE = 0.1
+"""Of the motion on which a response to reversals is evaluated, m; it does not depend on it."""
+VARIABLES = {
+    "shape_of_time": ("time", "t", "s"),
+    "shape_of_position": ("position", "p", "m"),
+    "shape_of_velocity": ("velocity", "v", "m/s"),
+    "shape_of_acceleration": ("acceleration", "a", "m/s²"),
+    "shape_of_jerk": ("jerk", "jerk", "m/s³"),
+    "shape_of_temperature": ("temperature", "temperature", "degC"),
+    "shape_of_a_y": ("lateral acceleration", "a_y", "m/s²"),
+    "encoder_shape_of_position": ("position", "p", "m"),
+    "shape_of_position_and_velocity": ("position", "p", "m"),
+    "shape_of_position_and_acceleration": ("position", "p", "m"),
+    "shape_of_temperature_and_velocity": ("temperature", "temperature", "degC"),
+    "shape_of_time_and_velocity": ("time", "t", "s"),
+}
+"""Family -> variable, its letter in `Signals`, its unit. A response to velocity or acceleration is drawn per unit of
+it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """One function with its pointwise standard uncertainty."""
+
+    effect: str
+    label: str
+    """Which branch; empty where there is one."""
+    variable: str
+    variable_unit: str
+    unit: str
+    x: Array
+    """(n,) in `variable_unit`, on the clock and scale of the recording."""
+    value: Array
+    """(n,) in `unit`"""
+    std: Array
+    """(n,) in `unit`"""
+
+
+def shapes(fit: Fit) -> tuple[Shape, ...]:
+    """Every family in a model, as the function that was fitted."""
+    found: list[Shape] = []
+    for name in fit.model.added:
+        if name in VARIABLES:
+            found.append(_over_variable(fit, name))
+        elif name == "shape_since_reversal":
+            found += [_since_reversal(fit, name, way) for way in (1.0, -1.0)]
+    return tuple(found)
+
+
+def _over_variable(fit: Fit, name: str) -> Shape:
+    variable, letter, unit = VARIABLES[name]
+    given = fit.model.shapes[name]
+    low, high = (given["low"], given["high"]) if "low" in given else (given["start"], given["start"] + given["length"])
+    x = np.linspace(low, high, POINTS)
+    motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {letter: x}
+    t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))
+    side = {"temperature": x, "a_y": x}
+    s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
+    origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(letter, 0.0)
+    return _shape(fit, name, "", variable, unit, s, x + origin, np.ones(POINTS, dtype=bool))
+
+
+def _since_reversal(fit: Fit, name: str, way: float) -> Shape:
+    """A stage that goes one way, turns, and goes on the other way at a steady speed."""
+    t = np.linspace(-AGES[-1], AGES[-1], 8 * POINTS)
+    p = way * STROKE * np.abs(t) / AGES[-1]
+    zero = np.zeros(len(t))
+    s = Signals(t=t, p=p, v=np.gradient(p, t), a=zero, jerk=zero, scale=fit.values().scale, rig=fit.rig)
+    age = since_reversal(s)
+    after = t > t[np.flatnonzero(age == 0.0)[-1]]
+    label = "after turning to forwards" if way > 0.0 else "after turning to backwards"
+    return _shape(fit, name, label, "time since reversal", "s", s, age, after)
+
+
+def _shape(
+    fit: Fit, name: str, label: str, variable: str, variable_unit: str, s: Signals, x: Array, rows: Array
+) -> Shape:
+    effect = find(name)
+    columns = effect.column(s, **fit.model.shapes.get(name, {}))
+    terms = [term.name for term in fit.model.terms if term.effect.name == name]
+    value = columns @ np.array([fit[term].value for term in terms])
+    free = [e.name for e in fit.free]
+    kept = [i for i, term in enumerate(terms) if term in free]
+    at = [free.index(terms[i]) for i in kept]
+    covariance = fit.covariance[np.ix_(at, at)]
+    variance = np.einsum("ni,ij,nj->n", columns[:, kept], covariance, columns[:, kept])
+    std = np.sqrt(np.maximum(variance, 0.0))
+    return Shape(name, label, variable, variable_unit, effect.unit, x[rows], value[rows], std[rows])

@@ -1,0 +1,72 @@
+"""Noise intensities and coefficients at which a run is replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.model import NOMINAL, Term, evaluate
+from accelcal.signals.signals import Signals
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Intensity of the two noises."""
+
+    q: float
+    """Two-sided density of the noise on acceleration, (m/s²)²/Hz."""
+    r: float
+    """Variance of one encoder reading, m²."""
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """Coefficients of a model in forward sense, SI, by name."""
+
+    by_name: Mapping[str, float]
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def scale(self) -> float:
+        """1 + k."""
+        return 1.0 + self.by_name.get("scale_factor", 0.0)
+
+    @property
+    def time_offset(self) -> float:
+        """s"""
+        return self.by_name.get("time_offset", 0.0)
+
+    @property
+    def bias(self) -> float:
+        """m/s²"""
+        return self.by_name.get("bias", 0.0)
+
+    @property
+    def lowpass_error(self) -> float:
+        """By how much the low-pass is slower than declared, s."""
+        return self.by_name.get("lowpass_error", 0.0)
+
+    def additive(self, port: str) -> Iterator[tuple[Term, float]]:
+        """Coefficients that add to the output beyond the nominal, or to the reading, and are not zero."""
+        for term in self.terms:
+            coefficient = self.by_name[term.name]
+            if term.name not in NOMINAL and term.port == port and coefficient != 0.0:
+                yield term, coefficient
+
+    def total(self, port: str, s: Signals) -> Array | None:
+        """What they add together at the times of `s`, (n,); None when there is nothing to add."""
+        pairs = list(self.additive(port))
+        if not pairs:
+            return None
+        total = np.zeros(len(s.t))
+        for (_, c), column in zip(pairs, evaluate([term for term, _ in pairs], s), strict=True):
+            total += c * column
+        return total
+
+    @property
+    def constant(self) -> bool:
+        """Whether nothing but the base acts on the output."""
+        return next(self.additive("output"), None) is None and next(self.additive("position"), None) is None

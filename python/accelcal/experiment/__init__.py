@@ -1,0 +1,20 @@
+"""What a record, or a motion that is only planned, can see; and a motion that sees what it should (discovery 3.5)."""
+
+from accelcal.diagnosis.search.thresholds import predicted_detection
+from accelcal.experiment.design import Limits, Plan, plan
+from accelcal.experiment.detectability import Group, Power, Sight, power
+from accelcal.experiment.planned_motion import power_of_motion, power_of_set_points, through
+
+__all__ = [
+    "Group",
+    "Limits",
+    "Plan",
+    "Power",
+    "Sight",
+    "plan",
+    "power",
+    "power_of_motion",
+    "power_of_set_points",
+    "predicted_detection",
+    "through",
+]

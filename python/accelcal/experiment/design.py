@@ -1,0 +1,413 @@
+"""A motion that separates named effects within stroke, speed and acceleration (discovery 3.5 and 7).
+
+Bursts of several tones at several amplitudes alternate with moves over the whole stroke and rests between them: the
+first tell powers of acceleration apart, the second everything that depends on place, direction and time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import combinations, cycle, product
+from typing import Any
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.rig import Rig
+from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION
+from accelcal.diagnosis.search.detection_limits import sizes
+from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.scan import ALPHA
+from accelcal.diagnosis.search.scores import Evidence
+from accelcal.effects import find
+from accelcal.estimation.run_state import Pass
+from accelcal.estimation.values import Noise
+from accelcal.experiment.detectability import Power, Sight, sight_of, sight_to_dict, strongest
+from accelcal.experiment.detection_probability import evidence_of, rules_for
+from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_pass
+from accelcal.model import Model
+from accelcal.simulation.motion import Motion, Move, Part, Tones, Windowed
+
+SCHEMA = "accelcal/plan/1"
+MARGIN = 0.999
+"""Share of every limit that is used: more than what a peak can hide between two samples of the search for it."""
+PEAK_SAMPLES = 100.0
+"""Samples per period of the highest tone in the search for peaks; they miss at most (pi/100)²/2 = 5e-4 of one."""
+STEP_SPEED = 35.0 / 16.0
+"""Top speed of a move over distance/duration."""
+STEP_ACCELERATION = 84.0 * math.sqrt(5.0) / 25.0
+"""Top acceleration of a move over distance/duration²."""
+FADE = 0.3
+"""Time in which a burst fades in, and out, s; at most 0.3 of its length."""
+REST = 0.25
+"""Rest after a move or a burst, s; after a burst at most a fifth of its length."""
+SHORTEST = 0.4
+"""A burst shorter than this is left out, s."""
+TONES = 6
+"""Tones of a burst."""
+PLACES = (0.0, 0.25, -0.25)
+"""Where bursts happen, as shares of the stroke."""
+SHARES = (0.2, 0.5)
+"""Shares of the time that are tried for moves."""
+SEEDS = 12
+"""Draws of tones that are tried once everything else is chosen."""
+BELOW_TIE = RIVAL_CORRELATION - 0.002
+"""Correlation that a plan stays below, so that the noise of a real record does not tie what the plan told apart."""
+LEAST_SECONDS = 5.0
+"""Shorter motions are not planned."""
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """One burst of a pattern."""
+
+    seconds: float
+    low: float
+    """Hz"""
+    high: float
+    """Hz"""
+    level: float = 1.0
+    """Share of what the limits allow."""
+
+
+PATTERNS = (
+    (Burst(2.5, 2.0, 6.0),),
+    (Burst(2.5, 3.0, 12.0),),
+    (Burst(2.5, 5.0, 20.0),),
+    (Burst(2.5, 8.0, 30.0),),
+    (Burst(2.5, 8.0, 30.0), Burst(2.5, 8.0, 30.0, 0.5), Burst(2.5, 8.0, 30.0, 0.25)),
+    (Burst(2.5, 8.0, 30.0), Burst(2.5, 2.0, 6.0)),
+    (Burst(1.0, 8.0, 30.0), Burst(4.0, 2.0, 30.0, 0.5)),
+    (Burst(0.7, 8.0, 30.0), Burst(2.0, 5.0, 15.0), Burst(4.0, 2.0, 6.0)),
+    (Burst(0.5, 8.0, 30.0), Burst(5.0, 2.0, 6.0)),
+)
+"""Sequences of bursts that are tried. A short loud one among long quiet ones tells odd powers of acceleration apart:
+the quiet ones fix the scale factor, the others are left to say how the error grows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What the stage can do."""
+
+    stroke: float
+    """Largest travel from end to end, m."""
+    speed: float
+    """m/s"""
+    acceleration: float
+    """m/s²"""
+
+    def __post_init__(self) -> None:
+        for name in ("stroke", "speed", "acceleration"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name} must be positive, not {getattr(self, name):g}")
+
+    def scaled(self, factor: float) -> Limits:
+        """All of them, `factor` times as large."""
+        return Limits(factor * self.stroke, factor * self.speed, factor * self.acceleration)
+
+    def duration(self, distance: float) -> float:
+        """Least duration of a move, s."""
+        return max(
+            STEP_SPEED * abs(distance) / self.speed, math.sqrt(STEP_ACCELERATION * abs(distance) / self.acceleration)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Recipe:
+    """What is varied in search of a motion."""
+
+    pattern: tuple[Burst, ...]
+    share: float
+    """Of the time, for moves."""
+    aligned: bool
+    """Whether the tones of a burst meet in one peak at its middle; otherwise their phases are random."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A motion that separates named effects, and what it would see."""
+
+    motion: Motion
+    effects: tuple[str, ...]
+    limits: Limits
+    recipe: Recipe
+    power: Power
+    """Of the motion, over the whole catalogue."""
+    correlations: tuple[tuple[str, str, float], ...]
+    """|rho| of every pair of the named effects."""
+    typical: tuple[float, ...]
+    """Standard deviations at which the typical size of each effect would stand, the other named ones taken out."""
+    tried: int
+
+    @property
+    def sights(self) -> tuple[Sight, ...]:
+        """How well each of the named effects would be seen."""
+        return tuple(self.power[name] for name in self.effects)
+
+    @property
+    def separated(self) -> bool:
+        """Whether every pair could be told apart, each of them seen."""
+        return all(rho < RIVAL_CORRELATION for *_, rho in self.correlations) and all(s.seen for s in self.sights)
+
+    def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
+        """Times (n,) s and positions (n,) m to drive the stage through."""
+        t = np.arange(math.floor(self.motion.seconds * rate) + 1) / rate
+        return t, self.motion.position(t)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of `plan --json`."""
+        return {
+            "schema": SCHEMA,
+            "effects": [
+                {**sight_to_dict(sight), "typical_size": find(sight.effect).scale, "typical_d": d}
+                for sight, d in zip(self.sights, self.typical, strict=True)
+            ],
+            "correlations": [{"effects": [a, b], "correlation": rho} for a, b, rho in self.correlations],
+            "separated": self.separated,
+            "seconds": self.motion.seconds,
+            "limits": {
+                "stroke_m": self.limits.stroke,
+                "speed_m_per_s": self.limits.speed,
+                "acceleration_m_per_s2": self.limits.acceleration,
+            },
+            "recipe": {
+                "bursts": [asdict(burst) for burst in self.recipe.pattern],
+                "share_of_moves": self.recipe.share,
+                "aligned": self.recipe.aligned,
+                "seed": self.recipe.seed,
+            },
+            "motions_tried": self.tried,
+            "candidates_examined": self.power.examined,
+            "alpha": self.power.alpha,
+        }
+
+
+def plan(
+    effects: Sequence[str],
+    *,
+    stroke: float,
+    v_max: float,
+    a_max: float,
+    seconds: float,
+    rig: Rig,
+    encoder_noise: float | None = None,
+    alpha: float = ALPHA,
+) -> Plan:
+    """Search for a motion that separates effects within the limits of a stage.
+
+    Parameters
+    ----------
+    effects : names of the catalogue.
+    stroke, v_max, a_max : limits, m, m/s, m/s²; none of them is exceeded at any instant.
+    seconds : length, s.
+    rig : noise density of the sensor, resolution of the encoder.
+    encoder_noise : standard deviation of a reading before it is rounded, m; one step of the encoder by default.
+    alpha : family-wise false-alarm rate of `diagnose`.
+
+    Returns
+    -------
+    Plan
+        Of the motions tried the one in which the worst pair can be told apart (|rho| < 0.95), and the typical size of
+        the effect that is seen worst, once the other effects are taken out, stands furthest from nothing.
+
+    Raises
+    ------
+    ValueError
+        If an effect is unknown, or no motion can show it; if the time is too short.
+
+    Examples
+    --------
+    >>> from accelcal.simulate import CXL02_RIG
+    >>> found = plan(["quadratic", "cubic"], stroke=0.2, v_max=0.1, a_max=20.0, seconds=10.0, rig=CXL02_RIG)
+    >>> found.motion.top_speed <= 0.1
+    True
+    """
+    wanted = tuple(dict.fromkeys(effects))
+    require_plannable(wanted)
+    if seconds < LEAST_SECONDS:
+        raise ValueError(f"a motion of {seconds:g} s is too short to plan; take {LEAST_SECONDS:g} s or more")
+    limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
+
+    def tried(recipe: Recipe) -> Trial:
+        return Trial.of(recipe, limits, seconds, rig, noise, wanted)
+
+    trials = [tried(Recipe(*choice)) for choice in product(PATTERNS, SHARES, (False, True))]
+    best = max(trials, key=lambda trial: trial.score)
+    trials += [tried(replace(best.recipe, seed=seed)) for seed in range(1, SEEDS + 1)]
+    best = max(trials, key=lambda trial: trial.score)
+    one = planned_pass(best.motion, rig, seconds, noise, Model.linear())
+    return Plan(
+        motion=best.motion,
+        effects=wanted,
+        limits=limits,
+        recipe=best.recipe,
+        power=sight_of(one, Model.linear(), alpha=alpha),
+        correlations=best.correlations,
+        typical=best.typical,
+        tried=len(trials),
+    )
+
+
+def require_plannable(names: Sequence[str]) -> None:
+    """Refuse what no motion can show."""
+    if not names:
+        raise ValueError("name at least one effect that the motion should show")
+    for name in names:
+        effect = find(name)
+        if name in Model.linear().effects:
+            raise ValueError(f"{name!r} is in every model; name an effect beyond the base")
+        if not effect.visible:
+            raise ValueError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
+        if effect.needs:
+            raise ValueError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")
+        if effect.port == "noise":
+            raise ValueError(f"{name!r} acts on the noise and is tested on a channel of its own, without a prediction")
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One motion of the search, and how well it does."""
+
+    recipe: Recipe
+    motion: Motion
+    correlations: tuple[tuple[str, str, float], ...]
+    typical: tuple[float, ...]
+
+    @classmethod
+    def of(
+        cls, recipe: Recipe, limits: Limits, seconds: float, rig: Rig, noise: Noise, wanted: tuple[str, ...]
+    ) -> Trial:
+        """Build the motion of a recipe and look at the wanted effects only."""
+        motion = build(recipe, limits, seconds)
+        one = planned_pass(motion, rig, seconds, noise, Model.linear(), ACCEL_RATE, POSITION_RATE)
+        evidence = evidence_of_best(one, wanted)
+        correlation = correlations(evidence)
+        names = [item.effect.name for item in evidence.items]
+        pairs = tuple(
+            (names[i], names[j], float(abs(correlation[i, j]))) for i, j in combinations(range(len(names)), 2)
+        )
+        return cls(recipe, motion, pairs, apart(evidence, correlation))
+
+    @property
+    def score(self) -> tuple[float, float]:
+        """How far the worst pair is from being told apart, then the distance of the effect that is seen worst."""
+        worst = max((rho for *_, rho in self.correlations), default=0.0)
+        return -max(0.0, worst - BELOW_TIE), min(self.typical)
+
+
+def evidence_of_best(one: Pass, wanted: tuple[str, ...]) -> Evidence:
+    """Information on the wanted effects, in their order, each at the trial shape at which it is seen best."""
+    model = Model.linear()
+    items = [item for item in candidates_for(one, model) if item.effect.name in wanted]
+    if any(item.shape for item in items):
+        evidence, rules = evidence_of(one, model, items), rules_for(one, len(items), ALPHA)
+        smallest = [min(sizes(evidence, i, rules)[1]) for i in range(len(items))]
+    else:
+        smallest = [0.0] * len(items)
+    best: dict[str, Item] = {}
+    for k in np.argsort(smallest, kind="stable"):
+        best.setdefault(items[k].effect.name, items[k])
+    return evidence_of(one, model, [best[name] for name in wanted])
+
+
+def correlations(evidence: Evidence) -> Array:
+    """Correlation of the whitened signatures, (effects, effects); of several columns the mixture that is seen best."""
+    mix = np.zeros((len(evidence.c), len(evidence.items)))
+    for i in range(len(evidence.items)):
+        mix[evidence.columns[i], i] = strongest(evidence, i)
+    A = mix.T @ evidence.G @ mix
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(A / np.outer(size, size))
+
+
+def apart(evidence: Evidence, correlation: Array) -> tuple[float, ...]:
+    """Distance of the typical size of each effect once the others are taken out: d sqrt(1 - R²)."""
+    left = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
+    found = []
+    for i, item in enumerate(evidence.items):
+        power = float(np.max(np.diag(evidence.G[evidence.columns[i], evidence.columns[i]])))
+        found.append(item.effect.scale * math.sqrt(max(0.0, power * float(left[i]))))
+    return tuple(found)
+
+
+# ---- the motion of a recipe --------------------------------------------------------------------------------------
+
+
+def build(recipe: Recipe, limits: Limits, seconds: float) -> Motion:
+    """Bursts and groups of moves in turn; position begins and ends at the middle of the stroke."""
+    inner, rng = limits.scaled(MARGIN), np.random.default_rng(recipe.seed)
+    group = _group_seconds(inner)
+    count = max(1, math.floor(recipe.share * seconds / group))
+    reach = _reach(inner, recipe.share * seconds) if count == 1 else 1.0
+    moves = [_moves(inner, reach, k, count) for k in range(count)]
+    slot = (seconds - sum(lasts for _, lasts in moves)) / count
+    bursts = cycle(recipe.pattern)
+    t, parts = 0.0, list[Part]()
+    for k, (group_of_moves, lasts) in enumerate(moves):
+        stop = t + slot
+        while stop - t >= SHORTEST:
+            burst = next(bursts)
+            length = min(burst.seconds, stop - t)
+            parts.append(_shake(burst, t, length, _place(k, count) * reach, recipe.aligned, inner, rng))
+            t += length
+        parts += [replace(move, start=move.start + stop) for move in group_of_moves]
+        t = stop + lasts
+    return Motion(tuple(parts), seconds, name="planned")
+
+
+def _place(k: int, count: int) -> float:
+    """Where burst group `k` happens, as a share of the stroke; the motion begins and ends in the middle."""
+    return PLACES[k % len(PLACES)] if k < count else 0.0
+
+
+def _legs(k: int, count: int) -> tuple[float, ...]:
+    """Legs of group `k` as shares of the stroke: to one end, to the other, to the next place."""
+    here, there, side = _place(k, count), _place(k + 1, count), 0.5 if k % 2 == 0 else -0.5
+    return side - here, -2.0 * side, there + side
+
+
+def _moves(limits: Limits, reach: float, k: int, count: int) -> tuple[list[Move], float]:
+    """Group `k` of moves from time 0, with rests, and how long it lasts."""
+    t, moves = 0.0, list[Move]()
+    for leg in _legs(k, count):
+        distance = leg * reach * limits.stroke
+        duration = limits.duration(distance)
+        moves.append(Move(t, duration, distance))
+        t += duration + REST
+    return moves, t
+
+
+def _group_seconds(limits: Limits) -> float:
+    """Longest that a group of moves over the whole stroke can last, s."""
+    return max(_moves(limits, 1.0, k, 2 * len(PLACES))[1] for k in range(2 * len(PLACES)))
+
+
+def _reach(limits: Limits, seconds: float) -> float:
+    """Share of the stroke that one group of moves can cover in the time there is, by bisection."""
+    if _moves(limits, 1.0, 0, 1)[1] <= seconds:
+        return 1.0
+    low, high = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _moves(limits, middle, 0, 1)[1] <= seconds else (low, middle)
+    return low
+
+
+def _shake(
+    burst: Burst, start: float, length: float, place: float, aligned: bool, limits: Limits, rng: np.random.Generator
+) -> Windowed:
+    """Tones of equal acceleration, as loud as the limits allow about a place, times the level; a rest at their end."""
+    stop = start + length - min(REST, 0.2 * length)
+    frequency = np.exp(rng.uniform(math.log(burst.low), math.log(burst.high), TONES))
+    phase = rng.uniform(0.0, 2.0 * math.pi, TONES)
+    if aligned:
+        phase = 0.5 * math.pi - math.pi * frequency * (start + stop)
+    tones = Tones(1.0 / (2.0 * math.pi * frequency) ** 2, frequency, phase)
+    part = Windowed(tones, start, stop, min(FADE, 0.3 * length))
+    peaks = np.max(np.abs(part.derivatives(np.arange(start, stop, 1.0 / (PEAK_SAMPLES * burst.high)))), axis=1)
+    room = (0.5 - abs(place)) * limits.stroke
+    gain = burst.level * min(room / peaks[0], limits.speed / peaks[1], limits.acceleration / peaks[2])
+    return replace(part, part=replace(tones, amplitude=gain * tones.amplitude))

@@ -1,0 +1,199 @@
+"""A motion that is only planned, seen with the noise of the data sheet: no measurement is needed to know the power."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.data.rig import Rig
+from accelcal.diagnosis.search.scan import ALPHA
+from accelcal.effects import Effect
+from accelcal.estimation.drive import Drive
+from accelcal.estimation.estimate import require_motion
+from accelcal.estimation.run import Run
+from accelcal.estimation.run_state import Pass
+from accelcal.estimation.smoothing import Motion as Sampled
+from accelcal.estimation.smoothing import Thinning
+from accelcal.estimation.values import Noise, Values
+from accelcal.experiment.detectability import Power, sight_of
+from accelcal.model import Model
+from accelcal.signals.processing import low_pass, motion_bandwidth
+from accelcal.simulation.motion import Motion
+
+ACCEL_RATE = 1667.0
+"""Rate of the output unless another is given, Hz."""
+POSITION_RATE = 833.5
+"""Rate of the encoder readings unless another is given, Hz."""
+DEGREE = 7
+"""Degree of the spline through set-points: its third derivative is smooth."""
+
+
+@dataclass(frozen=True, slots=True)
+class SetPoints:
+    """A part of a motion that runs through set-points, smooth through jerk."""
+
+    spline: Any
+    """Interpolating B-spline of position, m over s."""
+    end: float
+    """Time of the last set-point, s; the stage stays there."""
+
+    start = -math.inf
+    stop = math.inf
+    final = 0.0
+
+    def derivatives(self, t: Array) -> Array:
+        inside = np.clip(t, 0.0, self.end)
+        return np.stack([np.asarray(self.spline(inside, nu)) for nu in range(4)])
+
+
+def through(t: Array, p: Array, name: str = "") -> Motion:
+    """The motion through set-points; its time begins at 0.
+
+    Parameters
+    ----------
+    t : (n,) s, rising.
+    p : (n,) m.
+    name : what messages call it.
+
+    Raises
+    ------
+    ValueError
+        If there are too few set-points.
+    """
+    from scipy.interpolate import make_interp_spline
+
+    if len(t) <= DEGREE:
+        raise ValueError(f"{name or 'motion'}: {len(t)} set-points; at least {DEGREE + 1} are needed")
+    end = float(t[-1] - t[0])
+    return Motion((SetPoints(make_interp_spline(t - t[0], p, k=DEGREE), end),), end, name=name)
+
+
+def power_of_motion(
+    motion: Motion,
+    rig: Rig,
+    *,
+    seconds: float | None = None,
+    model: Model | None = None,
+    accel_rate: float = ACCEL_RATE,
+    position_rate: float = POSITION_RATE,
+    encoder_noise: float | None = None,
+    alpha: float = ALPHA,
+) -> Power:
+    """What a planned motion would see: smallest detectable size of every effect, and the ties.
+
+    Parameters
+    ----------
+    motion : the plan; `through` makes one from set-points.
+    rig : noise density of the sensor, its low-pass and mount, resolution of the encoder.
+    seconds : length of the record, s; the planned length by default.
+    model : what is known already; the linear model by default.
+    accel_rate, position_rate : Hz.
+    encoder_noise : standard deviation of a reading before it is rounded, m; one step of the encoder by default.
+    alpha : family-wise false-alarm rate of `diagnose`.
+
+    Raises
+    ------
+    ValueError
+        If the rig declares no noise density, or neither resolution nor encoder noise are known.
+    NotIdentifiable
+        If the plan does not move.
+
+    Examples
+    --------
+    >>> from accelcal.simulation.motion import motion
+    >>> from accelcal.simulate import ADXL105_RIG
+    >>> seen = power_of_motion(motion("bursts", 20.0, np.random.default_rng(1)), ADXL105_RIG)
+    >>> seen["quadratic"].smallest[0] < seen["odd_quadratic"].smallest[0]
+    True
+    """
+    model = Model.linear() if model is None else model
+    length = motion.seconds if seconds is None else seconds
+    noise = planned_noise(rig, encoder_noise)
+    return sight_of(planned_pass(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha)
+
+
+def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
+    """What a file of set-points would see, with a reading at each of them and two outputs between readings.
+
+    Parameters
+    ----------
+    recording : position (n,) m; the output is not looked at.
+    extra : effects of the user's own, beside the catalogue.
+    alpha : family-wise false-alarm rate of `diagnose`.
+    """
+    t, p = recording.position.t, recording.position.y
+    motion = through(t, p, recording.name)
+    rate = 1.0 / float(np.median(np.diff(t)))
+    model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
+    one = planned_pass(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
+    return sight_of(one, model, extra, alpha)
+
+
+def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:
+    """Noise of the data sheet: q = N²/2 for a one-sided density N, R = noise² + resolution²/12.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not declared; messages call the motion `name`.
+    """
+    if rig.sensor.noise is None:
+        raise ValueError(
+            f"{name}: the noise density of the sensor is not declared, so nothing can be said of a planned motion. "
+            'Write in the sidecar\n[sensor]\nnoise = "225 ug/sqrt(Hz)"'
+        )
+    if rig.resolution is None and encoder_noise is None:
+        raise ValueError(
+            f"{name}: neither resolution nor noise of the encoder are known, so nothing can be said of a planned "
+            "motion. Write in the sidecar\n"
+            '[channels]\nposition = { column = "position_m", unit = "m", resolution = "1 um" }'
+        )
+    step = rig.resolution or 0.0
+    own = step if encoder_noise is None else encoder_noise
+    return Noise(0.5 * rig.sensor.noise**2, own**2 + step**2 / 12.0)
+
+
+def planned_pass(
+    motion: Motion,
+    rig: Rig,
+    seconds: float,
+    noise: Noise,
+    model: Model,
+    accel_rate: float = ACCEL_RATE,
+    position_rate: float = POSITION_RATE,
+) -> Pass:
+    """The run that a planned motion would give, with exact signals and the gains of the declared noise.
+
+    The coefficients are those of a perfect sensor: power changes by the scale error only, a percent or two. Nothing
+    that was measured enters, so the readings are the motion itself and the innovations are left at zero.
+    """
+    t = np.arange(0.0, seconds, 1.0 / accel_rate)
+    p, v, a, jerk = motion.derivatives(t)
+    readings = np.arange(0.0, seconds, 1.0 / position_rate)
+    recording = Recording(
+        accel=Channel("accel", t, rig.polarity * (a + rig.gravity), "m/s²"),
+        position=Channel("position", readings, motion.position(readings), "m"),
+        rig=rig,
+        name=motion.name,
+    )
+    run = Run(recording)
+    require_motion(run)
+    values = Values({term.name: model.fixed.get(term.name, 0.0) for term in model.terms}, model.terms)
+    one = Pass(run, values, noise, model.free, None)
+    still = np.zeros_like(run.t)
+    one.drive = Drive(run.t, run.z, still, still, np.arange(len(run.t)) == 0)
+    one.track = run.track(one.drive, noise)
+    one.counts = one.drive.settled(run.wait(noise))
+    one.whitened = still
+    density, crossover = noise.r * run.reading_step, run.crossover(noise)
+    cutoff = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
+    grid = Thinning.of(t, run.accel_step, cutoff)
+    a, jerk = (low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
+    one.signals = run.on_grid(grid.t, Sampled(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)
+    return one

@@ -1,0 +1,46 @@
+"""How alike effects look on a record: the correlation of their signatures, beside what the model already explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.experiment import Power
+
+
+@dataclass(frozen=True, slots=True)
+class Likeness:
+    """Correlation of the signatures of some effects, each at the shape at which it is seen best."""
+
+    names: tuple[str, ...]
+    correlation: Array
+    """(n, n)"""
+
+    def of(self, names: list[str]) -> Likeness:
+        """The same for some of them, in a given order."""
+        rows = [self.names.index(name) for name in names]
+        return Likeness(tuple(names), self.correlation[np.ix_(rows, rows)])
+
+
+def likeness(power: Power) -> Likeness:
+    """Correlate the signatures of all effects with one constant coefficient that a record can see.
+
+    Parameters
+    ----------
+    power : from `accelcal.power`.
+    """
+    contest = power.contest
+    G = contest.evidence.G
+    rows: dict[str, int] = {}
+    for item, columns in zip(contest.items, contest.evidence.columns, strict=True):
+        name = item.effect.name
+        if item.effect.width > 1 or item.effect.port == "process" or not power[name].seen:
+            continue
+        best = all(item.shape.get(key) == value for key, value in power[name].shape.items())
+        if best and G[columns.start, columns.start] > 0.0:
+            rows[name] = columns.start
+    kept = list(rows.values())
+    size = np.sqrt(np.diag(G)[kept])
+    return Likeness(tuple(rows), G[np.ix_(kept, kept)] / np.outer(size, size))

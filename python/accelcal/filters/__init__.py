@@ -1,0 +1,22 @@
+"""Live filters: the paper's nonlinear Kalman filters over a record, a stream, or at a fixed rate."""
+
+from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, Wander
+from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
+from accelcal.filters.record import BatchRun, FilterRun, ForwardParameters, forward_parameters, run, run_batch
+from accelcal.filters.stream import LiveFilter
+
+__all__ = [
+    "MOST_EFFECTS",
+    "MOTION",
+    "PARAMETERS",
+    "BatchRun",
+    "FilterChoice",
+    "FilterRun",
+    "ForwardParameters",
+    "LiveFilter",
+    "Wander",
+    "fixed_rate_with_effects",
+    "forward_parameters",
+    "run",
+    "run_batch",
+]

@@ -1,0 +1,60 @@
+"""Choice of a live filter: system, sensor form, order, integrator, interpolation, covariance form."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+MOTION = {"aci": ("p", "v"), "cwpa": ("p", "v", "a")}
+PARAMETERS = {"linear": ("k", "K0"), "cubic": ("k", "K0", "K2", "K3")}
+
+
+@dataclass(frozen=True, slots=True)
+class FilterChoice:
+    """A system, a sensor model, and the five choices that are independent of them.
+
+    Examples
+    --------
+    >>> FilterChoice("cwpa", "cubic", order=2).states()
+    ('p', 'v', 'a', 'k', 'K0', 'K2', 'K3')
+    """
+
+    system: Literal["aci", "cwpa"] = "aci"
+    """ACI: the output drives the motion (9). CWPA: white jerk, the output is a reading (10)."""
+    model: Literal["linear", "cubic"] = "linear"
+    """Parameters k, K0, or k, K0, K2, K3."""
+    form: Literal["inverse", "forward"] = "forward"
+    """Forward: the output is a polynomial of acceleration (3)(4). Inverse: the other way round (5)(6)."""
+    interpolation: Literal["hold", "linear", "cubic"] = "linear"
+    """The output between its samples; without effect in CWPA."""
+    integrator: Literal["rk2", "rk4", "exact"] = "exact"
+    """RK2 and RK4 on the coupled equations (11)-(14), or no integration error."""
+    order: Literal[1, 2] = 1
+    """First- or second-order filter."""
+    carrier: Literal["dense", "factored"] = "dense"
+    """Covariance in Joseph form, or as U D U'."""
+    kernel: Literal["structured", "dense"] = "structured"
+    """How the steps are computed: in blocks where the other choices have a structured kernel, or with whole matrices.
+
+    The same filter up to rounding (1e-10 sigma). Smoothing, UD factors and a low-pass in CWPA always run dense.
+    """
+
+    def states(self, *, low_pass: bool = False) -> tuple[str, ...]:
+        """Names of the states in order; a low-pass adds its output y to CWPA."""
+        filtered = ("y",) if low_pass and self.system == "cwpa" else ()
+        return (*MOTION[self.system], *filtered, *PARAMETERS[self.model])
+
+
+@dataclass(frozen=True, slots=True)
+class Wander:
+    """How a parameter moves: theta' = -theta / tau + white noise of two-sided density q (paper II-D)."""
+
+    q: float
+    """Unit of the parameter squared per second."""
+    tau: float = math.inf
+    """Correlation time, s; infinite for a random walk."""
+
+    def __post_init__(self) -> None:
+        if not self.tau > 0:
+            raise ValueError(f"Wander: tau = {self.tau:g} s is not positive.")

@@ -1,0 +1,117 @@
+"""A live filter at a fixed rate: one sample and at most one reading per call, without time stamps or queue."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelcal import _core
+from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.core_settings import core_prior, core_setup, rate_and_density
+
+
+def fixed_rate(
+    choice: FilterChoice,
+    *,
+    dt: float,
+    q: float,
+    r_position: float,
+    r_accel: float | None = None,
+    x0: ArrayLike,
+    P0: ArrayLike,
+    tau: float = 0.0,
+    parameters: Mapping[str, Wander] | None = None,
+    gate: float | None = None,
+) -> _core.FixedRateFilter:
+    """A filter for a control loop: one sample per call, nothing allocated, the state read only when it is wanted.
+
+    `step(u)` or `step(u, z)` takes in the output (m/s²) and, where the encoder was read, the position (m) of the next
+    sample, and returns the innovation or None. `run(u, z)` takes a whole record in, (n,) each and NaN where position
+    was not read, to the same bits; it fills `states` (n, N), `variances` (n, N), `innovations` (n,) and
+    `innovation_variances` (n,) if the caller gives arrays for them. `x`, `covariance`, `innovation`,
+    `innovation_variance`, `nis`, `log_likelihood`, `rejected` and `samples` are properties; `read` copies states and
+    variances into arrays of the caller's.
+
+    Parameters
+    ----------
+    dt : float
+        Time between samples, s. The prior belongs to the first one, which is read like all others.
+
+    Other parameters are those of `run`. Nothing waits for a later sample: a cubic goes through the last four. UD
+    factors and a low-pass in CWPA are refused.
+
+    Raises
+    ------
+    ValueError
+        What this filter cannot do.
+    FilterError
+        Unusable settings; `step` and `run` raise it where a step fails, and leave the filter as it was before it.
+
+    Examples
+    --------
+    >>> choice = FilterChoice("aci", "linear", integrator="rk4")
+    >>> live = fixed_rate(choice, dt=1e-3, q=1e-6, r_position=1e-12, x0=[0.0] * 4, P0=np.eye(4))
+    >>> live.step(0.1, 0.0), live.step(0.1), live.samples
+    (0.0, None, 2)
+    """
+    setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, gate)
+    if choice.carrier != "dense":
+        raise ValueError("fixed_rate: UD factors run from event to event; use LiveFilter.")
+    if choice.system == "cwpa" and tau != 0:
+        raise ValueError("fixed_rate: CWPA behind a low-pass has no structured kernel; use LiveFilter, or aci.")
+    return _core.FixedRateFilter(setup, *core_prior(choice.states(), x0, P0), dt)
+
+
+MOST_EFFECTS = 14
+"""Effects that the compiled filter has room for beside k and K0."""
+
+
+def fixed_rate_with_effects(
+    *,
+    dt: float,
+    q: float,
+    r_position: float,
+    x0: ArrayLike,
+    P0: ArrayLike,
+    rest: float = 0.0,
+    tau: float = 0.0,
+    parameters: Sequence[Wander | None] | None = None,
+    order: Literal[1, 2] = 1,
+    gate: float | None = None,
+) -> _core.FixedRateFilter:
+    """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
+
+    u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m; RK4.
+    `step_with_effects(u, z, columns, leaning)` takes e_j per unit of c_j at the sample before, half-way and at this
+    one, (3, m) m/s², and b_j at this one, (m,) m; everything else is as in `fixed_rate`, a cubic between samples.
+
+    Parameters
+    ----------
+    rest : float
+        Specific force while the stage stands still, m/s².
+    parameters : sequence of Wander or None
+        How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
+
+    Other parameters are those of `fixed_rate`.
+
+    Raises
+    ------
+    ValueError
+        More than 14 effects, or shapes that do not fit.
+    FilterError
+        Unusable settings.
+    """
+    x = np.ascontiguousarray(x0, dtype=np.float64)
+    m = len(x) - 4
+    if not 0 <= m <= MOST_EFFECTS:
+        raise ValueError(f"x0 has {len(x)} states; p, v, k, K0 and up to {MOST_EFFECTS} effects are possible.")
+    names = ("p", "v", "k", "K0", *(f"c_{j}" for j in range(1, m + 1)))
+    wander = [None] * (m + 2) if parameters is None else list(parameters)
+    if len(wander) != m + 2:
+        raise ValueError(f"parameters: {len(wander)} given for {m + 2}, {', '.join(names[2:])}.")
+    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4", order=order)
+    setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
+    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in wander]))

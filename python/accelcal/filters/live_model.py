@@ -1,0 +1,236 @@
+"""A model tracked live: catalogue effects as parameters of a fixed-rate filter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.rig import Rig
+from accelcal.effects import HOUSE, Effect, is_local
+from accelcal.effects.building_blocks import lag_weights
+from accelcal.filters.causal_signals import CausalSignals
+from accelcal.filters.choice import Wander
+from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
+from accelcal.model import Estimate, Model, Prior, Term, evaluate
+from accelcal.signals.signals import Origins, Signals
+
+WIDE = 30.0
+"""Standard deviation before the first sample where the model gives no prior, in typical sizes of the coefficient."""
+DIFFUSE = 1e4
+"""Variance of the first position over that of one reading."""
+SENSOR = ("scale_factor", "bias")
+"""Coefficients that the filter's sensor has by itself, in the filter's order."""
+MOTION = 2
+"""States before the coefficients: position and velocity."""
+
+
+class LiveModel:
+    """Bias, scale factor and every effect of a model, estimated from output and position as they arrive.
+
+    ACI at a fixed rate: u = K0 + (1 + k) f + sum c_j e_j, the effects e_j by the same functions as offline, on causal
+    signals (`CausalSignals`); how an effect leans on the state is left out of the gradient. `time_offset` is taken to
+    first order, -(1 + k) t0 jerk, so it should be small against a period of the motion.
+
+    Coefficients that the model holds fixed keep their value; the others start from the model's prior, or from zero with
+    30 typical sizes.
+
+    Parameters
+    ----------
+    model : base and effects.
+    rig : mount, gravity and declared low-pass.
+    rate : samples of the output per second, Hz.
+    q : two-sided density of the output's noise, (m/s²)² s: N²/2 for a one-sided density N.
+    r_position : variance of a position reading, m².
+    position : where the stage stands at the first sample, m: the first reading will do.
+    speed : a speed that the stage surely does not exceed there, m/s.
+    origins : zero points of time, position and temperature; the first sample stands at time zero.
+    wander : coefficients that are not constant, by name.
+    order : first- or second-order filter.
+    gate : reject readings with e²/S above this; None for no gate.
+
+    Raises
+    ------
+    ValueError
+        For an effect that cannot be tracked live, by name, and for more than 14 coefficients beside bias and scale.
+
+    Examples
+    --------
+    >>> model = Model.linear().add("quadratic")
+    >>> live = LiveModel(model, Rig(), rate=1000.0, q=1e-8, r_position=1e-12, position=0.0)
+    >>> live.step(0.02, 0.0), live.step(0.02)
+    (0.0, None)
+    >>> live["quadratic"].unit
+    '(m/s²)⁻¹'
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        rig: Rig,
+        *,
+        rate: float,
+        q: float,
+        r_position: float,
+        position: float,
+        speed: float = 1.0,
+        origins: Origins | None = None,
+        wander: Mapping[str, Wander] | None = None,
+        order: Literal[1, 2] = 1,
+        gate: float | None = None,
+    ) -> None:
+        terms = {term.name: term for term in model.terms}
+        for term in terms.values():
+            reason = refusal(term.effect)
+            if reason is not None:
+                raise ValueError(f"{term.effect.name} cannot be tracked live: {reason}.")
+        self.model, self.rig = model, rig
+        self.names = (*SENSOR, *(name for name in terms if name not in SENSOR))
+        """Coefficients in the order of `values` and `covariance`."""
+        self._added = tuple(terms[name] for name in self.names[len(SENSOR) :])
+        m = len(self._added)
+        if m > MOST_EFFECTS:
+            raise ValueError(
+                f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
+                f"the model has {m}: drop some."
+            )
+        moving = dict(wander or {})
+        unknown = sorted(set(moving) - set(terms))
+        if unknown:
+            raise ValueError(f"wander: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
+        beliefs = [_belief(model, terms[name]) for name in self.names]
+        tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
+        # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
+        P0 = np.diag([DIFFUSE * r_position + (tau * speed) ** 2, speed**2, *(b.std**2 for b in beliefs)])
+        P0[0, 1] = P0[1, 0] = -tau * speed**2
+        self._filter = fixed_rate_with_effects(
+            dt=1.0 / rate,
+            q=q,
+            r_position=r_position,
+            x0=[rig.polarity * position, 0.0, *(b.mean for b in beliefs)],
+            P0=P0,
+            rest=rig.polarity * rig.gravity,
+            tau=tau,
+            parameters=[moving.get(name) for name in self.names],
+            order=order,
+            gate=gate,
+        )
+        self._signals = CausalSignals(rig, origins or Origins(), 1.0 / rate, q)
+        self._lag = lag_weights(tau, 0.5 / rate) if tau > 0.0 else None
+        self._x, self._variances = np.zeros(MOTION + 2 + m), np.zeros(MOTION + 2 + m)
+        self._columns = np.zeros((3, m))
+        self._side: dict[str, float] = {}
+
+    def step(self, u: float, z: float | None = None, **side: float) -> float | None:
+        """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.
+
+        Side channels are in SI, temperature in degC; the last value holds. Returns the innovation, m, or None.
+
+        Raises
+        ------
+        ValueError
+            If a side channel that an effect needs was never given.
+        FilterError
+            If the step fails; the filter is then as it was before it.
+        """
+        self._side.update(side)
+        self._require_side()
+        self._filter.read(self._x, self._variances)
+        theta = self._x[MOTION + len(SENSOR) :]
+        before, _, here = self._columns @ theta
+        added = np.array([here, 2.0 * here - before])  # a line through the last step
+        signals = self._signals.over(u, added, self._x, self._variances, self._side)
+        columns, leaning = self._evaluate(signals)
+        polarity = self.rig.polarity
+        e = self._filter.step_with_effects(u, None if z is None else polarity * z, columns, leaning)
+        self._columns = columns
+        self._signals.advance(u, signals)
+        return None if e is None else polarity * e
+
+    def run(self, u: Array, z: Array, **side: Array) -> None:
+        """Take a record in, (n,) each; NaN where position was not read."""
+        for j in range(len(u)):
+            read = float(z[j])
+            here = {name: float(y[j]) for name, y in side.items()}
+            self.step(float(u[j]), None if math.isnan(read) else read, **here)
+
+    def __getitem__(self, name: str) -> Estimate:
+        """The present estimate of a coefficient."""
+        for estimate in self.estimates:
+            if estimate.name == name:
+                return estimate
+        raise KeyError(f"{name!r} is not in the model; it has {', '.join(self.names)}")
+
+    @property
+    def values(self) -> Array:
+        """(m,) SI."""
+        return self._filter.x[MOTION:]
+
+    @property
+    def covariance(self) -> Array:
+        """(m, m) SI."""
+        return self._filter.covariance[MOTION:, MOTION:]
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """Every coefficient with its standard deviation, in the model's order."""
+        values = dict(zip(self.names, self.values.tolist(), strict=True))
+        std = dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+        return tuple(Estimate(t.name, t.symbol, t.unit, values[t.name], std[t.name], t.owner) for t in self.model.terms)
+
+    @property
+    def nis(self) -> float | None:
+        """Normalised square of the newest innovation, e²/S."""
+        return self._filter.nis
+
+    @property
+    def rejected(self) -> int:
+        """Readings that the gate rejected."""
+        return self._filter.rejected
+
+    def _require_side(self) -> None:
+        for term in self._added:
+            for name in term.effect.needs:
+                if name not in self._side:
+                    raise ValueError(
+                        f"{term.effect.name} needs the channel {name!r}, which was never given: "
+                        f"call step(u, z, {name}=...) with the first sample."
+                    )
+
+    def _evaluate(self, s: Signals) -> tuple[Array, Array]:
+        """What effects add per unit over the step: (3, m) m/s² to the low-passed output, (m,) m to a reading."""
+        columns, leaning = np.zeros_like(self._columns), np.zeros(len(self._added))
+        for j, (term, column) in enumerate(zip(self._added, evaluate(self._added, s), strict=True)):
+            if term.port == "position":
+                leaning[j] = self.rig.polarity * column[2]
+            else:
+                columns[:, j] = column
+        if self._lag is not None and self._filter.samples > 0:
+            decay, old, new = self._lag
+            start = self._columns[2]
+            middle = decay * start + old * columns[0] + new * columns[1]
+            columns[:] = start, middle, decay * middle + old * columns[1] + new * columns[2]
+        return columns, leaning
+
+
+def refusal(effect: Effect) -> str | None:
+    """Why an effect cannot be tracked live; None where it can."""
+    if effect.port == "noise":
+        return "it changes the noise, and a live filter follows means"
+    if effect.port == "process":
+        return "its shape spans a whole record; let the bias itself wander: wander={'bias': Wander(q, tau)}"
+    if is_local(effect):
+        return None
+    if effect in HOUSE:
+        return "its value at one time depends on the signals at other times; fit it to a record"
+    return "an effect of your own may look at other times than the present; fit it to a record"
+
+
+def _belief(model: Model, term: Term) -> Prior:
+    """What is believed of a coefficient before the first sample."""
+    if term.name in model.fixed:
+        return Prior(model.fixed[term.name], 0.0)
+    return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.scale))

@@ -1,0 +1,153 @@
+"""From a file to a recording: read, convert, check."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal.data import quality
+from accelcal.data.recording import Channel, Finding, Recording, RecordingError
+from accelcal.data.rig import Rig
+from accelcal.io.assign import Plan, assign
+from accelcal.io.convert import in_seconds, in_si
+from accelcal.io.formats import open_table
+from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.table import Column, Table
+
+
+def load(
+    path: str | Path, rig: str | Path | Rig | None = None, *, need_position: bool = True, need_accel: bool = True
+) -> Recording:
+    """Read a recording and check it.
+
+    Parameters
+    ----------
+    path : CSV (also .txt, .tsv), Parquet, MAT (v4 to v7.3), npz or HDF5 file.
+    rig : sidecar file, or a `Rig` when the columns are found by their names; None = ``NAME.toml`` beside the file.
+    need_position : accept a file without position when False; its position then has shape (0,).
+    need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
+
+    Returns
+    -------
+    The recording in SI units, each channel on its own clock (shape (n,) each), with the findings of
+    `accelcal.data.quality`.
+    A unit comes from the column metadata, else the sidecar, else the suffix of the column name, else its brackets.
+
+    Raises
+    ------
+    RecordingError
+        Naming the file, the column or key, the row or time, what was expected and the next step.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> run = pathlib.Path(tempfile.mkdtemp(), "run.csv")
+    >>> _ = run.write_text("t_s,accel_g,position_mm\\n0.0,0.1,0.0\\n0.1,0.2,\\n0.2,0.1,1.0\\n")
+    >>> recording = load(run)
+    >>> recording.position.y.tolist()
+    [0.0, 0.001]
+    """
+    path = Path(path)
+    table = open_table(path)
+    declared, notes = _declared(path, rig)
+    needs = {"accel": need_accel, "position": need_position}
+    required = tuple(name for name, needed in needs.items() if needed)
+    plan, unused = assign(table, declared, required)
+    findings = notes + unused
+    channels = {}
+    for name, samples in _samples(table, plan, declared.rig):
+        if not len(samples.t) and name == "accel" and not need_accel:
+            raise RecordingError(
+                f'{path}: column "{plan.sources[name].column}": every cell is empty, expected the output of the '
+                "accelerometer; a planned motion has columns for time and position alone."
+            )
+        if not len(samples.t) and name not in required:
+            findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
+            continue
+        channels[name], noticed = quality.clean(samples, declared.rig)
+        findings += noticed
+    accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
+    position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
+    if len(accel) and len(position):
+        quality.require_overlap(str(path), accel, position)
+    return Recording(
+        accel=accel,
+        position=position,
+        rig=declared.rig,
+        side=channels,
+        name=path.name,
+        digest=_digest(path),
+        findings=tuple(findings),
+    )
+
+
+def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:
+    beside = sidecar_of(path)
+    if rig is None:
+        return (read_sidecar(beside) if beside.exists() else no_sidecar()), []
+    declared = Sidecar(rig=rig) if isinstance(rig, Rig) else read_sidecar(Path(rig))
+    if not beside.exists() or (declared.path is not None and declared.path.resolve() == beside.resolve()):
+        return declared, []
+    given = declared.path.name if declared.path is not None else "a rig"
+    text = f"{beside.name} beside the recording is not read, because {given} was given in its place"
+    return declared, [Finding("sidecar", "", 1, 0.0, text)]
+
+
+def _samples(table: Table, plan: Plan, rig: Rig) -> Iterator[tuple[str, quality.Samples]]:
+    """Yield each channel in SI, on the instants at which it was sampled."""
+    wanted = [column for s in plan.sources.values() for column in (s.column, s.time and s.time.column) if column]
+    raw = dict(table.read(list(dict.fromkeys(wanted))))
+    clocks: dict[Clock, Column] = {}
+    for name, source in plan.sources.items():
+        clock = source.time
+        assert clock is not None  # _plan gave each source one
+        y = raw[source.column]
+        if clock.rate is not None:
+            stamps = Column(np.arange(len(y.values)) / clock.rate)
+        else:
+            if clock not in clocks:
+                clocks[clock] = in_seconds(table, plan, clock, raw[str(clock.column)])
+            stamps = clocks[clock]
+        if len(stamps.values) != len(y.values):
+            raise RecordingError(
+                f'{table.path}: {name}: column "{source.column}" has {len(y.values)} values but its time column '
+                f'"{clock.column}" has {len(stamps.values)}; give it its own: time = {{ column = "...", unit = "s" }}'
+            )
+        kept = _kept(table, name, stamps, y)
+        values, unit = in_si(table, plan, name, source, rig, y.values if kept is None else y.values[kept])
+        yield (
+            name,
+            quality.Samples(
+                file=str(table.path),
+                name=name,
+                t=stamps.values if kept is None else stamps.values[kept],
+                y=values,
+                unit=unit,
+                row=_row_of(table, kept),
+            ),
+        )
+
+
+def _row_of(table: Table, kept: NDArray[np.bool_] | None) -> Callable[[int], str]:
+    """Name rows by the index among the samples that were kept."""
+    return table.row if kept is None else lambda i: table.row(int(np.flatnonzero(kept)[i]))
+
+
+def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool_] | None:
+    """Return where a channel was sampled; None = everywhere."""
+    if stamps.present is None:
+        return y.present
+    unstamped = ~stamps.present if y.present is None else y.present & ~stamps.present
+    if unstamped.any():
+        row = table.row(int(np.argmax(unstamped)))
+        raise RecordingError(f"{table.path}: {row} has a value of {name} but no time; complete or delete this row.")
+    return y.present
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,189 @@
+"""Still figures of the story of a model: the falling error, the candidates, where it fails. For paper and mail."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal import formatting
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import spelled
+from accelcal.plots import style
+from accelcal.plots.interactive.error_reduction import headline, steps
+from accelcal.plots.interactive.ranking import classes
+from accelcal.plots.interactive.tiles import LOUD, signed, tiles_of
+from accelcal.plots.static.comparison import WIDTH
+from accelcal.plots.style import OKABE_ITO, ThemeName
+from accelcal.selection.nested_models import Ladder
+from accelcal.validation.comparison import Comparison
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
+    """Draw one bar for each model on unseen data, hatched where the effect is not in the model, and the noise floor.
+
+    Parameters
+    ----------
+    ladder : from `accelcal.selection.nested_models.ladder`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    look = style.theme_of(theme)
+    figure = style.sheet(WIDTH, 4.2, look)
+    axes = figure.subplots()
+    errors = np.array(ladder.errors)
+    factor, unit = formatting.prefixed("m", errors, ladder.floor)
+    style.dress(axes, look, x="model", y=formatting.label("rms error", unit))
+    for i, (rung, error, share) in enumerate(zip(ladder.rungs, errors * factor, ladder.shares, strict=True)):
+        axes.bar(
+            i,
+            error,
+            width=0.55,
+            color=look.model.colour if rung.in_model else look.page,
+            edgecolor=look.model.colour,
+            hatch="" if rung.in_model else "//",
+            label="in the model" if rung.in_model else "not in the model yet",
+        )
+        text = f"{error:.3g} {unit}" + ("" if share is None else f"\n{100.0 * share:.0f} % of the excess")
+        axes.annotate(
+            text,
+            (i, error),
+            xytext=(0, 3),
+            textcoords="offset points",
+            ha="center",
+            color=look.ink,
+            fontsize=style.SMALL,
+        )
+    axes.axhline(
+        ladder.floor * factor, color=look.floor.colour, linestyle=look.floor.line, linewidth=2.0, label="noise alone"
+    )
+    axes.set_xticks(range(len(errors)), steps(ladder))
+    axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), ladder.floor) * factor)
+    handles, labels = axes.get_legend_handles_labels()
+    entries = dict(zip(labels, handles, strict=True))
+    axes.legend(
+        list(entries.values()),
+        list(entries),
+        frameon=False,
+        fontsize=style.SMALL,
+        labelcolor=look.ink,
+        loc="upper right",
+    )
+    style.headline(figure, headline(ladder), look)
+    return figure
+
+
+def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
+    """Draw equivalent standard deviations of each candidate; significant ones filled, ties in brackets.
+
+    Parameters
+    ----------
+    diagnosis : from `accelcal.diagnose`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    look = style.theme_of(theme)
+    groups = classes(diagnosis)
+    flat = [c for group in groups for c in group]
+    figure = style.sheet(WIDTH, 1.4 + 0.3 * max(3, len(flat)), look)
+    axes = figure.subplots()
+    style.dress(axes, look, x=formatting.label("what it explains", "equivalent standard deviations"), y="")
+    style.headline(figure, f"What the model lacks: {diagnosis.scan.examined} candidates examined", look)
+    if not flat:
+        style.message(axes, "No candidate could be tested on this record.", look)
+        return figure
+    top = max(c.snr for c in flat)
+    for i, c in enumerate(flat):
+        sure = c.p_value < diagnosis.alpha
+        axes.barh(
+            i,
+            c.snr,
+            height=0.62,
+            color=look.model.colour if sure else look.page,
+            edgecolor=look.model.colour if sure else look.floor.colour,
+            hatch="" if sure else "//",
+        )
+        axes.annotate(
+            f"{c.snr:.1f} σ",
+            (c.snr, i),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            color=look.ink,
+            fontsize=style.SMALL,
+        )
+    begin = 0
+    for group in groups:
+        end = begin + len(group) - 1
+        if len(group) > 1:
+            x = np.array([1.18, 1.2, 1.2, 1.18]) * top
+            axes.plot(x, [begin - 0.3, begin - 0.3, end + 0.3, end + 0.3], color=look.other.colour, linewidth=1.6)
+            axes.text(
+                1.22 * top,
+                0.5 * (begin + end),
+                "cannot be\ntold apart",
+                va="center",
+                color=look.ink,
+                fontsize=style.SMALL,
+            )
+        begin = end + 1
+    axes.set_yticks(range(len(flat)), [spelled(c.effect) for c in flat])
+    axes.set_ylim(len(flat) - 0.4, -0.6)
+    axes.set_xlim(0.0, 1.45 * top)
+    return figure
+
+
+def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
+    """Draw one tile for each bin of each variable, in standard deviations of what noise alone would give.
+
+    Parameters
+    ----------
+    comparison : from `accelcal.compare`.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    look = style.theme_of(theme)
+    seen = tiles_of(comparison)
+    figure = style.sheet(WIDTH, 1.4 + 0.32 * max(3, len(seen.rows)), look)
+    axes = figure.subplots()
+    style.headline(figure, "Where it fails: mean residual in each bin over what noise alone would give, in σ", look)
+    style.dress(axes, look, x=formatting.label("bin, from the least to the largest value", "1"), y="")
+    if not seen.rows:
+        style.message(axes, "The record is too short to say where it fails.", look)
+        return figure
+    from matplotlib.colors import LinearSegmentedColormap
+
+    colours = [OKABE_ITO["blue"], look.page, OKABE_ITO["vermillion"]]
+    count = seen.sigma.shape[1]
+    axes.imshow(
+        np.clip(seen.sigma, -LOUD, LOUD),
+        aspect="auto",
+        vmin=-LOUD,
+        vmax=LOUD,
+        extent=(0.5, count + 0.5, len(seen.rows) - 0.5, -0.5),
+        cmap=LinearSegmentedColormap.from_list("excess", colours),
+    )
+    for i, row in enumerate(seen.sigma):
+        for j, value in enumerate(row):
+            if np.isfinite(value):
+                ink = "#FFFFFF" if abs(value) > 0.6 * LOUD else look.ink
+                axes.text(j + 1, i, signed(float(value)), ha="center", va="center", fontsize=style.SMALL, color=ink)
+    axes.set_xticks(range(1, count + 1))
+    axes.set_yticks(range(len(seen.rows)), seen.rows)
+    axes.grid(False)
+    return figure

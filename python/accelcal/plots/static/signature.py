@@ -1,0 +1,197 @@
+"""The picture on an effect's card: what it adds on a known motion, over time and against what it follows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from accelcal import formatting
+from accelcal.data.arrays import Array
+from accelcal.effects import Effect, spelled
+from accelcal.plots import style
+from accelcal.plots.style import ThemeName
+from accelcal.signals.signals import Signals
+from accelcal.simulation.motion import motion
+from accelcal.simulation.sensor import ADXL105_RIG
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WIDTH, HEIGHT = 8.0, 2.3
+"""Inches."""
+SECONDS, RATE = 30.0, 400.0
+"""Length (s) and samples per second of the motion on every card."""
+WARMING = 4.0, 12.0
+"""Rise (K) and time constant (s) of the temperature on every card."""
+DRAUGHT = 1.0, 0.11
+"""Amplitude (K) and frequency (Hz) of what is added to it, so that temperature is not just another clock."""
+SEED = 11
+"""Of the motion, and of what a card draws at random."""
+FOLLOWS = 0.95
+"""How much of an effect must be a function of a variable for it to be drawn against that, from 0 to 1."""
+LOOPS = 0.998
+"""Below this share the way from point to point is drawn, for it shows a loop."""
+PERIODS = 3.0
+"""Of what is periodic."""
+VARIABLES = {
+    "velocity": "m/s",
+    "acceleration": "m/s²",
+    "position": "m",
+    "jerk": "m/s³",
+    "temperature": "K",
+    "a_y": "m/s²",
+}
+"""What an effect may be drawn against, with the unit; where several serve, the first."""
+
+
+def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
+    """Draw an effect of typical size on the motion of the cards.
+
+    Parameters
+    ----------
+    effect : of the catalogue, or a user's own that needs no channel but temperature and a_y.
+    theme : "light" or "dark".
+
+    Raises
+    ------
+    KeyError
+        If the effect needs another side channel.
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    look = style.theme_of(theme)
+    s = card_motion()
+    shape = typical_shape(effect, s)
+    curves = contributions(effect, s, shape)
+    right = beside(effect, s, shape, curves)
+    figure = style.sheet(WIDTH, HEIGHT, look)
+    axes = figure.subplots(1, 1 if right is None else 2, squeeze=False)[0]
+    factor, unit = formatting.prefixed("m" if at_encoder(effect) else "m/s²", *curves.values())
+    title = formatting.label("standard deviation" if effect.port == "noise" else "contribution", unit)
+    style.dress(axes[0], look, x=formatting.label("time", "s"), y=title)
+    largest = max(float(np.max(np.abs(y))) for y in curves.values()) * factor
+    faint = s.a * (largest / float(np.max(np.abs(s.a))))
+    axes[0].plot(s.t, faint, color=look.grid, linewidth=0.7, label="acceleration, scaled")
+    lines = look.residual, look.other, look.floor
+    drawn = [(one, name or spelled(effect.name)) for one, name in zip(lines, curves, strict=False)]
+    for (one, name), y in zip(drawn, curves.values(), strict=True):
+        style.trace(axes[0], s.t, y, one, factor=factor, name=name, columns=len(s.t))
+    if "frequency" in shape:
+        axes[0].set_xlim(0.0, PERIODS / shape["frequency"])
+    style.key(axes[0], look)
+    if right is not None:
+        scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
+        x_title = formatting.label(right.variable.replace("a_y", "transverse acceleration"), x_unit)
+        style.dress(axes[1], look, x=x_title, y=title)
+        for (one, _), y in zip(drawn, right.curves.values(), strict=True):
+            axes[1].plot(right.x * scale, y * factor, color=one.colour, linestyle=one.line, linewidth=0.9)
+    return figure
+
+
+def caption(effect: Effect) -> str:
+    """What the picture shows, in a sentence."""
+    size = f"{effect.scale:g} {effect.unit}".removesuffix(" 1")
+    drawn = "one draw of it" if effect.family or effect.port == "process" else "what it adds"
+    return f"{effect.name.replace('_', ' ')}: {drawn} on a motion of {SECONDS:g} s at its typical size, {size}"
+
+
+@cache
+def card_motion() -> Signals:
+    """The motion of the cards: moves and bursts with rests, while the sensor warms up and shakes a little sideways."""
+    t = np.arange(int(SECONDS * RATE)) / RATE
+    p, v, a, jerk = motion("interleaved", SECONDS, np.random.default_rng(SEED), a_rms=3.0).derivatives(t)
+    (rise, tau), (swing, slow) = WARMING, DRAUGHT
+    temperature = rise * (1.0 - np.exp(-t / tau)) + swing * np.sin(2.0 * np.pi * slow * t)
+    side = {"temperature": temperature, "a_y": 0.2 * np.sin(2.0 * np.pi * 0.4 * t)}
+    return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.0, rig=ADXL105_RIG, cutoff=0.2 * RATE, side=side)
+
+
+def at_encoder(effect: Effect) -> bool:
+    """Whether an effect adds to the reading and not to the output."""
+    return effect.port == "position" or (effect.port == "noise" and effect.owner == "encoder")
+
+
+def typical_shape(effect: Effect, s: Signals) -> dict[str, float]:
+    """Shape parameters in the middle of their trials."""
+    return {name: float(declared.grid(s)[declared.trials // 2]) for name, declared in effect.shapes.items()}
+
+
+def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dict[str, Array]:
+    """Curves of one effect at its typical size, by name of the column; (n,) each, m/s² or m.
+
+    Variances are drawn as standard deviations; of a wandering state or a shape without a name one draw stands for all.
+    """
+    y = effect.column(s, **shape)
+    if effect.port == "noise":
+        return {"": np.sqrt(effect.scale * y)}
+    if effect.width == 1:
+        return {"": effect.scale * y}
+    if effect.family or effect.port == "process":
+        return {"": effect.scale * (y @ np.random.default_rng(SEED).standard_normal(effect.width))}
+    sizes = np.max(np.abs(y), axis=0)
+    return {
+        name: effect.scale * column * (sizes[0] / size)
+        for name, column, size in zip(effect.parts, y.T, sizes, strict=True)
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """What stands beside the course over time."""
+
+    variable: str
+    x: Array
+    """(m,) SI"""
+    curves: Mapping[str, Array]
+
+
+def beside(effect: Effect, s: Signals, shape: Mapping[str, float], curves: Mapping[str, Array]) -> Beside | None:
+    """An effect against what it is a function of; None where there is no such thing, or where it never changes.
+
+    What is periodic in position is drawn over a few periods of a slow traverse.
+    """
+    if "period" in shape:
+        slow = traverse(PERIODS * shape["period"])
+        return Beside("position", slow.p, contributions(effect, slow, shape))
+    known = values(s)
+    found = next((n for n in VARIABLES if all(share(known[n], y) > FOLLOWS for y in curves.values())), None)
+    if found is None:
+        return None
+    x = known[found]
+    loops = any(share(x, y) < LOOPS for y in curves.values())
+    order = np.arange(len(x)) if loops else np.argsort(x, kind="stable")
+    return Beside(found, x[order], {name: y[order] for name, y in curves.items()})
+
+
+def traverse(length: float) -> Signals:
+    """A slow motion at constant speed over `length`, m."""
+    t = np.arange(600) / 100.0
+    still = np.zeros_like(t)
+    return replace(card_motion(), t=t, p=length * t / t[-1], v=still + length / t[-1], a=still, jerk=still)
+
+
+def values(s: Signals) -> dict[str, Array]:
+    """What an effect may be drawn against, (n,) each."""
+    return {
+        "velocity": s.v,
+        "acceleration": s.a,
+        "position": s.p,
+        "jerk": s.jerk,
+        "temperature": s.temperature,
+        "a_y": s.side["a_y"],
+    }
+
+
+def share(x: Array, y: Array) -> float:
+    """How much of `y` is a function of `x`: 1 when neighbours in `x` agree, 0 when they differ as any two do.
+
+    Half the mean square of successive differences over the variance (von Neumann 1941), taken from 1.
+    """
+    scatter = float(np.var(y))
+    if scatter <= 1e-12 * float(np.mean(y**2)):
+        return 0.0
+    return 1.0 - 0.5 * float(np.mean(np.diff(y[np.argsort(x, kind="stable")]) ** 2)) / scatter

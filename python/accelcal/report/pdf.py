@@ -1,0 +1,46 @@
+"""The report on paper: the same words and pictures, set by typst."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from importlib import resources
+from pathlib import Path
+
+from accelcal._support.extras import MissingExtra
+from accelcal.io import atomic_write
+from accelcal.report.content import Content
+from accelcal.report.figures import entries
+from accelcal.report.page import svg
+from accelcal.report.view import view
+
+
+def pdf(content: Content, path: str | Path) -> None:
+    """Write the report as PDF, whole or not at all.
+
+    Parameters
+    ----------
+    content : from `accelcal.report.gather`.
+    path : file to write.
+
+    Raises
+    ------
+    MissingExtra
+        If typst or matplotlib is not installed.
+    """
+    try:
+        import typst
+    except ImportError as error:
+        raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        figures = []
+        for e in entries(content):
+            if e.still is not None:
+                (root / f"{e.name}.svg").write_bytes(svg(e.still("light")))
+                figures.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
+        (root / "report.json").write_text(json.dumps({**view(content), "figures": figures}), encoding="utf-8")
+        source = resources.files("accelcal.report").joinpath("paper.typ").read_text(encoding="utf-8")
+        (root / "paper.typ").write_text(source, encoding="utf-8")
+        made = typst.compile(str(root / "paper.typ"), root=str(root))
+    atomic_write(path, made)

@@ -1,0 +1,78 @@
+"""Results of improving a model: its steps, and the falling error of several models."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from accelcal._support.notebook_repr import shown
+from accelcal.diagnosis.contribution import Importance, split
+from accelcal.diagnosis.verdict import Diagnosis, Tie
+from accelcal.estimation.estimate import Fit
+from accelcal.validation.comparison import Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One model on the way, on the data it was fitted to and on held-out data."""
+
+    effects: tuple[str, ...]
+    fit: Fit
+    train: Comparison
+    heldout: Comparison
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class Improvement:
+    """The falling error: every step, and what is still missing from the last model."""
+
+    steps: tuple[Step, ...]
+    diagnosis: Diagnosis
+    """Of the last model."""
+    classes: tuple[Tie, ...]
+    """One for each effect that was added."""
+    examined: int
+    same_run: bool
+    """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
+
+    def __repr__(self) -> str:
+        return f"Improvement({' + '.join(('base', *self.effects))}; {self.diagnosis.sentence})"
+
+    @property
+    def importance(self) -> Importance | None:
+        """Which effects matter under the declared tolerance; None where none is declared."""
+        return split(self.effects, self.diagnosis.sizes, self.diagnosis.fit.rig.tolerance)
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """Names in the order added."""
+        return self.steps[-1].effects
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class History:
+    """Models in the order of their story, each compared with the same recording: the falling error."""
+
+    fits: tuple[Fit, ...]
+    steps: tuple[Comparison, ...]
+    """One for each fit."""
+
+    def __repr__(self) -> str:
+        each = (f"{name}: {seen.simulated_rms:.3g} m" for name, seen in zip(self.names, self.steps, strict=True))
+        return f"History(rms free-running error of {', '.join(each)})"
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __iter__(self) -> Iterator[Comparison]:
+        return iter(self.steps)
+
+    def __getitem__(self, index: int) -> Comparison:
+        return self.steps[index]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What each model holds beyond the base, as in "base + cubic"."""
+        return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)

@@ -1,0 +1,194 @@
+"""What the loop found, as plain values ready for JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.diagnosis.contribution import Importance, Size
+from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
+from accelcal.diagnosis.outlier_rejection import Dropped
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis, Tie
+from accelcal.effects import find
+from accelcal.selection.improvement import Improvement
+from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, to_dict
+from accelcal.validation.comparison import Comparison
+
+DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
+IMPROVE_SCHEMA = "accelcal/improve/1"
+HISTORY_SCHEMA = "accelcal/history/1"
+
+
+def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
+    """Content of `diagnose --json`; candidates by rank."""
+    range_ = found.fit.rig.sensor.range
+    return {
+        "schema": DIAGNOSIS_SCHEMA,
+        "suspect_data": list(found.suspect),
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "effects": list(found.effects),
+        "largest_contributions": by_effect(found.effects, found),
+        "tolerance": importance(found.importance),
+        "classes": ties(found.classes),
+        "inseparable": ties(found.inseparable),
+        "dropped": dropped(found.dropped),
+        "breaks": list(found.breaks),
+        "used": [list(span) for span in found.used],
+        "candidates": [candidate(c, range_) for c in found.scan.candidates],
+        "channels": [channel(test) for test in found.channels],
+        "candidates_examined": found.scan.examined,
+        "alpha": found.alpha,
+        "detection_limits": detection_limits(found),
+        "parameters": parameters(found),
+        "where": where(found.where),
+    }
+
+
+def detection_limits(found: Diagnosis) -> dict[str, float | None]:
+    """Smallest coefficient of each effect that would have been seen, in its unit; None where it is not visible."""
+    return {name: size if math.isfinite(size) else None for name, size in found.scan.detection_limits.items()}
+
+
+def where(seen: Comparison) -> dict[str, Any]:
+    """Where the model fails: the worst region in words, and tiles of excess over every variable, in sigmas."""
+    return {
+        "worst": seen.worst,
+        "tiles": [
+            {"variable": b.variable, "unit": b.unit, "edges": b.edges.tolist(), "sigma": b.score.tolist()}
+            for b in seen.bins
+        ],
+    }
+
+
+def candidate(c: Candidate, range_: float | None) -> dict[str, Any]:
+    """One candidate; an effect of several columns has lists."""
+    single = len(c.estimate) == 1
+    return {
+        "effect": c.effect,
+        "shape": dict(c.shape),
+        "estimate": c.estimate[0] if single else list(c.estimate),
+        "unit": c.unit,
+        "std": c.std[0] if single else list(c.std),
+        "snr": c.snr,
+        "p_value": c.p_value,
+        "p_raw": c.p_raw,
+        "log_evidence": c.log_evidence,
+        "class": list(c.members),
+        "largest_contribution": sizes(Size(c.largest, find(c.effect).port == "position"), range_),
+    }
+
+
+def channel(test: ChannelFinding) -> dict[str, Any]:
+    """A significant effect that the mean cannot see."""
+    return {
+        "effect": test.effect,
+        "estimate": test.estimate,
+        "unit": test.unit,
+        "std": test.std,
+        "p_raw": test.p_value,
+        "sentence": test.sentence,
+        "parts": dict(test.parts),
+    }
+
+
+def sizes(size: Size, range_: float | None) -> dict[str, float | None]:
+    """A contribution to the output in m/s², mg and percent of full scale, or to the reading in m."""
+    if size.at_encoder:
+        return {"m_per_s2": None, "mg": None, "percent_of_full_scale": None, "m": size.value}
+    return {
+        "m_per_s2": size.value,
+        "mg": 1e3 * size.value / STANDARD_GRAVITY,
+        "percent_of_full_scale": 100.0 * size.value / range_ if range_ else None,
+        "m": None,
+    }
+
+
+def by_effect(names: Sequence[str], found: Diagnosis) -> dict[str, dict[str, float | None]]:
+    """Largest contribution over the used range of each effect that has one."""
+    range_ = found.fit.rig.sensor.range
+    return {name: sizes(found.sizes[name], range_) for name in names if name in found.sizes}
+
+
+def importance(found: Importance | None) -> dict[str, Any] | None:
+    """Effects that matter and those below the declared tolerance; None where none is declared."""
+    if found is None:
+        return None
+    return {
+        "m_per_s2": found.tolerance,
+        "matters": list(found.matters),
+        "below": list(found.below),
+        "not_comparable": list(found.not_comparable),
+    }
+
+
+def dropped(several: Sequence[Dropped]) -> list[dict[str, Any]]:
+    """Readings that were left out as wild."""
+    return [
+        {"recording": d.recording, "channel": d.channel, "count": d.count, "of": d.of, "sentence": d.sentence}
+        for d in several
+    ]
+
+
+def ties(several: Sequence[Tie]) -> list[dict[str, Any]]:
+    """Equivalence classes."""
+    return [{"effect": t.effect, "members": list(t.members), "experiment": t.experiment} for t in several]
+
+
+def parameters(found: Diagnosis) -> list[dict[str, Any]]:
+    """Parameters of the fitted model with their largest contribution."""
+    range_ = found.fit.rig.sensor.range
+    at_encoder = {term.name for term in found.fit.model.terms if term.port == "position"}
+    return [
+        {
+            **estimate_to_dict(e),
+            "largest_contribution": sizes(Size(found.largest[e.name], e.name in at_encoder), range_),
+        }
+        for e in found.fit.estimates
+    ]
+
+
+def improvement_to_dict(found: Improvement) -> dict[str, Any]:
+    """Content of `improve --json`."""
+    last = found.diagnosis
+    return {
+        "schema": IMPROVE_SCHEMA,
+        "suspect_data": list(last.suspect),
+        "verdict": last.verdict,
+        "sentence": last.sentence,
+        "effects": list(found.effects),
+        "largest_contributions": by_effect(found.effects, last),
+        "tolerance": importance(found.importance),
+        "classes": ties(found.classes),
+        "inseparable": ties(last.inseparable),
+        "dropped": dropped(last.dropped),
+        "breaks": list(last.breaks),
+        "used": [list(span) for span in last.used],
+        "heldout_is_same_run": found.same_run,
+        "steps": [
+            {
+                "effects": list(step.effects),
+                "train": comparison_to_dict(step.train),
+                "heldout": comparison_to_dict(step.heldout),
+            }
+            for step in found.steps
+        ],
+        "parameters": parameters(last),
+        "shapes": [estimate_to_dict(e) for e in last.fit.shapes],
+        "channels": [channel(test) for test in last.channels],
+        "detection_limits": detection_limits(last),
+        "candidates_examined": found.examined,
+        "alpha": last.alpha,
+        "model": to_dict(last.fit),
+    }
+
+
+def history_to_dict(models: Sequence[str], steps: Sequence[Comparison]) -> dict[str, Any]:
+    """Content of `history --json`: one comparison for each model."""
+    return {
+        "schema": HISTORY_SCHEMA,
+        "steps": [{"model": m, "heldout": comparison_to_dict(c)} for m, c in zip(models, steps, strict=True)],
+    }

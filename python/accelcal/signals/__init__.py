@@ -1,0 +1,1 @@
+"""Signals: smoothed motion and side channels, and the processing that makes them."""

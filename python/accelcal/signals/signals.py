@@ -1,0 +1,175 @@
+"""Smoothed motion and side channels on one uniform grid: the variables in which effects are written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.data.rig import Rig
+
+
+@dataclass(frozen=True, slots=True)
+class Origins:
+    """Zero points of time, position and temperature; they belong to the model, never to the record at hand."""
+
+    t: float = 0.0
+    """s"""
+    p: float = 0.0
+    """m"""
+    temperature: float = 0.0
+    """degC"""
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """What an effect may use: motion, rig and side channels at uniform times.
+
+    Every array is (n,). Motion is smoothed, so that its errors do not follow the noise of the output.
+    """
+
+    t: Array
+    """Time since the model's origin, s."""
+    p: Array
+    """Position from the model's origin, m."""
+    v: Array
+    """Velocity of the stage, m/s."""
+    a: Array
+    """Specific force along the sensor's input axis, m/s²: stage acceleration plus gravity, with the mount's sign."""
+    jerk: Array
+    """da/dt, m/s³."""
+    scale: float
+    """1 + k of the model at hand."""
+    rig: Rig
+    cutoff: float = 0.0
+    """Bandwidth of the smoothed motion, Hz."""
+    side: Mapping[str, Array] = field(default_factory=dict)
+    """Side channels by name, in SI units (temperature from the model's origin, K)."""
+    p_std: float = 0.0
+    """Standard deviation of the noise left in `p`, m."""
+    v_std: float = 0.0
+    """Standard deviation of the noise left in `v`, m/s."""
+    a_std: float = 0.0
+    """Standard deviation of the noise left in `a`, m/s²."""
+    bias: float = 0.0
+    """K0 of the model at hand, m/s²."""
+    whole: Signals | None = None
+    """What this is a stretch of; spacing, length and widths are those of the whole."""
+
+    def part(self, rows: slice) -> Signals:
+        """A stretch, on which an effect without memory has the values that it has there on the whole."""
+        return replace(self.at(rows), whole=self.whole or self)
+
+    def at(self, rows: NDArray[np.bool_] | slice) -> Signals:
+        """Some of the times only; no longer uniform."""
+        return replace(
+            self,
+            t=self.t[rows],
+            p=self.p[rows],
+            v=self.v[rows],
+            a=self.a[rows],
+            jerk=self.jerk[rows],
+            side={name: y[rows] for name, y in self.side.items()},
+        )
+
+    def resampled(self, t: Array) -> Signals:
+        """The same motion at other times, such as those of the readings; no longer uniform.
+
+        Cubic between samples, from value and derivative at both ends: what depends on position stays in step with it
+        even where it changes faster than the spacing of the times.
+
+        Parameters
+        ----------
+        t : (m,) s, rising, on the clock of `self.t`; before the first and after the last time the motion is held.
+        """
+        side = {name: np.empty_like(t) for name in self.side}
+        p, v, a, jerk = (np.empty_like(t) for _ in range(4))
+        made = replace(self, t=t, p=p, v=v, a=a, jerk=jerk, side=side)
+        for begin in range(0, len(t), RESAMPLED):
+            self._write(made.at(slice(begin, begin + RESAMPLED)))
+        return made
+
+    def _write(self, made: Signals) -> None:
+        """Fill the motion of other times in, where they lie in memory."""
+        h = self.step
+        u = np.clip((made.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
+        k = np.minimum(u.astype(np.intp), max(0, len(self.t) - 2))
+        f = u - k
+        end = np.minimum(k + 1, len(self.t) - 1)
+
+        def between(y: Array, slope: Callable[[NDArray[np.intp]], Array]) -> Array:
+            rise = y[end] - y[k]
+            bend = f * (1.0 - f)
+            return np.asarray(
+                y[k] + f * rise + bend * ((1.0 - f) * (h * slope(k) - rise) - f * (h * slope(end) - rise))
+            )
+
+        made.p[:] = between(self.p, lambda i: self.v[i])
+        made.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - self.rig.gravity)
+        made.a[:] = between(self.a, lambda i: self.jerk[i])
+        made.jerk[:] = self.jerk[k] + f * (self.jerk[end] - self.jerk[k])
+        for name, y in self.side.items():
+            made.side[name][:] = y[k] + f * (y[end] - y[k])
+
+    @property
+    def temperature(self) -> Array:
+        """Temperature from the model's origin, K.
+
+        Raises
+        ------
+        KeyError
+            If none was recorded.
+        """
+        return self.side["temperature"]
+
+    @property
+    def step(self) -> float:
+        """Spacing of the times, s."""
+        if self.whole is not None:
+            return self.whole.step
+        return float(self.t[-1] - self.t[0]) / max(1, len(self.t) - 1)
+
+    @property
+    def length(self) -> float:
+        """Time from the first sample to the last, s."""
+        if self.whole is not None:
+            return self.whole.length
+        return float(self.t[-1] - self.t[0])
+
+    @property
+    def rest(self) -> float:
+        """Specific force along the input axis while the stage stands still, m/s²."""
+        return self.rig.polarity * self.rig.gravity
+
+    @property
+    def jerk_std(self) -> float:
+        """Standard deviation of the noise left in `jerk`, m/s³: that of `a`, white up to the bandwidth."""
+        return 2.0 * np.pi * self.cutoff * self.a_std / float(np.sqrt(3.0))
+
+    @property
+    def a_width(self) -> float:
+        """Half-width over which corners at a = 0 are rounded, m/s²."""
+        return corner(self.a, self.a_std) if self.whole is None else self.whole.a_width
+
+    @property
+    def v_width(self) -> float:
+        """Half-width over which corners at v = 0 are rounded, m/s."""
+        return corner(self.v, self.v_std) if self.whole is None else self.whole.v_width
+
+
+RESAMPLED = 1 << 16
+"""Times at which the motion is worked out at once."""
+CORNER_NOISE = 4.0
+"""Corners are rounded over at least this many standard deviations, or noise would write its own shape into them."""
+CORNER_SHARE = 0.002
+"""And over at least this share of the largest value."""
+TINY = 1e-12
+"""Stands for zero where a width divides, SI."""
+
+
+def corner(y: Array, std: float) -> float:
+    """Half-width over which a corner at zero is rounded, in the unit of `y`."""
+    return max(CORNER_NOISE * std, CORNER_SHARE * float(np.max(np.abs(y))), TINY)

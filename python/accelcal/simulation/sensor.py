@@ -1,0 +1,289 @@
+"""The rig on paper: what sensor and encoder would have said about a motion that is known exactly.
+
+Chain of the accelerometer (paper II-A, II-B, II-F): carriage acceleration and gravity -> mount -> vibration -> sensor
+model (4), (7) -> white noise -> RC low-pass -> sampling -> converter. Chain of the encoder: position -> noise ->
+resolution. The two have clocks of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel, Recording
+from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
+from accelcal.simulation.motion import Motion
+from accelcal.simulation.motion import motion as planned
+
+__all__ = ["ADXL105_RIG", "CXL02_RIG", "PARAMETERS", "Simulated", "Truth", "Vibration", "simulate"]
+
+
+_MICRO_G = 1e-6 * STANDARD_GRAVITY
+
+ADXL105_RIG = Rig(
+    sensor=Sensor(model="ADXL105", noise=225 * _MICRO_G, range=5 * STANDARD_GRAVITY),
+    lowpass=LowPass(cutoff=159.0),
+    resolution=1e-6,
+)
+"""The paper's low-cost sensor (225 ug/sqrt(Hz), ±5 g) behind its RC filter, and its encoder (II-A)."""
+
+CXL02_RIG = Rig(
+    sensor=Sensor(model="CXL02TG3", noise=20 * _MICRO_G, range=2 * STANDARD_GRAVITY),
+    lowpass=LowPass(cutoff=159.0),
+    resolution=1e-6,
+)
+"""The paper's low-noise sensor (20 ug/sqrt(Hz), ±2 g) behind the same filter, and its encoder (II-A)."""
+
+PARAMETERS: Mapping[str, str] = MappingProxyType(
+    {
+        "bias": "m/s²",
+        "scale_factor": "",
+        "time_offset": "s",
+        "quadratic": "(m/s²)⁻¹",
+        "cubic": "(m/s²)⁻²",
+        "cross_axis_gravity": "(m/s²)⁻¹",
+        "misalignment": "rad",
+    }
+)
+"""What a simulated sensor may be given, with units: K0, k, delay (positive = output late), K2, K3, Kin of (7), and the
+angle by which the input axis leans towards the vertical."""
+
+_FINE_RATE = 1e4
+"""Least rate at which the sensed acceleration is evaluated, Hz."""
+_LEAST_NODES = 5
+"""Gauss-Legendre nodes per sample interval: exact through degree 9."""
+_BLOCK = 100_000
+"""Output samples whose fine grid is held in memory at a time."""
+_SETTLING = 25.0
+"""Time constants by which the low-pass is started ahead of the first sample; exp(-25) = 1e-11."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vibration:
+    """Vibration from the ball bearings: a line whose amplitude grows with speed squared (paper II-F, III-A2)."""
+
+    amplitude: float
+    """Amplitude A at the top speed of the motion, m/s²."""
+    frequency: float = 200.0
+    """Hz."""
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """What was put into a simulated record."""
+
+    motion: Motion
+    """The carriage, exactly, at any instant of the encoder's clock."""
+    parameters: Mapping[str, float]
+    """Value of every name in `PARAMETERS`."""
+    noise: float
+    """One-sided noise density of the sensor, (m/s²)/sqrt(Hz)."""
+    position_noise: float
+    """Standard deviation of the white encoder noise before rounding, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A record and its truth."""
+
+    recording: Recording
+    truth: Truth
+
+
+def simulate(
+    motion: Motion | str,
+    *,
+    seconds: float,
+    rig: Rig,
+    parameters: Mapping[str, float],
+    rng: np.random.Generator,
+    a_rms: float | None = None,
+    v_max: float | None = None,
+    accel_rate: float = 1667.0,
+    position_rate: float = 833.5,
+    accel_phase: float = 0.0,
+    position_phase: float = 0.0,
+    position_noise: float = 1e-6,
+    missing: float = 0.0,
+    vibration: Vibration | None = None,
+    lsb: float | None = None,
+    full_scale: float | None = None,
+) -> Simulated:
+    """A record of the rig with its truth.
+
+    output(t) = RC[ f(s(t)) + noise ],  s(t) = polarity (a(t - time_offset) + gravity) + vibration(t),
+    f(s) = K0 + (1 + k + Kin g_n) s + K2 s² + K3 s³ + misalignment g_n, where g_n is gravity across the input axis; it
+    changes sign when the sensor is rolled by 180 degrees. The low-pass is solved exactly: Gauss-Legendre over each
+    sample interval for the smooth part, the Ornstein-Uhlenbeck law for the noise.
+
+    Parameters
+    ----------
+    motion : Motion or str
+        A motion, or the name of a profile for `accelcal.simulation.motion.motion`, which takes `a_rms`
+        (m/s²) and `v_max` (m/s).
+    seconds : float
+        Length of the record, s.
+    rig : Rig
+        Noise density, low-pass, mount, gravity and encoder resolution; no low-pass or resolution means there is none.
+    parameters : Mapping[str, float]
+        Any of `PARAMETERS`; the others are zero.
+    rng : numpy.random.Generator
+        Same generator state, same record. Motion, sensor noise, encoder noise and losses have streams of their own.
+    accel_rate, position_rate : float
+        Hz.
+    accel_phase, position_phase : float
+        Time of the first sample of either clock, s.
+    position_noise : float
+        Standard deviation of white noise on the position before it is rounded to the resolution, m.
+    missing : float
+        Probability that a sample is absent, on either channel.
+    vibration : Vibration, optional
+        None = the rails are smooth.
+    lsb, full_scale : float, optional
+        Step and limit of the converter in output units, m/s².
+
+    Raises
+    ------
+    ValueError
+        Unknown parameter, undeclared noise density, probability outside [0, 1), or what
+        `accelcal.simulation.motion.motion` says.
+
+    Examples
+    --------
+    >>> run = simulate("tones", seconds=2.0, rig=ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(7))
+    >>> len(run.recording.accel), len(run.recording.position)
+    (3334, 1667)
+    """
+    theta = _complete(parameters)
+    if rig.sensor.noise is None:
+        raise ValueError("rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none).")
+    if not 0.0 <= missing < 1.0:
+        raise ValueError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
+    motion_rng, sensor_rng, encoder_rng, missing_rng = rng.spawn(4)
+    if isinstance(motion, str):
+        motion = planned(motion, seconds, motion_rng, a_rms=a_rms, v_max=v_max)
+    elif a_rms is not None or v_max is not None:
+        raise ValueError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
+
+    t_accel = _clock(seconds, accel_rate, accel_phase)
+    output = _sensor_output(motion, t_accel, 1.0 / accel_rate, rig, theta, vibration)
+    output += _sensor_noise(len(t_accel), 1.0 / accel_rate, rig.sensor.noise, rig.lowpass, sensor_rng)
+    output = _converted(output, lsb, full_scale)
+
+    t_position = _clock(seconds, position_rate, position_phase)
+    reading = motion.position(t_position) + position_noise * encoder_rng.standard_normal(len(t_position))
+    if rig.resolution is not None:
+        reading = _rounded(reading, rig.resolution)
+
+    recording = Recording(
+        accel=_channel("accel", t_accel, output, "m/s²", missing, missing_rng),
+        position=_channel("position", t_position, reading, "m", missing, missing_rng),
+        rig=rig,
+        name=f"simulated {motion.name}".strip(),
+    )
+    return Simulated(recording, Truth(motion, MappingProxyType(theta), rig.sensor.noise, position_noise))
+
+
+def _complete(parameters: Mapping[str, float]) -> dict[str, float]:
+    """Every parameter by name; those not given are zero."""
+    unknown = sorted(set(parameters) - set(PARAMETERS))
+    if unknown:
+        raise ValueError(f"no sensor parameter is called {', '.join(unknown)}. Known: {', '.join(PARAMETERS)}.")
+    return {name: float(parameters.get(name, 0.0)) for name in PARAMETERS}
+
+
+def _clock(seconds: float, rate: float, phase: float) -> Array:
+    """Sample instants phase, phase + 1/rate, ... before phase + seconds; (n,) s."""
+    return phase + np.arange(max(1, math.floor(seconds * rate + 1e-9))) / rate
+
+
+def _sensor_output(
+    motion: Motion, t: Array, dt: float, rig: Rig, theta: Mapping[str, float], vibration: Vibration | None
+) -> Array:
+    """Noise-free output at t (n,), dt s apart, behind the low-pass of the rig."""
+    top_speed = motion.top_speed if vibration is not None else 0.0
+
+    def sensed(t: Array) -> Array:
+        _, v, a, _ = motion.derivatives(t - theta["time_offset"])
+        s = rig.polarity * (a + rig.gravity)
+        if vibration is not None and top_speed > 0.0:
+            s += vibration.amplitude * (v / top_speed) ** 2 * np.sin(2.0 * math.pi * vibration.frequency * t)
+        return _model(s, rig, theta)
+
+    if rig.lowpass is None:
+        return sensed(t)
+    return _low_passed(sensed, t, dt, rig.lowpass.tau)
+
+
+def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:
+    """Sensor model (4), with the cross-axis product of (7) and the share of gravity that a leaning input axis sees."""
+    across = rig.roll * math.sqrt(max(0.0, STANDARD_GRAVITY**2 - rig.gravity**2))
+    slope = 1.0 + theta["scale_factor"] + theta["cross_axis_gravity"] * across
+    constant = theta["bias"] + theta["misalignment"] * across
+    return constant + s * (slope + s * (theta["quadratic"] + s * theta["cubic"]))
+
+
+def _low_passed(sensed: Callable[[Array], Array], t: Array, dt: float, tau: float) -> Array:
+    """x' = (sensed - x)/tau at t (n,), dt apart.
+
+    x(t) = exp(-dt/tau) x(t - dt) + integral over the interval of exp(-(t - s)/tau)/tau sensed(s) ds.
+    """
+    ahead = math.ceil(_SETTLING * tau / dt)
+    starts = t[0] - dt * np.arange(ahead, 0, -1)
+    starts = np.concatenate([starts, t[:-1]])
+
+    count = max(_LEAST_NODES, math.ceil(_FINE_RATE * dt))
+    x, w = np.polynomial.legendre.leggauss(count)
+    nodes, weights = 0.5 * dt * (1.0 + x), 0.5 * dt * w
+    weights = weights * np.exp(-(dt - nodes) / tau) / tau
+
+    blocks = [starts[i : i + _BLOCK] for i in range(0, len(starts), _BLOCK)]
+    drive = np.concatenate([sensed((b[:, None] + nodes).ravel()).reshape(len(b), count) @ weights for b in blocks])
+    decay = math.exp(-dt / tau)
+    drive[0] += decay * sensed(starts[:1])[0]  # at rest before that, in equilibrium
+    return _recursion(drive, decay)[ahead - 1 :]
+
+
+def _recursion(drive: Array, decay: float) -> Array:
+    """x_n = decay x_(n-1) + drive_n from x_(-1) = 0: a bidiagonal system, solved without the weight of scipy.signal."""
+    bands = np.ones((2, len(drive)))
+    bands[1] = -decay
+    return np.asarray(scipy.linalg.solve_banded((1, 0), bands, drive, overwrite_ab=True, check_finite=False))
+
+
+def _sensor_noise(n: int, dt: float, density: float, lowpass: LowPass | None, rng: np.random.Generator) -> Array:
+    """White noise of one-sided density N as the sampled output shows it; (n,) m/s².
+
+    Without a low-pass the samples are independent, variance N²/(2 dt); behind an RC they are Ornstein-Uhlenbeck with
+    variance N²/(4 tau) and correlation exp(-dt/tau). Either way the density at low frequency is N.
+    """
+    white = rng.standard_normal(n)
+    if lowpass is None:
+        return density * math.sqrt(0.5 / dt) * white
+    decay = math.exp(-dt / lowpass.tau)
+    white[1:] *= math.sqrt(1.0 - decay**2)
+    return density * math.sqrt(0.25 / lowpass.tau) * _recursion(white, decay)
+
+
+def _converted(output: Array, lsb: float | None, full_scale: float | None) -> Array:
+    """What a converter of step `lsb` and limit `full_scale` reports."""
+    if full_scale is not None:
+        output = np.clip(output, -full_scale, full_scale)
+    return output if lsb is None else _rounded(output, lsb)
+
+
+def _rounded(y: Array, step: float) -> Array:
+    """The nearest multiple of `step`."""
+    return step * np.round(y / step)
+
+
+def _channel(name: str, t: Array, y: Array, unit: str, missing: float, rng: np.random.Generator) -> Channel:
+    """A channel without the samples that were lost."""
+    kept = rng.random(len(t)) >= missing
+    return Channel(name, t[kept], y[kept], unit)

@@ -1,0 +1,1 @@
+"""Validation: a fitted model against a recording."""

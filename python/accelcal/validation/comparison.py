@@ -1,0 +1,148 @@
+"""Result of comparing a model with a recording: unaided drift, one-step residuals, residual by region and frequency."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from accelcal._support.notebook_repr import shown
+from accelcal.data.arrays import Array
+
+BINS = 12
+"""Bins of the residual against each variable."""
+HORIZONS = (1.0, 5.0, 10.0)
+"""Seconds after position is withheld at which the coasting error is taken."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coast:
+    """Unaided drift: what position would have been, had it been withheld."""
+
+    start: float
+    """Last reading used, s."""
+    t: Array
+    """Reading times after it, (n,) s."""
+    frozen: Array
+    """Predicted position with every parameter from the fit, (n,) m."""
+    rezeroed: Array
+    """Predicted position with this run's constant estimated before the start, (n,) m."""
+    floor: Array
+    """Standard deviation that noise and start state alone would give, (n,) m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Bins:
+    """Mean residual against one variable, with the band that noise alone would give."""
+
+    variable: str
+    unit: str
+    edges: Array
+    """(n + 1,)"""
+    mean: Array
+    """(n,) m/s²; against frequency: density ratio of residual to prediction."""
+    std: Array
+    """(n,) standard deviation of the mean under noise alone."""
+
+    @property
+    def score(self) -> Array:
+        """Mean over its standard deviation, (n,); against frequency the excess over 1."""
+        offset = 1.0 if self.variable == "frequency" else 0.0
+        return np.divide(self.mean - offset, self.std, out=np.zeros_like(self.mean), where=self.std > 0.0)
+
+    def explained(self, rms: float) -> float:
+        """Share of the mean square `rms`² that a function of this variable explains, beyond chance; at least 0.
+
+        Bins weigh as much as they hold data, which is the inverse of their variance; 0 against frequency.
+        """
+        known = self.std > 0.0
+        if self.variable == "frequency" or not known.any() or not rms > 0.0:
+            return 0.0
+        weight = self.std[known] ** -2.0
+        return max(0.0, float(np.sum(weight * self.mean[known] ** 2 - 1.0) / np.sum(weight)) / rms**2)
+
+
+@dataclass(frozen=True, slots=True)
+class Spectrum:
+    """Density of a residual, the one that noise alone would have, and the region of their ratio."""
+
+    frequency: Array
+    """(n,) Hz"""
+    density: Array
+    """(n,) one-sided, unit of the residual squared per Hz."""
+    predicted: Array
+    """(n,) the same under noise alone."""
+    low: float
+    high: float
+    """95 % of the ratios of density to prediction lie between, each frequency on its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """Readings outside the range of one variable that the fit has seen, and the errors inside and outside of it."""
+
+    variable: str
+    """a, v, p, temperature or another side channel; "any" for readings outside of any of these."""
+    unit: str
+    range: tuple[float, float] | None
+    """That the fit has seen; None for "any"."""
+    count: int
+    of: int
+    """Settled readings at which the motion is known; ends of the record and holes do not count."""
+    one_step: tuple[float | None, float | None]
+    """Rms innovation inside and outside, m; None where there is no reading."""
+    coast: Mapping[float, tuple[float | None, float | None]]
+    """Rezeroed rms drift by horizon: windows wholly inside, windows that leave the range, m."""
+    starts: Mapping[float, tuple[int, int]]
+    """Windows by horizon, inside and outside."""
+
+
+@shown
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A fitted model against a recording."""
+
+    recording: str
+    one_step_rms: float
+    """m"""
+    nis: float | None
+    """Mean normalised innovation squared; None where a band was imposed on the fit."""
+    k_step_rms: Mapping[int, float | None]
+    """Readings ahead -> m."""
+    coast_rms: Mapping[float, float | None]
+    """Rezeroed: horizon in s -> m; None where the record is too short."""
+    coast_frozen_rms: Mapping[float, float | None]
+    coast_floor: Mapping[float, float | None]
+    coast_starts: Mapping[float, int]
+    accel_rms: float
+    """Accelerometer-side residual inside the band, m/s²."""
+    band: float
+    """Hz"""
+    simulated: tuple[Array, Array, Array]
+    """Free-running simulation: time (s), measured and simulated position (m)."""
+    simulated_std: Array
+    """Standard deviation of the simulation from noise and start state, m."""
+    simulated_rms: float
+    """m"""
+    residual: tuple[Array, Array]
+    """One-step residuals: time (s), innovation (m)."""
+    residual_std: Array
+    """Predicted standard deviation of each, m."""
+    accel_residual: tuple[Array, Array]
+    """Accelerometer-side residual: time (s), m/s²."""
+    bins: tuple[Bins, ...]
+    worst: str
+    setup_bias: tuple[float, float]
+    """This run's constant minus the fit's, with standard deviation, m/s²: set-up or turn-on bias."""
+    remarks: tuple[str, ...] = field(default=())
+    outside: tuple[Outside, ...] = ()
+    """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
+
+    def __repr__(self) -> str:
+        drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
+        return f"Comparison({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
+
+
+HELD_OUT = 0.3
+"""Share at the end of a recording that is held out when no other recording is."""

@@ -1,0 +1,183 @@
+"""Evaluate a model on a recording: coast, predict one step, compare accelerations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.estimation.estimate import Fit, require_band
+from accelcal.signals.processing import derivative, low_pass
+from accelcal.signals.signals import Signals
+from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
+from accelcal.validation.prediction import Prediction, accumulated, rms
+from accelcal.validation.regions import beyond, bin_residual, outside, worst_of
+from accelcal.validation.spectrum import spectrum
+
+STEPS = (1, 10, 100, 1000)
+"""Readings ahead at which prediction errors are taken."""
+EDGE = 4.0
+"""Periods of the band at either end of a record that a zero-phase low-pass spoils."""
+LEAST_PERIODS = 12.0
+"""Fewer periods of the band than this are too short a residual to say where it is large."""
+
+
+def compare(
+    fit: Fit,
+    recording: Recording,
+    *,
+    band: float | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
+) -> Comparison:
+    """Compare a fitted model with a recording, simulation first.
+
+    Parameters
+    ----------
+    fit : parameters, noise and origins.
+    recording : any run, the fitted one or another.
+    band : Hz, optional; bandwidth of the accelerometer-side residual. By default the crossover of the two noises, below
+        which predicted encoder noise stays under sensor noise.
+    horizons : s; when to take the coasting error after position is withheld.
+    start, end : s, optional; only readings in [start, end] are used.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+
+    Notes
+    -----
+    While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
+    motion, the start state from the causal filter, the constant from readings before the start.
+    """
+    ahead = Prediction.of(fit, recording, start=start, end=end)
+    run, e, S = ahead.run, ahead.e, ahead.S
+    counts = ahead.counts
+    coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
+    require_band(run, band)
+    seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
+    t_res, residual, motion = accel_residual(ahead, seen_band)
+    bins: tuple[Bins, ...] = ()
+    if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
+        found = bin_residual(ahead, t_res, residual, motion, seen_band)
+        bins = (*found, spectrum(ahead, residual, seen_band))
+    delta, delta_std = ahead.constant_at(len(run.t) - 1)
+    gain = abs(fit.values().scale)
+    simulated = ahead.simulate()
+    return Comparison(
+        recording=recording.name,
+        one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
+        nis=None if fit.runs[0].noise.band is not None else float(np.mean(e[counts] ** 2 / S[counts])),
+        k_step_rms={k: ahead.k_step(k) for k in STEPS},
+        coast_rms={h: rms(c.rezeroed) for h, c in coasting.items()},
+        coast_frozen_rms={h: rms(c.frozen) for h, c in coasting.items()},
+        coast_floor={h: rms(c.floor) for h, c in coasting.items()},
+        coast_starts={h: len(c.starts) for h, c in coasting.items()},
+        accel_rms=float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
+        band=seen_band,
+        simulated=simulated[:3],
+        simulated_std=simulated[3],
+        simulated_rms=float(np.sqrt(np.mean((simulated[1] - simulated[2]) ** 2))),
+        residual=(run.t, e),
+        residual_std=np.sqrt(S),
+        accel_residual=(t_res, residual),
+        bins=bins,
+        worst=worst_of(bins),
+        setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
+        remarks=beyond(fit, motion),
+        outside=outside(fit, ahead, t_res, motion, coasting),
+    )
+
+
+def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
+    """Predict position over `horizon` seconds after the last reading at or before `start`, without using any later one.
+
+    Parameters
+    ----------
+    fit, recording : model and run.
+    start, horizon : s.
+
+    Raises
+    ------
+    ValueError
+        If no reading precedes `start` or the accelerometer record ends before the horizon.
+    """
+    ahead = Prediction.of(fit, recording, withheld=start)
+    k = int(np.searchsorted(ahead.run.t, start, side="right")) - 1
+    if k < 1:
+        raise ValueError(f"no encoder reading precedes {start} s; the record begins at {ahead.run.t[0]:.6g} s")
+    stop = int(np.searchsorted(ahead.run.t, ahead.run.t[k] + horizon, side="right"))
+    rows = np.arange(k + 1, stop)
+    if len(rows) == 0 or bool(np.any(ahead.drive.restart[rows])):
+        raise ValueError(f"the accelerometer record does not reach {horizon} s beyond {start} s without a hole")
+    frozen, rezeroed = ahead.predict(k, rows)
+    return Coast(float(ahead.run.t[k]), ahead.run.t[rows], frozen, rezeroed, ahead.floor(k, ahead.run.t[rows]))
+
+
+def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signals]:
+    """Output minus what the model says for the encoder's own acceleration, both low-passed at `band`.
+
+    The difference of measured and simulated position is low-passed and differentiated, not the positions themselves:
+    it is small and nearly straight, so a short record keeps its ends.
+
+    Returns
+    -------
+    Times (n,) s, residual (n,) m/s², and the encoder's motion on the same grid.
+    """
+    run, values = ahead.run, ahead.values
+    step = run.reading_step
+    t = np.arange(run.t[0], run.t[-1], step)
+    rate = 1.0 / step
+    rig = run.rig
+
+    def smoothed(y: Array) -> Array:
+        return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
+
+    # one spline at a time: each holds six series of its own
+    missed = smoothed(ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1])
+    residual = -values.scale * rig.polarity * second_derivative(missed, step)
+    del missed
+    p = smoothed(run.z)
+    a = second_derivative(p, step)
+    sensed = rig.polarity * (a + rig.gravity)
+    motion = Signals(
+        t=t - run.origins.t,
+        p=p - run.origins.p,
+        v=derivative(p, step),
+        a=sensed,
+        jerk=derivative(sensed, step),
+        scale=values.scale,
+        bias=values.bias,
+        rig=rig,
+        cutoff=band,
+        side=run.side_at(t),
+    )
+    edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
+    inside = np.zeros(len(t), dtype=np.bool_)
+    inside[edge : len(t) - edge] = True
+    for hole in np.flatnonzero((np.diff(run.t) > 8.0 * step) | ahead.drive.restart[1:]):
+        near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
+        inside[near] = False
+    return t[inside], residual[inside], motion.at(inside)
+
+
+def second_derivative(y: Array, step: float) -> Array:
+    """Second derivative of uniform samples, sixth order inside, second order at the two ends."""
+    d = np.zeros_like(y)
+    if len(y) < 7:
+        return np.asarray(np.gradient(np.gradient(y, step), step))
+    d[1:-1] = y[2:] - 2.0 * y[1:-1] + y[:-2]
+    c = (2.0 / 180.0, -27.0 / 180.0, 270.0 / 180.0, -490.0 / 180.0)
+    d[3:-3] = c[3] * y[3:-3] + c[2] * (y[2:-4] + y[4:-2]) + c[1] * (y[1:-5] + y[5:-1]) + c[0] * (y[:-6] + y[6:])
+    d[0], d[-1] = d[1], d[-2]
+    return d / step**2

@@ -1,0 +1,144 @@
+"""Where a residual is large: its rms by position, velocity and acceleration, and what lies beyond the fitted range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from accelcal.data.arrays import Array, Flags
+from accelcal.effects.building_blocks import since_reversal
+from accelcal.estimation.estimate import Fit
+from accelcal.signals.signals import Signals
+from accelcal.validation.comparison import BINS, Bins, Outside
+from accelcal.validation.prediction import Coasting, Prediction, rms
+
+NOTABLE = 4.0
+"""A bin that differs from zero by more standard deviations than this is named as the worst."""
+
+
+def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
+    """Mean residual against time and every variable of the motion."""
+    run, noise = ahead.run, ahead.noise
+    density = 2.0 * noise.q * ahead.values.scale**2  # one-sided, of the output
+    # The mean of T seconds of noise with that density has variance density/(2 T).
+    step = run.reading_step
+    variables = {
+        "time": (t, "s"),
+        "position": (motion.p + run.origins.p, "m"),
+        "velocity": (motion.v, "m/s"),
+        "acceleration": (motion.a, "m/s²"),
+        "jerk": (motion.jerk, "m/s³"),
+        "time since reversal": (since_reversal(motion), "s"),
+        **{
+            name: (y + (run.origins.temperature if name == "temperature" else 0.0), run.recording.side[name].unit)
+            for name, y in motion.side.items()
+        },
+    }
+    found = []
+    for name, (x, unit) in variables.items():
+        known = np.isfinite(x)
+        if not known.any():
+            continue
+        low, high = (float(v) for v in np.quantile(x[known], [0.001, 0.999]))
+        if not high > low:
+            continue
+        edges = np.linspace(low, high, BINS + 1)
+        index = np.clip(np.searchsorted(edges, x[known], side="right") - 1, 0, BINS - 1)
+        count = np.bincount(index, minlength=BINS)
+        total = np.bincount(index, weights=residual[known], minlength=BINS)
+        mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
+        std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
+        found.append(Bins(name, unit, edges, mean, std))
+    return found
+
+
+def worst_of(bins: Sequence[Bins]) -> str:
+    """The region that stands out most, in words.
+
+    Any error has a spectrum, so frequency is named only where no variable of the motion stands out.
+    """
+    found = [(float(np.max(np.abs(b.score))), b, int(np.argmax(np.abs(b.score)))) for b in bins]
+    explaining = [one for one in found if one[1].variable != "frequency" and one[0] >= NOTABLE]
+    best = max(explaining or found, key=lambda one: one[0], default=None)
+    if best is None:
+        return "the record is too short to say where the model fails"
+    score, one, i = best
+    if score < NOTABLE:
+        return f"no region stands out: the largest of {sum(len(b.mean) for b in bins)} deviations is {score:.1f} sigma"
+    where = f"{one.variable} between {one.edges[i]:.4g} and {one.edges[i + 1]:.4g} {one.unit}".rstrip()
+    if one.variable == "frequency":
+        return f"{where}: the residual is {math.sqrt(one.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
+    return f"{where}: mean residual {one.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
+
+
+def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
+    """Sentences on what this run does beyond the range that the fit has seen."""
+    said = []
+    for key, (y, unit) in seen_by(fit, motion).items():
+        low, high = fit.validity[key]
+        share = float(np.mean((y < low) | (y > high)))
+        if share > 0.001:
+            span = f"[{low:.4g}, {high:.4g}] {unit}".rstrip()
+            said.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
+    return tuple(said)
+
+
+def seen_by(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
+    """Variables of the motion whose range the fit has kept, with their units."""
+    offsets = {"temperature": fit.origins.temperature}
+    variables = {"a": (motion.a, "m/s²"), "v": (motion.v, "m/s"), "p": (motion.p + fit.origins.p, "m")}
+    variables |= {
+        name: (y + offsets.get(name, 0.0), "degC" if name == "temperature" else "") for name, y in motion.side.items()
+    }
+    return {key: value for key, value in variables.items() if key in fit.validity}
+
+
+def outside(
+    fit: Fit, ahead: Prediction, t: Array, motion: Signals, coasting: Mapping[float, Coasting]
+) -> tuple[Outside, ...]:
+    """Count and score the readings beyond the range that the fit has seen; empty where no range is known.
+
+    Parameters
+    ----------
+    t : (n,) s, times of `motion`.
+    coasting : drift by horizon. A window that leaves the range at any reading counts as outside.
+    """
+    run, variables = ahead.run, seen_by(fit, motion)
+    if len(t) == 0 or not variables:
+        return ()
+    at = np.clip(np.searchsorted(t, run.t - 0.5 * run.reading_step), 0, len(t) - 1)
+    known = ahead.counts & (np.abs(t[at] - run.t) <= run.reading_step)
+    flags = {}
+    for key, (y, _) in variables.items():
+        low, high = fit.validity[key]
+        flags[key] = known & ((y < low) | (y > high))[at]
+    found = [
+        scored(ahead, known, flags[key], coasting, key, unit, fit.validity[key]) for key, (_, unit) in variables.items()
+    ]
+    return (*found, scored(ahead, known, np.any(list(flags.values()), axis=0), coasting, "any", "", None))
+
+
+def scored(
+    ahead: Prediction,
+    known: Flags,
+    out: Flags,
+    coasting: Mapping[float, Coasting],
+    variable: str,
+    unit: str,
+    span: tuple[float, float] | None,
+) -> Outside:
+    """Errors of one side of a range and of the other."""
+    left = np.cumsum(out)
+    apart = {h: left[c.ends] > left[c.starts] for h, c in coasting.items()}
+    return Outside(
+        variable=variable,
+        unit=unit,
+        range=span,
+        count=int(out.sum()),
+        of=int(known.sum()),
+        one_step=(rms(ahead.e[known & ~out]), rms(ahead.e[out])),
+        coast={h: (rms(c.rezeroed[~apart[h]]), rms(c.rezeroed[apart[h]])) for h, c in coasting.items()},
+        starts={h: (int(np.sum(~apart[h])), int(np.sum(apart[h]))) for h in coasting},
+    )

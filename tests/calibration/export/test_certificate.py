@@ -1,0 +1,242 @@
+"""The draft certificate: its structure by hand, what it lacks, and the schema where one is at hand."""
+
+import os
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from accelcal.calibration.budget import budget
+from accelcal.calibration.export import LaboratoryError, SchemaError, calibrate, draft, read_laboratory, require_valid
+from accelcal.calibration.export.dcc import UNITS, quantities
+from accelcal.calibration.export.laboratory import ENTRIES, Laboratory
+from accelcal.data.rig import Sensor, Uncertainty
+from accelcal.effects import HOUSE
+
+from .models import VOLTS, fit_of
+
+DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
+VALUES = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-5, "temperature_bias": 1e-3, "temperature_scale": 1e-4}
+DECLARED = Uncertainty(encoder_scale=1e-5, level=1e-3, misalignment=2e-3)
+LAB = """
+[certificate]
+identifier = "2026-0042"
+country = "DE"
+begin = 2026-11-20
+end = 2026-11-21
+place = "laboratory"
+[laboratory]
+name = "Acceleration laboratory"
+city = "Braunschweig"
+[responsible]
+name = "A. Metrologist"
+[customer]
+name = "Customer Ltd"
+city = "Oslo"
+"""
+ORDER = {
+    "administrativeData": ["dccSoftware", "coreData", "items", "calibrationLaboratory", "respPersons", "customer"],
+    "coreData": [
+        "countryCodeISO3166_1",
+        "usedLangCodeISO639_1",
+        "mandatoryLangCodeISO639_1",
+        "uniqueIdentifier",
+        "beginPerformanceDate",
+        "endPerformanceDate",
+        "performanceLocation",
+    ],
+    "item": ["name", "model", "identifications"],
+    "identification": ["issuer", "value", "name"],
+    "contact": ["name", "location"],
+    "customer": ["name", "location"],
+    "measurementResult": ["name", "usedMethods", "usedSoftware", "influenceConditions", "results"],
+    "influenceCondition": ["name", "data"],
+    "result": ["name", "description", "data"],
+    "software": ["name", "release"],
+    "usedMethod": ["name", "description"],
+}
+"""Children in the order in which DCC 3.2.1 asks for them."""
+
+
+def certificate(laboratory=Laboratory(), uncertainty=DECLARED, sensor=VOLTS):  # noqa: B008  (frozen)
+    made = calibrate(fit_of(VALUES, temperature=(15.0, 40.0), uncertainty=uncertainty, sensor=sensor))
+    return made, draft(made, laboratory)
+
+
+def filled(tmp_path, text=LAB):
+    path = tmp_path / "lab.toml"
+    path.write_text(text)
+    return read_laboratory(path)
+
+
+def schema():
+    given = os.environ.get("ACCELCAL_DCC_SCHEMA")
+    if not given:
+        reason = (
+            "ACCELCAL_DCC_SCHEMA is not set: name dcc.xsd 3.2.1 with SI_Format.xsd and xmldsig-core-schema.xsd beside"
+        )
+        print(reason)
+        pytest.skip(reason)
+    return Path(given)
+
+
+def test_elements_stand_in_the_order_of_the_schema():
+    root = ET.fromstring(certificate()[1].text)
+    assert root.get("schemaVersion") == "3.2.1"
+    seen = set()
+    for node in root.iter():
+        name = str(node.tag).removeprefix(DCC)
+        if name in ORDER:
+            seen.add(name)
+            children = [str(child.tag).removeprefix(DCC) for child in node if isinstance(child.tag, str)]
+            assert [c for c in children if c in ORDER[name]] == ORDER[name], name
+    assert seen == set(ORDER)
+
+
+def test_values_and_expanded_uncertainties_are_those_of_the_budget():
+    made, found = certificate()
+    root = ET.fromstring(found.text)
+    stated = {}
+    for quantity in root.iter(f"{DCC}quantity"):
+        real = quantity.find(f"{SI}real")
+        expanded = real.find(f"{SI}expandedUnc")
+        name = quantity.findtext(f"{DCC}name/{DCC}content")
+        stated[name] = (
+            float(real.findtext(f"{SI}value")),
+            real.findtext(f"{SI}unit"),
+            None if expanded is None else float(expanded.findtext(f"{SI}uncertainty")),
+        )
+        if expanded is not None:
+            assert expanded.findtext(f"{SI}coverageFactor") == "2"
+            assert [str(c.tag).removeprefix(SI) for c in expanded] == [
+                "uncertainty",
+                "coverageFactor",
+                "coverageProbability",
+            ]
+    lines = {line.estimate.name: line for line in budget(made.fit).lines}
+    bias, k = lines["bias"], lines["scale_factor"]
+    assert stated["bias (K0)"] == (0.05, r"\metre\second\tothe{-2}", bias.expanded)
+    assert stated["scale_factor (k)"] == (0.01, r"\one", k.expanded)
+    assert stated["temperature_scale (kT)"] == (1e-4, r"\kelvin\tothe{-1}", None)
+    sensitivity = stated["sensitivity"]
+    assert sensitivity[0] == pytest.approx(0.0255 * 1.01, rel=1e-15)
+    assert sensitivity[1] == r"\volt\metre\tothe{-1}\second\tothe{2}"
+    assert sensitivity[2] == pytest.approx(0.0255 * k.expanded, rel=1e-15)
+    assert stated["zero-g output"][0] == pytest.approx(2.5 + 0.0255 * 0.05, rel=1e-15)
+    assert stated["largest temperature"] == (40.0, r"\degreecelsius", None)
+    assert "time_offset belongs to timing" in found.text
+    assert "time_offset (" not in found.text
+
+
+def test_what_is_missing_is_listed_and_marked():
+    _, found = certificate(uncertainty=Uncertainty(level=1e-3), sensor=Sensor(scale=-0.02, scale_unit="V"))
+    keys = [entry.key for entry in ENTRIES]
+    lacking = ["sensor.model", "sensor.serial", "uncertainty.encoder_scale", "uncertainty.misalignment"]
+    assert list(found.missing) == [*keys, *lacking]
+    assert f"Missing: {', '.join(found.missing)}" in found.text
+    for key in [*keys, "sensor.serial"]:
+        assert f"<!-- MISSING: {key} -->" in found.text
+    assert "expandedUnc" not in found.text
+    assert "withheld until these are declared: uncertainty.encoder_scale, uncertainty.misalignment" in found.text
+
+
+def test_a_declared_certificate_lacks_nothing(tmp_path):
+    _, found = certificate(filled(tmp_path))
+    assert found.missing == ()
+    assert "MISSING" not in found.text
+    for text in ("2026-0042", "2026-11-20", "Braunschweig", "A. Metrologist", "Customer Ltd"):
+        assert text in found.text
+    assert "DRAFT: not signed, not accredited" in found.text
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "said"),
+    [
+        ('country = "DE"', 'country = "Germany"', "certificate.country: found 'Germany', expected two capital letters"),
+        (
+            "begin = 2026-11-20",
+            'begin = "20.11.2026"',
+            "certificate.begin: found '20.11.2026', expected a date",
+        ),
+        ("begin = 2026-11-20", "begin = 2026-11-20T10:00:00", "certificate.begin"),
+        ("[customer]", "[custommer]", 'custommer.name: unknown key; did you mean "customer.name"?'),
+        ('place = "laboratory"', 'place = "home"', "one of laboratory, customer"),
+        ("[certificate]", "[certificate", "not valid TOML"),
+        ("[certificate]", "name = 1\n[certificate]", "expected a table"),
+    ],
+)
+def test_a_mistake_in_the_laboratory_s_file_is_named(tmp_path, was, now, said):
+    with pytest.raises(LaboratoryError) as caught:
+        filled(tmp_path, LAB.replace(was, now))
+    assert said in str(caught.value)
+    assert "lab.toml" in str(caught.value)
+
+
+def test_hostile_names_stay_text():
+    hostile = Sensor(model="<a>&--\x01]]>", serial="--><b/>\n2", scale=0.02, scale_unit="V")
+    root = ET.fromstring(certificate(sensor=hostile)[1].text)
+    assert root.findtext(f".//{DCC}item/{DCC}model") == "<a>&--?]]>"
+    assert root.findtext(f".//{DCC}identification/{DCC}value") == "--><b/> 2"
+
+
+def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
+    made, _ = certificate()
+    assert {one.unit for one in quantities(made)} <= set(UNITS)
+    static = {"bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic", "cubic"}
+    assert {e.unit for e in HOUSE if e.name in static or e.name in ("temperature_bias", "temperature_scale")} <= set(
+        UNITS
+    )
+
+
+def test_counts_are_certified_too():
+    made, found = certificate(sensor=Sensor(scale=104.4, scale_unit="count", zero=2048.0))
+    assert "sensitivity" in [one.name for one in quantities(made)]
+    assert r"\metre\tothe{-1}\second\tothe{2}" in found.text
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_it_follows_the_schema_of_the_dcc(tmp_path, declared):
+    path = schema()
+    laboratory = filled(tmp_path) if declared else Laboratory()
+    for sensor in (VOLTS, Sensor(), Sensor(scale=104.4, scale_unit="count", zero=2048.0)):
+        require_valid(certificate(laboratory, sensor=sensor)[1].text, path)
+
+
+def test_the_schema_notices_a_wrong_certificate():
+    path = schema()
+    text = certificate()[1].text
+    for was, now in (
+        ("Factor>2<", "Factor>0.5<"),
+        ("<dcc:release>0", "<dcc:relase>0"),
+        (">ZZ<", ">zz<"),
+        ("si:value", "si:valeu"),
+    ):
+        with pytest.raises((SchemaError, ET.ParseError)):
+            require_valid(text.replace(was, now), path)
+
+
+TINY = """<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" targetNamespace="https://ptb.de/dcc">
+<xs:import namespace="https://ptb.de/si" schemaLocation="https://ptb.de/si/v2.1.0/SI_Format.xsd"/>
+<xs:element name="digitalCalibrationCertificate"><xs:complexType><xs:sequence>
+<xs:any namespace="##any" processContents="skip" maxOccurs="{most}"/></xs:sequence>
+<xs:anyAttribute processContents="skip"/></xs:complexType></xs:element></xs:schema>
+"""
+
+
+def test_a_schema_is_read_from_its_folder_alone(tmp_path):
+    pytest.importorskip("xmlschema")
+    text = certificate()[1].text
+    path = tmp_path / "dcc.xsd"
+    with pytest.raises(SchemaError, match="there is no such file"):
+        require_valid(text, path)
+    path.write_text("<not a schema")
+    with pytest.raises(SchemaError, match="cannot be used as a schema"):
+        require_valid(text, path)
+    path.write_text(TINY.format(most=2))
+    (tmp_path / "SI_Format.xsd").write_text(
+        '<xs:schema xmlns:xs="http://www.w3.org/2001/XMLSchema" targetNamespace="https://ptb.de/si"/>'
+    )
+    require_valid(text, path)
+    path.write_text(TINY.format(most=1))
+    with pytest.raises(SchemaError, match=r"does not follow .*dcc\.xsd"):
+        require_valid(text, path)

@@ -1,0 +1,123 @@
+"""The uncertainty budget against Monte-Carlo draws of what was declared, and the calibration applied to readings."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.calibration.apply import OutsideRange, apply, example
+from accelcal.calibration.budget import budget
+from accelcal.data.rig import STANDARD_GRAVITY, Sensor, Uncertainty
+
+DECLARED = Uncertainty(encoder_scale=2e-4, level=1e-3, misalignment=4e-3)
+VALUES = {"bias": 0.05, "scale_factor": 0.02, "time_offset": 1e-4, "quadratic": 3e-4, "cubic": 1e-3}
+STD = {"bias": 2e-3, "scale_factor": 1e-5, "time_offset": 1e-6, "quadratic": 2e-7, "cubic": 1e-7}
+DRAWS = 200_000
+
+
+@pytest.fixture(scope="module")
+def cubic():
+    """Build a fit of round numbers; nothing in it comes from a filter."""
+    run = ac.simulate(
+        "tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+    ).recording
+    found = ac.fit(ac.Model.cubic(), run)
+    estimates = tuple(replace(e, value=VALUES[e.name], std=STD[e.name]) for e in found.estimates)
+    covariance = np.diag([STD[e.name] ** 2 for e in found.free])
+    return replace(found, estimates=estimates, covariance=covariance, validity={"a": (-6.0, 5.0)})
+
+
+def on(fit, **rig):
+    return replace(fit, rig=replace(fit.rig, uncertainty=DECLARED, **rig))
+
+
+def drawn(fit):
+    """Spread of each parameter over drawn encoder scales, levels and misalignments, each calibrated without error."""
+    rng = np.random.default_rng(2)
+    e, level, off = (
+        s * rng.standard_normal(DRAWS) for s in (DECLARED.encoder_scale, DECLARED.level, DECLARED.misalignment)
+    )
+    # Gravity along a stage axis with inclination phi is g0 sin(phi); the input axis is off by a further angle.
+    phi = math.asin(fit.rig.gravity / STANDARD_GRAVITY)
+    gravity = STANDARD_GRAVITY * np.sin(phi + level) + STANDARD_GRAVITY * (np.sin(phi + off) - np.sin(phi))
+    spread = {"bias": gravity}
+    for name, n in (("scale_factor", 1), ("quadratic", 2), ("cubic", 3)):
+        size = 1.0 + VALUES[name] if name == "scale_factor" else VALUES[name]
+        spread[name] = size * (np.cos(off) * (1.0 + e)) ** n
+    return {name: math.hypot(float(np.std(y)), STD[name]) for name, y in spread.items()}
+
+
+@pytest.mark.parametrize("axis", ["level", "up"])
+def test_combined_uncertainty_is_that_of_drawn_rigs(cubic, axis):
+    fit = on(cubic, axis=axis)
+    expected = drawn(fit)
+    lines = {line.estimate.name: line for line in budget(fit).lines}
+    assert set(lines) == set(expected)
+    for name, line in lines.items():
+        assert line.combined == pytest.approx(expected[name], rel=0.02)  # 200 000 draws know it to 0.3 %
+        assert line.expanded == 2.0 * line.combined
+        assert line.components[0].kind == "A"
+        assert line.components[0].contribution == STD[name]
+
+
+def test_a_wrong_power_would_be_seen(cubic):
+    # The sister: a cubic that took the encoder scale once, not three times, would be outside.
+    fit = on(cubic)
+    line = next(one for one in budget(fit).lines if one.estimate.name == "cubic")
+    once = math.hypot(STD["cubic"], DECLARED.encoder_scale * VALUES["cubic"])
+    assert not math.isclose(line.combined, once, rel_tol=0.1)
+
+
+def test_what_is_not_declared_is_listed(cubic):
+    assert budget(replace(cubic, rig=replace(cubic.rig, uncertainty=Uncertainty()))).missing == (
+        "uncertainty.encoder_scale",
+        "uncertainty.level",
+        "uncertainty.misalignment",
+    )
+    partly = replace(cubic, rig=replace(cubic.rig, uncertainty=replace(DECLARED, level=None)))
+    assert budget(partly).missing == ("uncertainty.level",)
+    assert budget(partly).lines == ()
+    assert budget(on(cubic)).missing == ()
+
+
+def test_a_separated_tilt_needs_no_level(cubic):
+    tilted = replace(on(cubic), model=cubic.model.add("tilt"))
+    partly = replace(tilted, rig=replace(tilted.rig, uncertainty=replace(DECLARED, level=None)))
+    assert budget(partly).missing == ()
+    bias = next(line for line in budget(partly).lines if line.estimate.name == "bias")
+    assert "level of the stage axis" not in [c.source for c in bias.components]
+
+
+@pytest.mark.parametrize("a", [-5.0, -0.3, 0.0, 2.0, 6.0])
+def test_applying_inverts_the_forward_model(cubic, a):
+    output = 1.02 * a + 0.05 + 3e-4 * a**2 + 1e-3 * a**3
+    found = apply(cubic, output)
+    assert found.acceleration == pytest.approx(a, rel=1e-12, abs=1e-13)  # Newton to rest, well-conditioned
+    rng = np.random.default_rng(3)
+    draws = []
+    for _ in range(2000):
+        off = tuple(replace(e, value=e.value + e.std * rng.standard_normal()) for e in cubic.estimates)
+        draws.append(apply(replace(cubic, estimates=off), output).acceleration)
+    assert np.std(draws) == pytest.approx(found.std, rel=0.08)  # five sigma of 2000 draws
+
+
+def test_an_output_beyond_the_turning_point_is_refused(cubic):
+    falling = replace(
+        cubic, estimates=tuple(replace(e, value=-5e-3) if e.name == "cubic" else e for e in cubic.estimates)
+    )
+    assert apply(falling, 3.0).acceleration > 2.9
+    with pytest.raises(OutsideRange, match="monotone"):
+        apply(falling, 30.0)
+
+
+def test_the_example_starts_from_what_the_instrument_shows(cubic):
+    sensor = Sensor(scale=0.025, scale_unit="V", zero=2.5)
+    found = example(on(cubic, sensor=sensor))
+    assert found.raw_unit == "V"
+    assert found.raw == float(f"{found.raw:.5g}")
+    assert found.output == pytest.approx((found.raw - 2.5) / 0.025, rel=1e-9)
+    assert -6.0 < found.acceleration < 5.0
+    assert ("time_offset", "timing") in found.left_out
+    assert example(cubic).raw is None

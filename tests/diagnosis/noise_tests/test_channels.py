@@ -1,0 +1,227 @@
+"""Effects that the mean cannot see are found, measured, and never where there is nothing.
+
+One test alarms at 1e-4; eight tests look at a record, so a good record alarms with a chance of at most 8e-4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from accelcal.data.recording import Channel
+from accelcal.diagnosis.local_spread import local_spread
+from accelcal.diagnosis.noise_tests.block_spectra import Spectra, follows
+from accelcal.diagnosis.noise_tests.contamination import contamination
+from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
+from accelcal.diagnosis.noise_tests.noise_test import ALARM
+from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
+from accelcal.diagnosis.noise_tests.run_all import channel_findings
+from accelcal.diagnosis.noise_tests.tones import driven, lines_of, stands_alone
+from accelcal.diagnosis.noise_tests.whiteness import portmanteau
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
+from tests.diagnosis.noise_tests import disturbed as world
+
+RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+RNG = np.random.default_rng
+MOTIONS = ("tones", "interleaved", "moves", "fast", "rests")
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_nothing_is_found_where_there_is_nothing(motion, rig):
+    """4 records each, 40 in all, 10 % missing: any alarm at 1e-4 has a chance of 4 x 8e-4 = 0.3 % here."""
+    alarms, least = [], {}
+    for seed in range(4):
+        for one in channel_findings(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
+            least[one.effect] = min(least.get(one.effect, 1.0), one.p_value)
+            alarms += [(seed, one.effect, one.p_value)] if one.p_value < ALARM else []
+    print(f"{motion} {rig}: {len(alarms)} alarms in 4 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
+    assert alarms == []
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 4.0, 8.0])
+def test_nothing_is_found_in_short_records(seconds, rig):
+    """4 records each, 40 in all, false-alarm rate as above: few bins and blocks must not make a test bolder."""
+    alarms = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        record = simulate("tones", seconds=seconds, rig=RIGS[rig], parameters={"bias": 0.1}, rng=rng, missing=0.1)
+        found = channel_findings(world.fitted(record.recording))
+        alarms += [(seed, one.effect, one.p_value) for one in found if one.p_value < ALARM]
+    assert alarms == []
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_motion_that_is_not_subtracted_alarms(rig):
+    """The sister that must fail: power of the plain output follows speed without any vibration."""
+    seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
+    plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
+    spectra = Spectra.of(plain, seen.taken, seen.rate, 0.0)
+    _, p_value = follows(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
+    assert p_value < ALARM
+
+
+NUISANCES = {
+    "vibration 1 m/s²": ({"vibration": Vibration(1.0, 230.0)}, {"vibration"}),
+    "vibration 0.5 m/s² at 300 Hz": ({"vibration": Vibration(0.5, 300.0)}, {"vibration"}),
+    "step 0.01 m/s²": ({"lsb": 0.01}, {"quantisation"}),
+}
+
+
+@pytest.mark.parametrize("nuisance", NUISANCES)
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_one_disturbance_is_not_taken_for_another(motion, rig, nuisance):
+    """30 records; false alarms as above, 8e-4 each."""
+    more, allowed = NUISANCES[nuisance]
+    found = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
+    assert {name for name, one in found.items() if one.p_value < ALARM} <= allowed
+
+
+CASES = {
+    "vibration": (world.vibration, "vibration", 0.2, None, None),
+    "accelerometer outliers": (world.accelerometer_outliers, "accelerometer_outliers", 1e-3, None, None),
+    "encoder outliers": (world.encoder_outliers, "encoder_outliers", 1e-3, None, None),
+    "cyclic 0.1 um": (
+        partial(world.encoder_cyclic, amplitude=1e-7, period=20e-6),
+        "encoder_cyclic",
+        1e-7,
+        "wavelength",
+        20e-6,
+    ),
+    "cyclic 0.3 um": (
+        partial(world.encoder_cyclic, amplitude=3e-7, period=20e-6),
+        "encoder_cyclic",
+        3e-7,
+        "wavelength",
+        20e-6,
+    ),
+    "cyclic 1 mm": (
+        partial(world.encoder_cyclic, amplitude=2e-7, period=1e-3),
+        "encoder_cyclic",
+        2e-7,
+        "wavelength",
+        1e-3,
+    ),
+    "hum 50 Hz": (partial(world.hum, amplitude=1e-2, frequency=50.03), "tone", 1e-2, "frequency", 50.03),
+    "line below the crossover": (partial(world.hum, amplitude=1e-2, frequency=7.317), "tone", 1e-2, "frequency", 7.317),
+    "step 0.1 m/s²": (world.coarse_converter, "quantisation", 0.1, "step", 0.1),
+    "jitter 100 us": (partial(world.jitter, std=100e-6), "timing_jitter", 100e-6, None, None),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(("motion", "rig"), [("interleaved", "ADXL105"), ("interleaved", "CXL02"), ("fast", "CXL02")])
+def test_disturbance_is_found_and_measured(case, motion, rig):
+    make, effect, size, particular, value = CASES[case]
+    one = world.findings(make(motion, RIGS[rig], 7))[effect]
+    print(
+        f"{case}, {motion} {rig}: p {one.p_value:.1g}, {one.estimate:.4g} +- {one.std:.2g} {one.unit} (put in {size})"
+    )
+    assert one.p_value < ALARM
+    # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
+    assert abs(one.estimate - size) < 4.0 * one.std + 0.15 * size
+    if particular is not None:
+        assert one.parts[particular] == pytest.approx(value, rel=3e-3)  # a third of a bin of the record's length
+
+
+def test_jitter_of_30_us_is_found_where_jerk_is_large():
+    one = world.findings(world.jitter("fast", ADXL105_RIG, 7, std=30e-6))["timing_jitter"]
+    assert one.p_value < ALARM
+    assert one.estimate == pytest.approx(30e-6, abs=4.0 * one.std)
+
+
+@pytest.mark.parametrize("name", ["outliers", "steady outliers", "portmanteau", "lines", "ranks", "power", "few loud"])
+def test_p_values_are_no_smaller_than_they_say(name):
+    """2000 draws under the stated null: the share below 1 % stays under 2 % (4.5 standard deviations)."""
+    rng = np.random.default_rng(11)
+    draw = {
+        "outliers": lambda: (lambda y: outliers(y, local_spread(y), len(y)).p_value)(rng.standard_normal(4096)),
+        "steady outliers": lambda: (lambda y: outliers(y, *_order(*spread_of(y), len(y))).p_value)(
+            rng.standard_normal(16384)
+        ),
+        "power": lambda: follows(rng.gamma(16.0, size=400), np.cumsum(rng.standard_normal(400)) ** 4)[1],
+        "few loud": lambda: follows(rng.gamma(16.0, size=400), (rng.random(400) < 0.02) * rng.exponential(size=400))[1],
+        "portmanteau": lambda: portmanteau(rng.standard_normal(512) * np.linspace(0.2, 3.0, 512))[1],
+        "lines": lambda: _line_chance(rng.standard_normal(4096)),
+        "ranks": lambda: rank_correlation(rng.standard_normal(300), np.cumsum(rng.standard_normal(300)))[1],
+    }[name]
+    p = np.array([draw() for _ in range(2000)])
+    print(f"{name}: share below 1 %: {np.mean(p < 0.01):.4f}, below 0.1 %: {np.mean(p < 0.001):.4f}")
+    assert np.mean(p < 0.01) < 0.02
+
+
+def test_portmanteau_sees_colour():
+    """The sister that must fail: a correlation of 0.3."""
+    e = np.random.default_rng(12).standard_normal(2048)
+    assert portmanteau(e[1:] + 0.3 * e[:-1])[1] < ALARM
+
+
+def _order(spread, dof, n):
+    return spread, n, dof
+
+
+@pytest.mark.parametrize(("share", "size"), [(1e-3, 2.8), (3e-4, 4.0), (2e-5, 30.0)])
+def test_contamination_is_seen_where_no_sample_stands_out(share, size):
+    """Twice the expected log-likelihood gain is about 12² each time; one in a hundred may be missed."""
+    rng = np.random.default_rng(5)
+    least = []
+    for _ in range(20):
+        wrong = np.zeros(100_000)
+        wrong[rng.choice(len(wrong), round(share * len(wrong)), replace=False)] = 1.0
+        y = rng.standard_normal(len(wrong)) + wrong * size * rng.standard_normal(len(wrong))
+        least.append(contamination(y, 200.0)[1])
+    print(f"share {share}, size {size}: largest p of 20: {max(least):.2g}")
+    assert sum(p < ALARM for p in least) >= 19
+
+
+def test_a_tooth_of_a_comb_is_no_line():
+    """Vibration whose frequency wanders to and fro once a second has lines 1 Hz apart; a hum stands alone."""
+    t = np.arange(100_000) / 1667.0
+    noise = np.random.default_rng(6).standard_normal(len(t))
+    wandering = np.cos(2.0 * np.pi * 250.0 * t + 45.0 * np.sin(2.0 * np.pi * t))
+    peaks, _ = lines_of(noise + wandering, 1667.0, 100.0, 833.0)
+    assert all(chance > ALARM / 50_000 for _, _, chance in peaks)
+    peaks, _ = lines_of(noise + 0.1 * np.cos(2.0 * np.pi * 250.0 * t), 1667.0, 100.0, 833.0)
+    assert peaks[0][0] == pytest.approx(250.0, abs=0.01)
+    assert peaks[0][2] < ALARM / 50_000
+    assert stands_alone(np.ones(200) + 99.0 * (np.arange(200) == 100), np.ones(200), 100, 50)
+
+
+def _line_chance(y):
+    peaks, bins = lines_of(y, 1.0, 0.0, 0.5)
+    return min(1.0, peaks[0][2] * bins)
+
+
+def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
+    def signals_of(kind):
+        state = world.fitted(simulate(kind, seconds=30.0, rig=CXL02_RIG, parameters={}, rng=RNG(5)).recording)
+        assert state.signals is not None
+        return state.signals
+
+    periodic, broad = signals_of("tones"), signals_of("interleaved")
+    n = 16 * len(periodic.a)  # zero padding: a sixteenth of a bin
+    spectrum = np.abs(np.fft.rfft(periodic.a * np.hanning(len(periodic.a)), n))
+    loudest = float(np.fft.rfftfreq(n, periodic.step)[np.argmax(spectrum)])
+    assert driven(periodic, 3.0 * loudest, 1e-3)
+    assert not driven(broad, 3.0 * loudest, 1e-3)
+
+
+@pytest.mark.parametrize("size", [3e-7, 1e-6])
+def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
+    made = simulate("moves", seconds=40.0, rig=CXL02_RIG, parameters={"bias": 0.1}, rng=RNG(6))
+    z = made.recording.position
+    wrong = z.y + size * np.sin(2.0 * np.pi * made.truth.motion.position(z.t) / 2e-5)
+    spoiled = replace(made.recording, position=Channel(z.name, z.t, wrong, z.unit))
+    found, good = (
+        next(one for one in channel_findings(world.fitted(record)) if one.effect == "encoder_cyclic")
+        for record in (spoiled, made.recording)
+    )
+    assert found.p_value < ALARM
+    assert found.parts["wavelength"] == pytest.approx(2e-5, rel=1e-3)
+    assert good.p_value > ALARM

@@ -1,0 +1,68 @@
+"""Columns that are multiples of one another are carried once, and say what each would have said."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.refine import along
+from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.effects import HOUSE, Effect, find
+from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.proportional_columns import multiples, sizes
+from accelcal.model import Model, terms_of
+from accelcal.simulation.sensor import ADXL105_RIG, simulate
+from tests.effects.motions import sines
+
+WITH_BASIS = [effect for effect in HOUSE if effect.basis]
+
+
+MOTION = sines()
+
+
+def shape_of(effect: Effect, share: float) -> dict[str, float]:
+    """Every shape parameter at a share of its span."""
+    spans = {name: shape.span(MOTION) for name, shape in effect.shapes.items()}
+    return {name: low + share * (high - low) for name, (low, high) in spans.items()}
+
+
+@pytest.mark.parametrize("effect", WITH_BASIS, ids=lambda e: e.name)
+@given(one=st.floats(0.0, 1.0), other=st.floats(0.0, 1.0))
+def test_refined_shapes_set_the_sizes_of_columns_and_nothing_else(effect: Effect, one: float, other: float):
+    s = MOTION
+    before, after = shape_of(effect, one), shape_of(effect, other)
+    factor = sizes(effect, after, s) / sizes(effect, before, s)
+    np.testing.assert_allclose(effect.column(s, **before) * factor, effect.column(s, **after), rtol=1e-9, atol=1e-15)
+
+
+def test_what_shares_a_basis_is_a_multiple_of_the_first_and_nothing_else_is():
+    s = MOTION
+    walk, markov, time, drift = (
+        find(name) for name in ("bias_random_walk", "bias_gauss_markov", "shape_of_time", "bias_drift")
+    )
+    terms = [term for effect in (drift, walk, markov, time) for term in terms_of(effect, shape_of(effect, 0.5))]
+    found = multiples(terms, s)
+    assert sorted(found) == list(range(1 + walk.width, len(terms)))
+    for k, (source, factor) in found.items():
+        assert terms[source].effect is walk
+        np.testing.assert_allclose(factor * terms[source].column(s), terms[k].column(s), rtol=1e-9, atol=1e-15)
+
+
+def test_cosines_of_another_stretch_of_time_are_no_multiples():
+    walk = find("bias_random_walk")
+    here = shape_of(walk, 0.5)
+    terms = [*terms_of(walk, here), *terms_of(walk, {**here, "length": 0.9 * here["length"]})]
+    assert multiples(terms, MOTION) == {}
+
+
+def test_the_gain_along_a_size_is_that_of_columns_carried_anew():
+    recording = simulate("bursts", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(3)).recording
+    model = Model.linear()
+    known = [Known(one, model) for one in solve_runs(model, [recording]).passes]
+    effect = find("bias_gauss_markov")
+    shape = {n: sh.grid(known[0].carrier.signals)[0] for n, sh in effect.shapes.items()}
+    loss = along(known, Item(effect, shape), shape, "tau")
+    for tau in (0.5, 2.0, 7.0):
+        anew = Evidence(known, [Item(effect, {**shape, "tau": tau})]).gain(0)[0]
+        assert -loss(tau) == pytest.approx(anew, rel=1e-6, abs=1e-9)

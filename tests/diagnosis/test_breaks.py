@@ -1,0 +1,136 @@
+"""A break is found where a relation ends for good, and never in a record that is merely noisy, nonlinear or at rest."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accelcal import io
+from accelcal.data.recording import Channel
+from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.faults import faults
+from accelcal.estimation.run import Run
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
+
+RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
+MOTIONS = ("tones", "interleaved", "moves", "fast", "rests", "bursts", "chirp")
+VARIANTS = (
+    {},
+    {"vibration": Vibration(1.0, 230.0)},
+    {"vibration": Vibration(3.0, 120.0)},
+    {"lsb": 0.01},
+)
+
+
+def record(motion, rig, seed, **more):
+    parameters = {"bias": 0.1, "scale_factor": 0.02, "time_offset": 1e-3, **more.pop("parameters", {})}
+    rng = np.random.default_rng(seed)
+    return simulate(motion, seconds=60.0, rig=rig, parameters=parameters, rng=rng, missing=0.1, **more).recording
+
+
+def output(recording, y, t=None):
+    t = recording.accel.t if t is None else t
+    return replace(recording, accel=Channel("accel", np.ascontiguousarray(t), np.ascontiguousarray(y), "m/s²"))
+
+
+def encoder(recording, y):
+    return replace(recording, position=Channel("position", recording.position.t, y, "m"))
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_good_records_are_used_whole(motion, rig):
+    """8 records each, 112 in all: plain, with vibration, coarse steps, and a strong nonlinearity of the sensor."""
+    alarms = []
+    for seed in range(8):
+        parameters = {"cubic": 1e-3, "quadratic": 3e-3} if seed >= 4 else {}
+        recording = record(motion, RIGS[rig], 50 + seed, parameters=parameters, **VARIANTS[seed % 4])
+        alarms += [(seed, "break", t) for t in usable(recording).breaks]
+        alarms += [(seed, fault.kind, fault.time) for fault in faults(recording, Run(recording))]
+    print(f"{motion} {rig}: {len(alarms)} alarms in 8 records")
+    assert alarms == []
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", ["interleaved", "fast", "tones"])
+def test_break_is_found_where_the_stage_leaves_the_sensor(motion, rig):
+    """From 37 s on the encoder follows another motion: nothing in the output tells of it."""
+    good, other = record(motion, RIGS[rig], 3), record(motion, RIGS[rig], 4)
+    p = np.interp(good.position.t, other.position.t, other.position.y)
+    broken = encoder(good, np.where(good.position.t < 37.0, good.position.y, p))
+    breaks = usable(broken).breaks
+    assert len(breaks) == 1
+    assert breaks[0] == pytest.approx(37.0, abs=0.2)  # both may rest at that moment
+
+
+def test_disturbance_that_passes_is_no_break():
+    """A blow to the encoder of 1 s: the relation holds again behind it."""
+    good = record("interleaved", ADXL105_RIG, 3)
+    t = good.position.t
+    blow = np.where((t > 30.0) & (t < 31.0), 1e-3 * np.sin(2 * np.pi * 8.0 * t), 0.0)
+    assert usable(encoder(good, good.position.y + blow)).breaks == ()
+
+
+@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("motion", ["interleaved", "fast"])
+@pytest.mark.parametrize("kind", ["position_step", "dropped_samples", "dropout", "stuck", "stuck position", "rail_hit"])
+def test_each_fault_is_reported_with_time_and_size(kind, motion, rig):
+    good = record(motion, RIGS[rig], 5)
+    a, p = good.accel, good.position
+    half = (a.t > 20.0) & (a.t < 20.5)
+    if kind == "position_step":
+        bad, channel, time, size = encoder(good, p.y + 20e-6 * (p.t > 33.3)), "position", 33.3, 20e-6
+    elif kind == "dropped_samples":
+        lost = (a.t > 25.0) & (a.t < 25.0 + 1.5 / 1667.0)
+        t = np.where(a.t > 25.0, a.t - 1.0 / 1667.0, a.t)
+        bad, channel, time, size = output(good, a.y[~lost], t[~lost]), "accel", 25.0, -1.0
+    elif kind == "dropout":
+        bad, channel, time, size = output(good, a.y[~half], a.t[~half]), "accel", 20.0, 0.5
+    elif kind == "stuck":
+        bad, channel, time, size = output(good, np.where(half, a.y[np.argmax(half)], a.y)), "accel", 20.0, 0.5
+    elif kind == "stuck position":
+        held = (p.t > 20.0) & (p.t < 20.5)
+        bad, channel, time, size = encoder(good, np.where(held, p.y[np.argmax(held)], p.y)), "position", 20.0, 0.5
+    else:
+        limit = 0.8 * float(np.max(np.abs(a.y)))
+        at = float(a.t[np.argmax(np.abs(a.y) > limit)])
+        bad, channel, time, size = output(good, np.clip(a.y, -limit, limit)), "accel", at, None
+    found = [f for f in faults(bad, Run(bad)) if f.kind == kind.split()[0] and f.channel == channel]
+    assert found, kind
+    # 0.6 s: a change of delay shows only while the stage moves
+    assert min(abs(f.time - time) for f in found) < (0.6 if kind == "dropped_samples" else 0.05)
+    if size is not None:
+        assert found[0].size == pytest.approx(size, rel=0.15)
+    print(found[0].sentence)
+
+
+REAL = {
+    "cyberdiver_ext_ret_trial1": (0.202, 0.005),  # water contact
+    "cyberdiver_ext_ret_trial2": (0.202, 0.005),
+    "cyberdiver_15npmm_6mps_trial1": (0.607, 0.005),
+    "rocket_gw1_airbrakes_bay": (10.842, 0.1),  # ejection: first output beyond 15 m/s² of the descent
+    "rocket_gw1_nosecone": (10.845, 0.1),
+    "rocket_jackpot4": (18.425, 0.1),
+    "broad_trial10": None,
+    "broad_trial15": None,
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_breaks_of_real_records(name):
+    folder = os.environ.get("ACCELCAL_REAL_DATA")
+    found = sorted(Path(folder).rglob(f"{name}.csv")) if folder else []
+    if not found:
+        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
+    recording = io.load(found[0], rig=Path(__file__).parents[1] / "real" / f"{name}.toml")
+    breaks = usable(recording).breaks
+    print(name, breaks)
+    expected = REAL[name]
+    if expected is None:
+        assert breaks == ()
+    else:
+        assert breaks[0] == pytest.approx(expected[0], abs=expected[1])

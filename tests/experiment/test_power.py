@@ -1,0 +1,240 @@
+"""What a record can see, against closed forms, an independent bound, and what is found in simulated records."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom, norm
+
+import accelcal as ac
+from accelcal.data.rig import Rig, Sensor
+from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.search.thresholds import least_distance
+from accelcal.experiment import power, power_of_motion, predicted_detection, through
+from accelcal.experiment.planned_motion import planned_noise, planned_pass
+from accelcal.model import Model
+from accelcal.simulation.motion import Motion, Tones, motion
+from accelcal.simulation.sensor import PARAMETERS, Truth
+from tests.consistency.cramer_rao import bound
+from tests.worlds import World
+
+from .trials import Pair, fitted, found
+
+PLAIN = Rig(sensor=Sensor(noise=2e-3), resolution=1e-6)
+"""No low-pass, so that nothing but the base is projected out."""
+TONES = motion("tones", 40.0, np.random.default_rng(5))
+RECORDS = 12
+RNG = np.random.default_rng
+
+
+def single_tone(seconds: float = 20.0) -> Motion:
+    return Motion((Tones(np.array([0.01]), np.array([3.0]), np.array([0.4])),), seconds, name="one tone")
+
+
+# Probability
+
+
+def test_detection_of_one_coefficient_is_that_of_a_normal_beyond_its_threshold():
+    z = -norm.ppf(ALPHA / 96 / 2)
+    for d in (0.0, 2.0, 4.0, 6.0):
+        expected = norm.sf(z - d) + norm.cdf(-z - d)
+        assert predicted_detection(d, 96, ALPHA) == pytest.approx(expected, rel=1e-8, abs=1e-12)  # series of both laws
+
+
+def test_detection_falls_with_alternatives_and_with_freedom():
+    few, many = predicted_detection(4.0, 10, ALPHA), predicted_detection(4.0, 1000, ALPHA)
+    assert few > predicted_detection(4.0, 100, ALPHA) > many
+    by_freedom = [predicted_detection(5.0, 100, ALPHA, dof=dof) for dof in (1, 2, 8)]
+    assert by_freedom == sorted(by_freedom, reverse=True)
+    assert predicted_detection(5.0, 100, ALPHA, looks=100) < by_freedom[0]
+
+
+def test_the_price_of_freedom_binds_where_it_exceeds_significance():
+    # 240 blocks and 10 coefficients cost 10 ln 240 + 2 ln 100 = 64, above the 0.005/100 point of chi-square, 37.
+    free = predicted_detection(7.0, 100, ALPHA, dof=10)
+    assert predicted_detection(7.0, 100, ALPHA, dof=10, blocks=240) < 0.5 < free
+
+
+def test_the_smallest_size_is_detected_with_95_percent():
+    seen = power_of_motion(TONES, PLAIN)
+    sight = seen["quadratic"]
+    alone = predicted_detection(sight.smallest[0] * sight.d[0], seen.examined, ALPHA, blocks=seen.blocks)
+    assert alone == pytest.approx(0.95, abs=1e-6)  # inverse of a smooth function
+
+
+def test_rivals_add_and_scatter_of_blocks_takes_and_nothing_hidden_stays_below_alpha():
+    seen = power_of_motion(TONES, PLAIN)
+    d = seen["quadratic"].d[0]
+    for distance in (3.0, 4.0, 5.0):
+        alone = predicted_detection(distance, seen.examined, ALPHA, blocks=seen.blocks)
+        # Scatter of 2 to 5 % costs up to 0.1 sigma, 4 points; rivals bring up to 10; draws err by 0.8.
+        assert alone - 0.05 < seen.detection("quadratic", distance / d) < alone + 0.1
+    assert 0.0 < seen.detection("quadratic", 0.0) <= ALPHA + 0.004  # 4 sigma of 4000 draws
+
+
+# Information
+
+
+@pytest.mark.parametrize("name", ["quadratic", "cubic"])
+def test_information_is_that_of_the_cramer_rao_bound(name):
+    moving = motion("bursts", 20.0, np.random.default_rng(2))
+    t = np.arange(0.0, 20.0, 1.0 / 833.5)
+    truth = Truth(moving, dict.fromkeys(PARAMETERS, 0.0), 2e-3, 1e-6)
+    names = ["bias", "scale_factor", "time_offset", name]
+    variance = 1e-12 + 1e-12 / 12.0
+    covariance = bound([truth], names, t, variance)[0]
+    d = power_of_motion(moving, PLAIN)[name].d[0]
+    # Blocks of whitened samples lose under 1 %, the settling of the filter 0.3 % of the record.
+    assert d == pytest.approx(1.0 / math.sqrt(covariance[3, 3]), rel=0.02)
+
+
+def test_a_plan_and_its_record_agree():
+    rig = ac.ADXL105_RIG
+    moving = motion("interleaved", 20.0, np.random.default_rng(3))
+    made = ac.simulate(moving, seconds=20.0, rig=rig, parameters={"bias": 0.05}, rng=np.random.default_rng(4))
+    ahead, after = power_of_motion(moving, rig), power(made.recording)
+    assert (ahead.examined, ahead.alpha) == (after.examined, after.alpha)
+    for name in ("quadratic", "cubic", "coulomb", "bias_drift", "clock_skew", "encoder_backlash"):
+        # The fitted density is uncertain by 3 % on 20 s.
+        assert ahead[name].d[0] == pytest.approx(after[name].d[0], rel=0.1), name
+
+
+def test_d_grows_with_the_square_root_of_time():
+    short = power_of_motion(TONES, PLAIN, seconds=10.0)
+    long = power_of_motion(TONES, PLAIN, seconds=40.0)
+    for name in ("quadratic", "cubic", "odd_quadratic", "coulomb"):
+        # The start of the filter, 0.2 s of 10 s, is not used.
+        assert long[name].d[0] / short[name].d[0] == pytest.approx(2.0, rel=0.03), name
+    ratio = long["bias_drift"].d[0] / short["bias_drift"].d[0]
+    assert ratio == pytest.approx(8.0, rel=0.1)  # a slope gains with T^(3/2); the base takes out the rest
+
+
+def test_d_is_inversely_proportional_to_the_noise_of_sensor_and_encoder():
+    loud = replace(PLAIN, sensor=Sensor(noise=4e-3), resolution=2e-6)
+    one, two = power_of_motion(TONES, PLAIN), power_of_motion(TONES, loud)
+    assert one["quadratic"].d[0] == pytest.approx(2.0 * two["quadratic"].d[0], rel=1e-6)  # gains stay as they are
+
+
+def test_what_the_model_contains_is_no_candidate():
+    seen = power_of_motion(TONES, PLAIN, model=Model.cubic())
+    names = {sight.effect for sight in seen.sights}
+    assert "quadratic" not in names
+    assert "odd_quadratic" in names
+    with pytest.raises(KeyError, match="in the model"):
+        seen["cubic"]
+
+
+def test_set_points_are_followed_through_jerk():
+    t = np.arange(0.0, 5.0, 1e-3)
+    exact = TONES.derivatives(t)
+    near = through(t, exact[0]).derivatives(t)
+    inside = slice(50, -50)
+    for order, (a, b) in enumerate(zip(exact, near, strict=True)):
+        # Degree 7 at 160 samples a period; each derivative loses three digits of the doubles in p.
+        np.testing.assert_allclose(b[inside], a[inside], atol=1e-5 * np.ptp(a), err_msg=f"derivative {order}")
+
+
+# Ties
+
+
+def test_one_tone_ties_odd_powers_and_hides_what_follows_position():
+    seen = power_of_motion(single_tone(), PLAIN)
+    assert "odd_quadratic" in seen["cubic"].members
+    assert any({"cubic", "odd_quadratic"} <= set(group.members) for group in seen.ties)
+    assert not seen["rail_slope"].seen  # p is a times a constant: it belongs to the scale factor
+    written = {each["effect"]: each for each in seen.to_dict()["effects"]}
+    assert written["rail_slope"]["smallest_detectable"] is None
+    assert written["cubic"]["smallest_detectable"] > 0.0
+
+
+def test_every_tie_is_at_least_the_rival_correlation_and_names_an_experiment():
+    for group in power_of_motion(single_tone(), PLAIN).ties:
+        assert 0.95 < group.correlation <= 1.0
+        assert len(group.members) > 1
+        assert group.experiment
+
+
+# What cannot be asked
+
+
+@pytest.mark.parametrize(
+    ("rig", "said"),
+    [(Rig(resolution=1e-6), "noise density"), (Rig(sensor=Sensor(noise=1e-3)), "resolution")],
+)
+def test_a_plan_without_a_data_sheet_is_refused_with_the_cure(rig, said):
+    with pytest.raises(ValueError, match=said):
+        power_of_motion(TONES, rig)
+
+
+def test_a_plan_that_stands_still_is_refused():
+    with pytest.raises(ac.NotIdentifiable, match="throughout"):
+        power_of_motion(motion("rest", 10.0, np.random.default_rng(1)), PLAIN)
+
+
+def test_too_few_set_points_are_refused():
+    with pytest.raises(ValueError, match="at least 8"):
+        through(np.arange(5.0), np.arange(5.0))
+
+
+# Predicted against observed, on worlds that share no code with the product
+
+SLICE = (
+    Pair("quadratic", "tones", "CXL02", 4.0),
+    Pair("bias_step", "interleaved", "CXL02", 4.5, {"instant": 11.3}),
+    Pair("encoder_nonlinearity", "fast", "ADXL105", 4.5, {"cubic_per_m": 8.0}),
+)
+"""One coefficient, one with a shape to be found, two coefficients."""
+
+
+def band(p: float) -> tuple[int, int]:
+    """Counts that hold 99.9 % of a binomial law."""
+    return int(binom.ppf(0.0005, RECORDS, p)), int(binom.ppf(0.9995, RECORDS, p))
+
+
+@pytest.mark.parametrize("pair", SLICE, ids=lambda pair: pair.effect)
+def test_as_many_are_found_as_were_predicted_and_not_as_for_twice_the_size(pair):
+    # False alarms: one in a thousand for each pair.
+    sized = pair.sized()
+    records = [sized.record(seed) for seed in range(RECORDS)]
+    count = sum(found(one) for one in records)
+    low, high = band(float(np.mean([sized.predicted(one) for one in records])))
+    assert low <= count <= high
+    low, high = band(float(np.mean([sized.predicted(one, 2.0) for one in records])))
+    assert not low <= count <= high
+
+
+# Diagnosis and power say the same
+
+
+def test_limits_of_a_diagnosis_are_those_of_power():
+    one = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
+    told, seen = scan([one], Model.linear()).detection_limits, power(one)
+    sizes = {sight.effect: min(sight.smallest) for sight in seen.sights}
+    wandering = {"bias_random_walk", "bias_gauss_markov"}
+    # Where readings may have jumped, and the period of a wave, are read off the record by one and spread by the other.
+    assert set(told) == set(sizes) - wandering
+    for name in set(told) - {"encoder_step", "rail_wave"}:
+        assert told[name] == sizes[name], name
+    assert math.isfinite(told["cubic"])
+
+
+@pytest.mark.parametrize(("moving", "visible"), [(single_tone(), False), (motion("moves", 20.0, RNG(3)), True)])
+def test_what_the_base_swallows_has_no_limit(moving, visible):
+    # On one tone p is a times a constant, so a sloping rail is a scale factor; moves tell the two apart.
+    one = planned_pass(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
+    limit = scan([one], Model.linear()).detection_limits["rail_slope"]
+    assert math.isfinite(limit) == visible
+    assert power_of_motion(moving, PLAIN)["rail_slope"].seen == visible
+
+
+def test_more_parts_ask_for_more_and_each_part_has_its_size():
+    seen = power_of_motion(TONES, PLAIN)
+    several = seen["encoder_nonlinearity"]
+    both = [size * d for size, d in zip(several.smallest, several.d, strict=True)]
+    assert both == pytest.approx([least_distance(seen.examined, seen.blocks, ALPHA, dof=2)] * 2)
+    assert both[0] > least_distance(seen.examined, seen.blocks, ALPHA)
+    with pytest.raises(ValueError, match="2 parts"):
+        seen.detection("encoder_nonlinearity", (1.0, 2.0, 3.0))

@@ -1,0 +1,201 @@
+"""How often an effect hidden in records of independent worlds is found, beside how often it should be."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+
+import accelcal as ac
+from accelcal import io
+from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.search.thresholds import least_distance
+from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.run_state import Pass
+from accelcal.experiment import Plan, plan, power
+from accelcal.experiment.detection_probability import Contest
+from accelcal.model import Model
+from accelcal.signals.signals import Origins
+from accelcal.simulation.motion import Motion
+from tests.worlds import MOTIONS, Hidden, World
+
+SECONDS = 30.0
+UNCOUNTED = 10_000
+"""Seed of the record on which the size of an effect is chosen."""
+DRAWS = 2000
+"""Of the scores, for each prediction; over the records of a pair their errors of one point average out."""
+RIGS = {"ADXL105": ac.ADXL105_RIG, "CXL02": ac.CXL02_RIG}
+
+Row = tuple[float, bool]
+"""Predicted probability of detection, and whether anything was found."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """An effect on a kind of motion, so large that it stands `d` standard deviations from nothing."""
+
+    effect: str
+    motion: str
+    sensor: str
+    d: float
+    shape: Mapping[str, float] = field(default_factory=dict)
+    """Its shape parameters, in the words of the world."""
+
+    @property
+    def label(self) -> str:
+        return f"{self.effect}, {self.motion}, {self.sensor}"
+
+    def sized(self) -> Sized:
+        """Choose the magnitude on a record that is not counted."""
+        one = fitted(World(self.motion, self.sensor, seconds=SECONDS, seed=UNCOUNTED))
+        seen = power(one)
+        truth, unit = told(self, one, seen.contest)
+        if truth.effect.port == "process":
+            smallest = seen[self.effect].smallest[0]
+            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, ALPHA) * smallest)
+        return Sized(self, self.d / seen.contest.distance(truth, unit))
+
+
+@dataclass(frozen=True, slots=True)
+class Sized:
+    """A pair with the magnitude of its effect."""
+
+    pair: Pair
+    magnitude: float
+
+    def record(self, seed: int) -> Pass:
+        """The linear model fitted to one record with the effect in it."""
+        pair = self.pair
+        hidden = (Hidden(pair.effect, self.magnitude, pair.shape),)
+        return fitted(World(pair.motion, pair.sensor, hidden, seconds=SECONDS, seed=seed))
+
+    def predicted(self, one: Pass, factor: float = 1.0) -> float:
+        """Probability of detection on a record, for an effect `factor` times as large."""
+        contest = Contest.of(one, Model.linear())
+        truth, unit = told(self.pair, one, contest)
+        return contest.detection(truth, factor * self.magnitude * unit, DRAWS)
+
+    def row(self, seed: int) -> Row:
+        """Prediction and outcome of one record."""
+        one = self.record(seed)
+        return self.predicted(one), found(one)
+
+
+@dataclass(frozen=True, slots=True)
+class Ahead:
+    """An effect on a motion that was planned for it, predicted from limits and data sheet alone."""
+
+    effect: str
+    beside: tuple[str, ...]
+    """Effects that the motion should tell it from."""
+    sensor: str
+    d: float
+
+    @property
+    def label(self) -> str:
+        return f"{self.effect}, planned, {self.sensor}"
+
+    def sized(self) -> Foreseen:
+        """Plan the motion, choose the magnitude and predict."""
+        made = planned((self.effect, *self.beside), self.sensor)
+        size = self.d / made.power[self.effect].d[0]
+        return Foreseen(self, size, made.power.detection(self.effect, size))
+
+
+@dataclass(frozen=True, slots=True)
+class Foreseen:
+    """A planned motion with the magnitude of what is hidden, and its predicted power."""
+
+    ahead: Ahead
+    magnitude: float
+    probability: float
+
+    def row(self, seed: int) -> Row:
+        """The prediction, and the outcome of one record."""
+        ahead = self.ahead
+        motion = planned((ahead.effect, *ahead.beside), ahead.sensor).motion
+        name = entered(motion, ahead.label)
+        hidden = (Hidden(ahead.effect, self.magnitude),)
+        return self.probability, found(fitted(World(name, ahead.sensor, hidden, seconds=SECONDS, seed=seed)))
+
+
+@cache
+def planned(effects: tuple[str, ...], sensor: str) -> Plan:
+    """The motion that `plan` makes for a stage of 0.2 m, 0.1 m/s and 20 m/s²."""
+    limits = {"stroke": 0.2, "v_max": 0.1, "a_max": 20.0}
+    return plan(effects, **limits, seconds=SECONDS, rig=RIGS[sensor])
+
+
+def entered(motion: Motion, name: str) -> str:
+    """Enter a motion among those that worlds know, whose own splines run through its positions; return its name."""
+    MOTIONS[name] = lambda knots, _seconds, _rng: motion.position(knots)
+    return name
+
+
+def fitted(world: World) -> Pass:
+    """The linear model on a world's record, read from its file."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording = io.load(world.record().write(folder))
+    return solve_runs(Model.linear(), [recording]).passes[0]
+
+
+def found(one: Pass) -> bool:
+    """Whether anything enters."""
+    return bool(scan([one], Model.linear()).found)
+
+
+def told(pair: Pair, one: Pass, contest: Contest) -> tuple[Item, np.ndarray]:
+    """The effect of a world in the product's words: its shape, and its coefficients per unit of the magnitude."""
+    shape, sizes = words(pair.effect, pair.shape, one.run.origins)
+    return contest.item(pair.effect, shape), np.array(sizes)
+
+
+def words(effect: str, shape: Mapping[str, float], origins: Origins) -> tuple[dict[str, float], tuple[float, ...]]:
+    """Shape parameters and coefficients, with the origins of time and position moved to the product's."""
+    if effect in ("bias_step", "scale_step", "encoder_step"):
+        return {"instant": shape["instant"] - origins.t}, (1.0,)
+    if effect == "warm_up":
+        return dict(shape), (math.exp(-origins.t / shape["tau"]),)
+    if effect in ("rail_wave", "encoder_cyclic"):
+        phase = shape["phase"] + 2.0 * math.pi * origins.p / shape["period"]
+        return {"period": shape["period"]}, (math.cos(phase), math.sin(phase))
+    if effect == "encoder_nonlinearity":
+        cubic = shape["cubic_per_m"]
+        return {}, (1.0 + 3.0 * cubic * origins.p, cubic)
+    return dict(shape), (1.0,)
+
+
+PAIRS = (
+    Pair("quadratic", "interleaved", "ADXL105", 3.5),
+    Pair("quadratic", "tones", "CXL02", 4.5),
+    Pair("cubic", "interleaved", "CXL02", 4.0),
+    Pair("cubic", "fast", "ADXL105", 5.0),
+    Pair("odd_quadratic", "bursts", "CXL02", 5.5),
+    Pair("scale_asymmetry", "interleaved", "CXL02", 4.0),
+    Pair("bias_drift", "bursts", "CXL02", 5.0),
+    Pair("velocity_squared", "moves", "CXL02", 4.0),
+    Pair("coulomb", "interleaved", "CXL02", 3.5),
+    Pair("acceleration_velocity", "fast", "CXL02", 4.5),
+    Pair("rail_slope", "moves", "ADXL105", 4.5),
+    Pair("bias_step", "interleaved", "CXL02", 4.5, {"instant": 11.3}),
+    Pair("scale_step", "bursts", "ADXL105", 5.0, {"instant": 17.9}),
+    Pair("warm_up", "moves", "CXL02", 5.0, {"tau": 7.0}),
+    Pair("self_heating", "fast", "ADXL105", 4.5, {"tau": 5.0}),
+    Pair("rail_wave", "interleaved", "CXL02", 5.5, {"period": 0.045, "phase": 1.0}),
+    Pair("encoder_cyclic", "moves", "ADXL105", 5.0, {"period": 0.02, "phase": 2.0}),
+    Pair("encoder_nonlinearity", "fast", "ADXL105", 5.0, {"cubic_per_m": 8.0}),
+    Pair("encoder_step", "bursts", "CXL02", 6.0, {"instant": 8.7}),
+    Pair("bias_random_walk", "interleaved", "ADXL105", 4.0),
+)
+"""One coefficient; with a shape to be found; two columns, with a shape and without; a wandering bias."""
+
+PLANS = (
+    Ahead("quadratic", ("cubic",), "ADXL105", 4.5),
+    Ahead("cubic", ("quadratic",), "CXL02", 4.5),
+    Ahead("rail_curve", ("velocity_odd",), "ADXL105", 4.5),
+)

@@ -1,0 +1,203 @@
+"""Live filters that track effects of the catalogue: agreement with the replay, honesty, laws and refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from accelcal import filters
+from accelcal.data.rig import Rig
+from accelcal.effects import HOUSE, is_local
+from accelcal.estimation.estimate import fit
+from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.live_model import LiveModel
+from accelcal.model import Model
+from accelcal.simulation.sensor import CXL02_RIG, simulate
+from tests.filters.worlds import MODEL, NOISE, RATE, READING, RIG, TRUE, World, followed, world
+
+SEEDS = range(1, 9)
+FALSE_ALARM = 1e-3
+"""Of a two-sided test on the mean normalised error of all seeds."""
+FREE = list(TRUE)
+REPLAY_SHARE = 0.5
+"""Rms difference from the replay on the same record, in standard deviations: the same noise seen twice."""
+
+
+def live_filter(model: Model, rig: Rig = RIG, **more: object) -> LiveModel:
+    given: dict[str, object] = {"rate": RATE, "q": NOISE**2 / 2, "r_position": READING**2, "position": 0.0}
+    return LiveModel(model, rig, **given | more)  # type: ignore[arg-type]
+
+
+def normalised(live: LiveModel) -> float:
+    """Mean squared error of all free coefficients, in standard deviations of their joint covariance."""
+    rows = [live.names.index(name) for name in FREE if name in live.names]
+    error = live.values[rows] - [TRUE[live.names[row]] for row in rows]
+    return float(error @ np.linalg.solve(live.covariance[np.ix_(rows, rows)], error) / len(rows))
+
+
+@pytest.fixture(scope="module")
+def records() -> list[World]:
+    return [world(seed) for seed in SEEDS]
+
+
+def test_live_estimates_of_effects_are_honest_and_near_the_replay(records: list[World]) -> None:
+    errors, apart = [], []
+    for made in records:
+        live = followed(MODEL, made)
+        errors.append(normalised(live))
+        replayed = fit(MODEL, made.recording)
+        shift = replayed.origins.temperature - 25.0
+        bias = replayed["bias"].value - replayed["temperature_bias"].value * shift
+        for name in FREE[1:]:
+            apart.append((live[name].value - replayed[name].value) / replayed[name].std)
+        assert abs(bias - live["bias"].value) < 4 * live["bias"].std
+    dof = len(SEEDS) * len(FREE)
+    low, high = stats.chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], dof) / dof
+    mean, rms = float(np.mean(errors)), float(np.sqrt(np.mean(np.square(apart))))
+    print(f"\n{len(SEEDS)} seeds: normalised error {mean:.2f} in [{low:.2f}, {high:.2f}]; off the replay {rms:.2f} std")
+    assert low < mean < high
+    assert rms < REPLAY_SHARE
+
+
+def test_a_live_filter_without_the_effect_is_found_out(records: list[World]) -> None:
+    poor = MODEL.drop("quadratic")
+    dof = len(SEEDS) * (len(FREE) - 1)
+    high = stats.chi2.ppf(1 - FALSE_ALARM / 2, dof) / dof
+    assert np.mean([normalised(followed(poor, made)) for made in records[:3]]) > high
+
+
+@pytest.mark.parametrize(
+    "rig", [dataclasses.replace(RIG, axis="up"), dataclasses.replace(RIG, axis="down", mount="reversed")]
+)
+def test_mount_and_gravity_are_taken_off(rig: Rig) -> None:
+    live = followed(MODEL, world(3, rig=rig), rig=rig)
+    # False alarm 1e-4 for one record of six coefficients.
+    assert normalised(live) * len(FREE) < stats.chi2.ppf(1 - 1e-4, len(FREE))
+
+
+def test_a_declared_low_pass_is_undone_before_effects_are_evaluated() -> None:
+    rig = dataclasses.replace(CXL02_RIG, resolution=None)
+    truth = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-3}
+    rng = np.random.default_rng(5)
+    made = simulate("bursts", seconds=12.0, rig=rig, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
+    z = np.full(len(made.recording.accel), np.nan)
+    z[::2] = made.recording.position.y
+    model = Model.linear().add("quadratic").freeze(time_offset=0.0)
+    assert rig.sensor.noise is not None
+
+    def worst(seen: Rig) -> float:
+        live = live_filter(model, seen, q=rig.sensor.noise**2 / 2, position=float(z[0]))  # type: ignore[operator]
+        live.run(made.recording.accel.y, z)
+        return max(abs(live[name].value - value) / live[name].std for name, value in truth.items())
+
+    assert worst(rig) < 4.5
+    assert worst(dataclasses.replace(rig, lowpass=None)) > 4.5  # the twin that must fail: 7
+
+
+def test_a_small_time_offset_is_tracked() -> None:
+    rng = np.random.default_rng(6)
+    truth = {"bias": 0.05, "time_offset": 1e-4}
+    made = simulate("bursts", seconds=12.0, rig=RIG, parameters=truth, rng=rng, a_rms=5.0, position_noise=READING)
+    z = np.full(len(made.recording.accel), np.nan)
+    z[::2] = made.recording.position.y
+    live = live_filter(Model.linear(), position=float(z[0]))
+    live.run(made.recording.accel.y, z)
+    assert live["time_offset"].std < 2e-6
+    assert abs(live["time_offset"].value - 1e-4) < 4.5 * live["time_offset"].std
+
+
+def test_without_effects_it_is_the_forward_filter() -> None:
+    made = world(2, seconds=2.0)
+    model = Model.linear().freeze(time_offset=0.0)
+    live = followed(model, made)
+    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4")
+    P0 = np.diag([1e4 * READING**2, 1.0, 0.3**2, 3.0**2])
+    given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [made.z[0], 0.0, 0.0, 0.0], "P0": P0}
+    same = filters.fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]
+    same.run(made.u, made.z)
+    deviation = np.sqrt(np.diag(same.covariance))[2:]
+    assert (
+        np.max(np.abs(live.values[:2] - same.x[2:]) / deviation) < 1e-7
+    )  # two ways to round, 3334 steps, variances that fall by 1e8
+
+
+def test_a_wandering_coefficient_keeps_its_uncertainty() -> None:
+    made = world(4, seconds=4.0)
+    constant, walking = (
+        LiveModel(
+            MODEL,
+            RIG,
+            rate=RATE,
+            q=NOISE**2 / 2,
+            r_position=READING**2,
+            position=float(made.z[0]),
+            wander=wander,
+        )
+        for wander in ({}, {"bias": Wander(1e-4)})
+    )
+    for live in (constant, walking):
+        live.run(made.u, made.z, temperature=made.temperature)
+    assert walking["bias"].std > 2 * constant["bias"].std
+
+
+REFUSED = {
+    "vibration": "changes the noise",
+    "bias_random_walk": "wander=",
+    "temperature_rate": "other times",
+    "hysteresis": "other times",
+    "sensor_lag": "other times",
+    "encoder_backlash": "other times",
+}
+
+
+@pytest.mark.parametrize("name", sorted(REFUSED))
+def test_what_cannot_be_followed_live_is_refused_by_name(name: str) -> None:
+    effect = next(effect for effect in HOUSE if effect.name == name)
+    shapes = {name: {shape: 1.0 for shape in effect.shapes}}
+    with pytest.raises(ValueError, match=f"{name} cannot be tracked live: .*{REFUSED[name]}"):
+        live_filter(Model.linear().add(name, shapes=shapes))
+
+
+def test_every_effect_with_memory_is_refused_and_every_local_mean_is_taken() -> None:
+    for effect in HOUSE:
+        if effect.name in ("bias", "scale_factor", "time_offset"):
+            continue
+        model = Model.linear().add(
+            effect.name, shapes={effect.name: {shape: -1.0 if shape == "low" else 1.0 for shape in effect.shapes}}
+        )
+        if effect.port in ("noise", "process") or not is_local(effect):
+            with pytest.raises(ValueError, match=f"{effect.name} cannot be tracked live"):
+                live_filter(model)
+        else:
+            live = live_filter(model)
+            side = dict.fromkeys(effect.needs, 0.0)
+            for j in range(4):
+                live.step(0.1 * j, 1e-6 * j, **side)
+            assert np.all(np.isfinite(live.values))
+
+
+def test_an_unknown_instant_is_asked_for() -> None:
+    with pytest.raises(ValueError, match="bias_step needs a value of instant"):
+        Model.linear().add("bias_step")
+
+
+def test_a_side_channel_that_was_never_given_is_asked_for() -> None:
+    live = live_filter(Model.linear().add("temperature_bias"))
+    with pytest.raises(ValueError, match="temperature_bias needs the channel 'temperature'"):
+        live.step(0.0, 0.0)
+    live.step(0.0, 0.0, temperature=21.0)
+    live.step(0.0, 0.0)  # the last value holds
+
+
+def test_too_many_coefficients_are_refused() -> None:
+    names = ("shape_of_position", "shape_of_velocity")
+    with pytest.raises(ValueError, match="room for 14 coefficients beside bias and scale_factor; the model has 19"):
+        live_filter(Model.linear().add(*names, shapes={name: {"low": -1.0, "high": 1.0} for name in names}))
+
+
+def test_wander_of_what_is_not_there_is_refused() -> None:
+    with pytest.raises(ValueError, match="cubic not in the model"):
+        live_filter(Model.linear(), wander={"cubic": Wander(1.0)})

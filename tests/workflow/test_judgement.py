@@ -1,0 +1,179 @@
+"""What is said beside a name: whether the effect matters, what was left out as wild, and what lies beyond the trained
+range."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.recording import Channel
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.diagnosis.contribution import Size, split
+from accelcal.serialization import diagnosis_json, model_file
+from accelcal.simulation.motion import motion
+from accelcal.simulation.sensor import Vibration
+from accelcal.validation.evaluation import compare
+from accelcal.workflow import diagnose, improve
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01}
+MG = 1e-3 * STANDARD_GRAVITY
+
+
+def record(seed, seconds=40.0, rig=ac.CXL02_RIG, profile="interleaved", vibration=None, **more):
+    rng = np.random.default_rng(seed)
+    truth = {**TRUTH, **more}
+    return ac.simulate(profile, seconds=seconds, rig=rig, parameters=truth, rng=rng, vibration=vibration).recording
+
+
+# ---- tolerance -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return record(2, quadratic=1e-3)
+
+
+@pytest.mark.parametrize(("factor", "kind"), [(0.5, "matters"), (2.0, "below")])
+def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(bent, factor, kind):
+    # By hand: K2 a² at the largest acceleration of the planned motion.
+    rng = np.random.default_rng(2).spawn(4)[0]
+    a = motion("interleaved", 40.0, rng).derivatives(bent.accel.t)[2]
+    largest = 1e-3 * float(np.max(a**2))
+    rig = dataclasses.replace(bent.rig, tolerance=factor * largest)
+    found = diagnose(ac.fit(ac.Model.linear(), bent), dataclasses.replace(bent, rig=rig))
+    content = diagnosis_json.diagnosis_to_dict(found)
+    assert content["effects"] == ["quadratic"]
+    assert content["tolerance"][kind] == ["quadratic"]
+    assert content["tolerance"]["m_per_s2"] == factor * largest
+    size = content["largest_contributions"]["quadratic"]
+    assert size["m_per_s2"] == pytest.approx(largest, rel=0.1)  # smoothed at a peak, K2 known to some percent
+    assert size["mg"] == pytest.approx(size["m_per_s2"] / MG, rel=1e-12)
+    full_scale = 2.0 * STANDARD_GRAVITY
+    assert size["percent_of_full_scale"] == pytest.approx(100.0 * size["m_per_s2"] / full_scale, rel=1e-12)
+
+
+def test_without_a_declared_tolerance_nothing_is_split(bent):
+    found = improve(bent)
+    assert found.importance is None
+    content = diagnosis_json.improvement_to_dict(found)
+    assert content["tolerance"] is None
+    assert content["largest_contributions"]["quadratic"]["m_per_s2"] > 0.0
+
+
+def test_metres_are_not_compared_with_an_acceleration():
+    sizes = {"cubic": Size(0.02), "encoder_cyclic": Size(1.0, at_encoder=True), "velocity": Size(0.001)}
+    found = split(("cubic", "encoder_cyclic", "velocity", "whiteness"), sizes, 0.01)
+    assert (found.matters, found.below) == (("cubic",), ("velocity",))
+    assert found.not_comparable == ("encoder_cyclic", "whiteness")
+
+
+# ---- channels and wild readings --------------------------------------------------------------------------------------
+
+
+def test_channels_are_tested_anew_once_an_effect_has_entered():
+    shaken = record(11, quadratic=1e-3, vibration=Vibration(0.05, 230.0))
+    found = improve(shaken)
+    assert found.effects == ("quadratic", "vibration")
+    # The sister: nothing shakes, nothing is heard.
+    assert improve(record(11, quadratic=1e-3)).effects == ("quadratic",)
+
+
+def wild(recording, channel, sizes, seed=5, share=1e-3):
+    """One reading in a thousand wrong by a size between two; not at the ends, where no spectrum tells them apart."""
+    rng = np.random.default_rng(seed)
+    good = getattr(recording, channel)
+    hit = (rng.random(len(good)) < share) & (good.t > good.t[0] + 0.5) & (good.t < good.t[-1] - 0.5)
+    wrong = hit * rng.choice([-1.0, 1.0], len(good)) * rng.uniform(*sizes, len(good))
+    other = Channel(good.name, good.t, good.y + wrong, good.unit)
+    return dataclasses.replace(recording, **{channel: other}), good.t[hit]
+
+
+@pytest.mark.parametrize(
+    ("effect", "channel", "sizes"),
+    [("accelerometer_outliers", "accel", (0.3, 1.0)), ("encoder_outliers", "position", (12e-6, 40e-6))],
+)
+def test_wild_readings_are_left_out_and_no_longer_inflate_the_noise(effect, channel, sizes):
+    clean = record(12)
+    spoiled, at = wild(clean, channel, sizes)
+    level = {"accel": lambda f: f.runs[0].noise.all.density, "position": lambda f: f.runs[0].noise.all.reading}[channel]
+    good, bad = (level(ac.fit(ac.Model.linear(), one)) for one in (clean, spoiled))
+    found = diagnose(ac.fit(ac.Model.linear(), clean), spoiled)
+    assert effect in found.effects
+    assert bad > 1.2 * good
+    assert level(found.fit) == pytest.approx(good, rel=0.03)  # 2 % is what the likelihood knows of either noise
+    (dropped,) = found.dropped
+    assert (dropped.channel, dropped.of) == (channel, len(getattr(clean, channel)))
+    assert dropped.count == len(at)
+    assert diagnosis_json.diagnosis_to_dict(found)["dropped"][0]["count"] == dropped.count
+
+
+def test_nothing_is_left_out_of_a_good_record():
+    # Each channel raises a false alarm once in ten thousand records.
+    good = record(12)
+    assert diagnose(ac.fit(ac.Model.linear(), good), good).dropped == ()
+
+
+def test_held_out_data_lose_their_wild_readings_for_every_step_alike():
+    spoiled, _ = wild(record(13, quadratic=1e-3), "position", (12e-6, 40e-6))
+    test, at = wild(record(14, quadratic=1e-3), "position", (12e-6, 40e-6), seed=6)
+    found = improve(spoiled, holdout=test)
+    assert found.effects == ("quadratic", "encoder_outliers")
+    lost = [d for d in found.diagnosis.dropped if d.recording.startswith("held out")]
+    assert [d.channel for d in lost] == ["position"]
+    assert 0.9 * len(at) <= lost[0].count <= len(at)
+    assert len({len(step.heldout.residual[0]) for step in found.steps}) == 1
+    clean = improve(record(13, quadratic=1e-3), holdout=record(14, quadratic=1e-3))
+    assert found.steps[-1].heldout.one_step_rms < 1.02 * clean.steps[-1].heldout.one_step_rms
+
+
+# ---- beyond the trained range ----------------------------------------------------------------------------------------
+
+
+def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
+    small = record(21, profile="tones", cubic=1e-3)
+    fitted = ac.fit(ac.Model.linear(), small)
+    rng = np.random.default_rng(22)
+    made = ac.simulate("tones", seconds=40.0, rig=ac.CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0)
+    seen = compare(fitted, made.recording)
+    of_a = next(o for o in seen.outside if o.variable == "a")
+    low, high = of_a.range
+    a = made.truth.motion.derivatives(made.recording.position.t)[2]
+    truly = int(np.sum((a < low) | (a > high)))
+    assert truly > 1000
+    assert of_a.count == pytest.approx(truly, rel=0.05)  # the encoder's own acceleration, noisy, ends left out
+    inside, outside = of_a.one_step
+    assert outside > inside  # cubic is missing, and grows with a
+    assert of_a.count < seen.outside[-1].of
+    assert seen.outside[-1].variable == "any"
+    assert seen.outside[-1].count >= max(o.count for o in seen.outside)
+    assert sum(of_a.starts[1.0]) == seen.coast_starts[1.0]
+    content = model_file.comparison_to_dict(seen)["outside"]
+    assert content[0]["variable"] == "a"
+    assert content[0]["readings_outside"] == of_a.count
+
+
+def test_errors_inside_and_outside_add_up_to_the_whole():
+    fitted = ac.fit(ac.Model.linear(), record(23, profile="bursts"))
+    seen = compare(fitted, record(24, profile="interleaved"))
+    for one in seen.outside:
+        for horizon, (near, far) in one.coast.items():
+            n, m = one.starts[horizon]
+            total = (n * (near or 0.0) ** 2 + m * (far or 0.0) ** 2) / max(1, n + m)
+            assert np.sqrt(total) == pytest.approx(seen.coast_rms[horizon], rel=1e-9)
+
+
+def test_temperature_beyond_the_calibrated_range_is_counted():
+    cold, warm = record(25), record(26)
+    t = cold.accel.t
+
+    def at(recording, low, high):
+        y = np.linspace(low, high, len(t))
+        return dataclasses.replace(recording, side={"temperature": Channel("temperature", t, y, "degC")})
+
+    fitted = ac.fit(ac.Model.linear(), at(cold, 20.0, 25.0))
+    seen = compare(fitted, at(warm, 22.0, 28.0))
+    one = next(o for o in seen.outside if o.variable == "temperature")
+    assert one.range == pytest.approx((20.0, 25.0), abs=0.01)
+    assert one.count == pytest.approx(0.5 * one.of, rel=0.05)  # half of the ramp lies above 25 degC
+    assert compare(fitted, at(warm, 20.5, 24.5)).outside[-2].count == 0

@@ -1,0 +1,63 @@
+"""Linear algebra runs in one thread while a fit or a diagnosis is made, and in as many as before once it is."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import accelcal as ac
+from accelcal._support.threads import one_thread
+from accelcal.workflow import diagnose
+
+
+def threads() -> set[int]:
+    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+
+@pytest.fixture(autouse=True)
+def two_threads():
+    np.linalg.eigh(np.eye(2))
+    with threadpool_limits(2, "blas"):
+        if threads() != {2}:
+            pytest.skip("this linear algebra has one thread only")
+        yield
+
+
+def test_an_inner_one_does_not_lift_what_the_outer_one_asked_for():
+    within = []
+    inner = one_thread(lambda: within.append(threads()))
+    outer = one_thread(lambda: (inner(), within.append(threads())))
+    outer()
+    assert within == [{1}, {1}]
+    assert threads() == {2}
+
+
+def test_an_error_lifts_it():
+    @one_thread
+    def wrong() -> None:
+        raise ValueError("mistake")
+
+    with pytest.raises(ValueError, match="mistake"):
+        wrong()
+    assert threads() == {2}
+
+
+def test_in_another_thread_it_changes_nothing():
+    within: list[set[int]] = []
+    other = threading.Thread(target=one_thread(lambda: within.append(threads())))
+    other.start()
+    other.join()
+    assert within == [{2}]
+
+
+def test_a_fit_and_a_diagnosis_ask_for_it():
+    run = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
+    within: list[set[int]] = []
+    fit = ac.fit(ac.Model.linear(), run)
+    diagnose(fit, run, report=lambda share: within.append(threads()))
+    assert within
+    assert all(seen == {1} for seen in within)
+    assert threads() == {2}
