@@ -168,7 +168,8 @@ def _(seen: Comparison) -> Card:
         ),
         notes=(
             f"One step ahead {formatting.length(seen.one_step_rms)} rms; accelerometer side up to "
-            f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; set-up or turn-on bias {number(setup)} ± {number(std, 2)} m/s².",
+            f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; set-up or turn-on bias "
+            f"{number(setup)} ± {number(std, 2)} m/s².",
             full(seen.worst),
             *seen.remarks,
         ),
