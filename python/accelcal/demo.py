@@ -18,7 +18,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.effects.building_blocks import lagged
 from accelcal.estimation.gauss_newton import iterate
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.signals.signals import Origins, Signals
 from accelcal.simulation.motion import Motion
@@ -65,7 +65,7 @@ def hide(name: str, seed: int) -> Hidden:
     train, holdout = (one.recording for one in made)
     if name == "none":
         return Hidden(train, holdout, None, 0.0, {})
-    run = Run(train)
+    run = PreparedRun(train)
     one = iterate(Model.linear(), [run], [None]).passes[0]
     limits = scan([one], Model.linear()).detection_limits
     possible = [

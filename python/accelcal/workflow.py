@@ -7,18 +7,18 @@ from dataclasses import replace
 
 from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.noise_tests.run_all import channel_findings
-from accelcal.diagnosis.outlier_rejection import Dropped, gated, wild
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.search.hypotheses import finer
 from accelcal.diagnosis.search.scan import ALPHA, scan
-from accelcal.diagnosis.verdict import Diagnosis, Stretch, judge_model, within
+from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs, taken_up
 from accelcal.estimation.estimate import fit as fit_all
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
 from accelcal.selection.improvement import History, Improvement, Step
-from accelcal.selection.stepwise import Walk
+from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import HELD_OUT
 from accelcal.validation.evaluation import compare
@@ -55,7 +55,7 @@ def diagnose(
         If the motion does not excite what the model already contains.
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    stretch = Stretch.of(several[0], start, end)
+    stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
 
     def solve(these: Sequence[Recording]) -> Solution:
@@ -63,8 +63,8 @@ def diagnose(
             fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins, report=within(report, 0.1, 0.3)
         )
 
-    state = gated(several, solve)
-    judged = judge_model(state, stretch, extra, alpha, within(report, 0.35, 1.0))
+    state = clean_fit(several, solve)
+    judged = verdict_on(state, stretch, extra, alpha, within(report, 0.35, 1.0))
     return replace(judged, dropped=state.dropped(several))
 
 
@@ -85,10 +85,10 @@ def fit(
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     every = fit_all(model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, 0.8))
-    return tidied(every, several, start=start, end=end, band=band)
+    return without_outliers(every, several, start=start, end=end, band=band)
 
 
-def tidied(
+def without_outliers(
     fit: Fit,
     recordings: Sequence[Recording],
     *,
@@ -98,13 +98,13 @@ def tidied(
 ) -> Fit:
     """The fit made again without wild readings; the fit itself where there are none."""
     passes = taken_up(fit, recordings)
-    if passes is not None and not any(wild(channel_findings(one)) for one in passes):
+    if passes is not None and not any(outliers_found(run_noise_tests(one)) for one in passes):
         return fit
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
 
-    state = gated(recordings, solve)
+    state = clean_fit(recordings, solve)
     dropped = state.dropped(recordings)
     if not dropped:
         return fit
@@ -153,7 +153,7 @@ def add(
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
-    return tidied(grown, several)
+    return without_outliers(grown, several)
 
 
 @one_thread
@@ -169,7 +169,7 @@ def drop(
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
-    return tidied(left, several)
+    return without_outliers(left, several)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:
@@ -211,10 +211,10 @@ def improve(
     """
     original = [recordings] if isinstance(recordings, Recording) else list(recordings)
     same_run = holdout is None
-    stretch = Stretch.of(original[0], start, end)
+    stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
-    walk = Walk.begin(original, stretch, split, extra, alpha)
+    walk = StepwiseSelection.begin(original, stretch, split, extra, alpha)
     report(0.3)
     for number in range(2 * most):
         room = len(walk.story.effects) < most
@@ -227,7 +227,7 @@ def improve(
     test = original[0] if holdout is None else holdout
     test_begin, test_end = (split, finish) if same_run else (None, None)
     if dropped:
-        test, lost = gated_holdout(walk.fits[0][1].model, test, test_begin, test_end)
+        test, lost = clean_holdout(walk.fits[0][1].model, test, test_begin, test_end)
         dropped = (*dropped, *lost)
     steps = [
         Step(
@@ -242,12 +242,12 @@ def improve(
     return Improvement(tuple(steps), told, tuple(walk.story.ties), walk.examined, same_run)
 
 
-def gated_holdout(
+def clean_holdout(
     model: Model, recording: Recording, start: float | None, end: float | None
-) -> tuple[Recording, tuple[Dropped, ...]]:
+) -> tuple[Recording, tuple[RejectedReadings, ...]]:
     """Held-out data without their own wild readings, the same for every step; as they are where no fit is possible."""
     try:
-        state = gated([recording], lambda these: solve_runs(model, these, start=start, end=end))
+        state = clean_fit([recording], lambda these: solve_runs(model, these, start=start, end=end))
     except (NotIdentifiable, ValueError):
         return recording, ()
     found = state.dropped([recording])

@@ -12,13 +12,13 @@ import numpy as np
 
 import accelcal as ac
 from accelcal import io
-from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scan import ALPHA, scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.experiment import Plan, plan, power
-from accelcal.experiment.detection_probability import Contest
+from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
 from accelcal.simulation.motion import Motion
@@ -68,15 +68,15 @@ class Sized:
     pair: Pair
     magnitude: float
 
-    def record(self, seed: int) -> Pass:
+    def record(self, seed: int) -> RunState:
         """The linear model fitted to one record with the effect in it."""
         pair = self.pair
         hidden = (Hidden(pair.effect, self.magnitude, pair.shape),)
         return fitted(World(pair.motion, pair.sensor, hidden, seconds=SECONDS, seed=seed))
 
-    def predicted(self, one: Pass, factor: float = 1.0) -> float:
+    def predicted(self, one: RunState, factor: float = 1.0) -> float:
         """Probability of detection on a record, for an effect `factor` times as large."""
-        contest = Contest.of(one, Model.linear())
+        contest = DetectionModel.of(one, Model.linear())
         truth, unit = told(self.pair, one, contest)
         return contest.detection(truth, factor * self.magnitude * unit, DRAWS)
 
@@ -137,19 +137,19 @@ def entered(motion: Motion, name: str) -> str:
     return name
 
 
-def fitted(world: World) -> Pass:
+def fitted(world: World) -> RunState:
     """The linear model on a world's record, read from its file."""
     with tempfile.TemporaryDirectory() as folder:
         recording = io.load(world.record().write(folder))
     return solve_runs(Model.linear(), [recording]).passes[0]
 
 
-def found(one: Pass) -> bool:
+def found(one: RunState) -> bool:
     """Whether anything enters."""
     return bool(scan([one], Model.linear()).found)
 
 
-def told(pair: Pair, one: Pass, contest: Contest) -> tuple[Item, np.ndarray]:
+def told(pair: Pair, one: RunState, contest: DetectionModel) -> tuple[Hypothesis, np.ndarray]:
     """The effect of a world in the product's words: its shape, and its coefficients per unit of the magnitude."""
     shape, sizes = words(pair.effect, pair.shape, one.run.origins)
     return contest.item(pair.effect, shape), np.array(sizes)

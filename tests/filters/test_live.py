@@ -12,7 +12,7 @@ from accelcal import filters
 from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, is_local
 from accelcal.estimation.estimate import fit
-from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
@@ -136,7 +136,7 @@ def test_a_wandering_coefficient_keeps_its_uncertainty() -> None:
             position=float(made.z[0]),
             wander=wander,
         )
-        for wander in ({}, {"bias": Wander(1e-4)})
+        for wander in ({}, {"bias": GaussMarkov(1e-4)})
     )
     for live in (constant, walking):
         live.run(made.u, made.z, temperature=made.temperature)
@@ -200,4 +200,4 @@ def test_too_many_coefficients_are_refused() -> None:
 
 def test_wander_of_what_is_not_there_is_refused() -> None:
     with pytest.raises(ValueError, match="cubic not in the model"):
-        live_filter(Model.linear(), wander={"cubic": Wander(1.0)})
+        live_filter(Model.linear(), wander={"cubic": GaussMarkov(1.0)})

@@ -10,8 +10,8 @@ from tests.plots.test_plots import SHORT, a_comparison
 
 import accelcal as ac
 from accelcal import formatting
-from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
-from accelcal.diagnosis.verdict import Tie
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.verdict import Confounded
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
@@ -24,7 +24,7 @@ from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.tiles import tiles_of
 from accelcal.plots.interactive.timeline import Marks
 from accelcal.plots.static.comparison import normalised
-from accelcal.selection.nested_models import ladder
+from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.evaluation import compare
@@ -32,7 +32,7 @@ from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
 from accelcal.workflow import diagnose
 
 THEMES = ("light", "dark")
-LINE = ChannelFinding("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
+LINE = NoiseTest("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
 
 
 class Story:
@@ -49,7 +49,7 @@ class Story:
         self.fit = ac.fit(ac.Model.linear(), self.run)
         self.diagnosis = diagnose(self.fit, self.run)
         self.seen = self.diagnosis.where
-        self.ladder = ladder(self.fit, self.run, self.diagnosis, holdout=self.other)
+        self.nested = nested_models(self.fit, self.run, self.diagnosis, holdout=self.other)
         self.power = power(self.run)
         self.track = track(self.fit, self.run)
         self.marks = interactive.marks(self.run)
@@ -76,7 +76,7 @@ class Story:
             "tracks": interactive.tracks(self.track, theme=theme),
             "ranking": interactive.ranking(self.diagnosis, theme=theme),
             "signatures": interactive.signatures(self.power, theme=theme),
-            "falling": interactive.falling(self.ladder, theme=theme),
+            "falling": interactive.falling(self.nested, theme=theme),
             "shape": interactive.shape(shapes(self.shaped), theme=theme),
             "power_of": interactive.power_of(self.power, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
@@ -299,7 +299,7 @@ def test_a_tie_is_bracketed(story):
     diagnosis = replace(
         story.diagnosis,
         scan=replace(story.diagnosis.scan, candidates=tied),
-        classes=(Tie(first.effect, (first.effect, second.effect), "x"),),
+        classes=(Confounded(first.effect, (first.effect, second.effect), "x"),),
     )
     assert [c.effect for c in classes(diagnosis)[0]] == [first.effect, second.effect]
     unsure = (replace(tied[0], p_value=0.5), *tied[1:])
@@ -326,27 +326,27 @@ def test_signatures_are_the_correlations_of_the_record(story):
 def test_falling_draws_errors_floor_and_shares(story, drawn):
     figure = drawn["light"]["falling"]
     bars = [y for t in figure.data if t.type == "bar" for y in t.y]
-    factor = bars[0] / story.ladder.errors[0]
-    np.testing.assert_allclose(bars, np.array(story.ladder.errors) * factor, rtol=1e-12)  # one product
-    np.testing.assert_allclose(named(figure, "noise alone").y, story.ladder.floor * factor, rtol=1e-12)
+    factor = bars[0] / story.nested.errors[0]
+    np.testing.assert_allclose(bars, np.array(story.nested.errors) * factor, rtol=1e-12)  # one product
+    np.testing.assert_allclose(named(figure, "noise alone").y, story.nested.floor * factor, rtol=1e-12)
     texts = [text for t in figure.data if t.type == "bar" for text in t.text]
-    assert f"{100 * story.ladder.shares[1]:.0f} % of the excess" in texts[1]
-    assert story.ladder.errors[1] < 0.6 * story.ladder.errors[0]
+    assert f"{100 * story.nested.shares[1]:.0f} % of the excess" in texts[1]
+    assert story.nested.errors[1] < 0.6 * story.nested.errors[0]
     assert "not in the model yet" in {t.name for t in figure.data}
 
 
 def test_a_base_at_the_floor_explains_nothing(story):
-    good = replace(story.ladder, rungs=story.ladder.rungs[1:])
+    good = replace(story.nested, models=story.nested.models[1:])
     poor = tuple(
         replace(r, heldout=replace(r.heldout, coast_floor=dict.fromkeys(r.heldout.coast_floor, 1.0)))
-        for r in good.rungs
+        for r in good.models
     )
-    assert replace(good, rungs=poor).shares == (None,)
+    assert replace(good, models=poor).shares == (None,)
 
 
 def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(story):
-    once, shape = story.ladder.rungs[0], replace(story.ladder.rungs[-1], effect="shape_of_position")
-    twice = replace(story.ladder, rungs=(once, shape, shape))
+    once, shape = story.nested.models[0], replace(story.nested.models[-1], effect="shape_of_position")
+    twice = replace(story.nested, models=(once, shape, shape))
     assert steps(twice) == ["base", "+ shape of position", "+ shape of position, finer"]
 
 

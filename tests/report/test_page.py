@@ -12,7 +12,7 @@ import pytest
 import accelcal as ac
 from accelcal import report
 from accelcal._support.extras import MissingExtra
-from accelcal.diagnosis.outlier_rejection import Dropped
+from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.formatting import spoken
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
@@ -51,7 +51,7 @@ def test_numbers_are_those_of_the_api(pages, lacking, complete):
         assert rows[:, 0].tolist() == [e.value for e in content.fit.estimates]
         assert rows[:, 1].tolist() == [e.std for e in content.fit.estimates]
         assert rows[:, 2].tolist() == [2.0 * e.std for e in content.fit.estimates]
-        assert values["falling"] == list(content.ladder.errors)
+        assert values["falling"] == list(content.nested.errors)
     combined = [x for line in complete.budget.lines for x in (line.combined, line.expanded)]
     assert Page(pages["complete"]).values["budget"] == combined
     volts = Page(pages["complete"]).values["parameters"][-2:]
@@ -122,16 +122,16 @@ def test_the_budget_is_withheld_while_something_is_undeclared(pages):
 
 def test_the_falling_error_falls_on_the_page(lacking, complete):
     for content in (lacking, complete):
-        climbed = content.ladder
-        assert [r.effect for r in climbed.rungs] == ["", "cubic"]
-        assert climbed.errors[1] < 0.6 * climbed.errors[0]  # the cubic is 40 sigma; noise moves each by a tenth
-        assert climbed.shares[1] == pytest.approx(
-            (climbed.errors[0] ** 2 - climbed.errors[1] ** 2) / (climbed.errors[0] ** 2 - climbed.floor**2), rel=1e-12
+        nested = content.nested
+        assert [r.effect for r in nested.models] == ["", "cubic"]
+        assert nested.errors[1] < 0.6 * nested.errors[0]  # the cubic is 40 sigma; noise moves each by a tenth
+        assert nested.shares[1] == pytest.approx(
+            (nested.errors[0] ** 2 - nested.errors[1] ** 2) / (nested.errors[0] ** 2 - nested.floor**2), rel=1e-12
         )
-    assert [r.in_model for r in lacking.ladder.rungs] == [True, False]
-    assert [r.in_model for r in complete.ladder.rungs] == [True, True]
-    assert not lacking.ladder.same_run
-    assert complete.ladder.same_run
+    assert [r.in_model for r in lacking.nested.models] == [True, False]
+    assert [r.in_model for r in complete.nested.models] == [True, True]
+    assert not lacking.nested.same_run
+    assert complete.nested.same_run
 
 
 def test_thinned_traces_say_how_many_points_are_shown(pages, lacking):
@@ -157,7 +157,7 @@ def test_a_record_too_short_for_a_verdict_has_a_report(tmp_path):
 
 
 def test_what_a_diagnosis_says_beside_its_verdict_is_on_the_page(lacking):
-    wild = Dropped("run.csv", "accel", 3, 900)
+    wild = RejectedReadings("run.csv", "accel", 3, 900)
     rig = replace(lacking.diagnosis.fit.rig, tolerance=1e-3)
     diagnosis = replace(lacking.diagnosis, dropped=(wild,), fit=replace(lacking.diagnosis.fit, rig=rig))
     judged = replace(lacking.judged, remarks=("12 % of this run lies outside the fitted range",))
@@ -217,7 +217,7 @@ def test_a_missing_extra_is_named(lacking, tmp_path, monkeypatch, package, extra
 
 
 def test_what_cannot_be_worked_out_is_said(lacking):
-    content = replace(lacking, ladder=None, power=None, track=None, applied=None, remarks=("the tracks: no motion",))
+    content = replace(lacking, nested=None, power=None, track=None, applied=None, remarks=("the tracks: no motion",))
     text = Page(report.light(content)).text
     assert "the tracks: no motion" in text
     assert "cannot be inverted" in text

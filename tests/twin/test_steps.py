@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from accelcal import filters
 from accelcal._core import FilterError
 from accelcal.data.recording import Channel
-from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.stream import LiveFilter
 from tests.twin.cases import Case, cases
 
@@ -266,7 +266,7 @@ def test_what_a_system_ignores_is_refused() -> None:
     with pytest.raises(ValueError, match="has no use for r_accel"):
         filters.run(aci, accel, position, **settings(aci, r_accel=1.0))
     with pytest.raises(ValueError, match="K2"):
-        filters.run(aci, accel, position, **settings(aci, parameters={"K2": Wander(1.0)}))
+        filters.run(aci, accel, position, **settings(aci, parameters={"K2": GaussMarkov(1.0)}))
 
 
 CHOICES = {

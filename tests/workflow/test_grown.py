@@ -5,7 +5,7 @@ import pytest
 
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import estimated
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 
@@ -19,10 +19,10 @@ def linear():
 
 
 def test_it_ends_where_a_fit_of_its_own_does_and_asks_the_filter_less_often(linear, monkeypatch):
-    asked, refresh = [], Pass.refresh
-    monkeypatch.setattr(Pass, "refresh", lambda one, **how: (asked.append(one), refresh(one, **how))[1])
+    asked, refresh = [], RunState.refresh
+    monkeypatch.setattr(RunState, "refresh", lambda one, **how: (asked.append(one), refresh(one, **how))[1])
     model = linear.model.add("quadratic")
-    own = estimated(model, [Pass.begin(one.run, model, None) for one in linear.passes])
+    own = estimated(model, [RunState.begin(one.run, model, None) for one in linear.passes])
     alone = len(asked)
     grown = estimated(model, [one.grown(model) for one in linear.passes], grown=True)
     std = np.sqrt(np.diag(own.covariance))

@@ -10,7 +10,7 @@ FACE = "accelcal.notebook"
 """Results lie below every face; the name is looked up when a cell shows one, so that nothing is imported before."""
 
 
-def shown(result: type[Result]) -> type[Result]:
+def notebook_repr(result: type[Result]) -> type[Result]:
     """Give a class of results the method by which notebooks show an object."""
 
     def html(self: Result) -> str:

@@ -15,7 +15,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import interactive
 from accelcal.plots.style import ThemeName
-from accelcal.selection.nested_models import Ladder, Rung
+from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
@@ -89,20 +89,20 @@ def linked(
     return picture(figure)
 
 
-def ladder(state: State) -> Ladder:
+def nested_of(state: State) -> NestedModels:
     """The falling error along the path to the model that is looked at."""
-    rungs = tuple(Rung(s.label, True, s.fit, s.heldout) for s in state.path)
-    horizons = [h for h in rungs[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in rungs)]
-    return Ladder(rungs, state.other is None, max(horizons, default=None))
+    models = tuple(NestedModel(s.label, True, s.fit, s.heldout) for s in state.path)
+    horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
+    return NestedModels(models, state.other is None, max(horizons, default=None))
 
 
 def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path."""
-    climbed = ladder(state)
-    figure = interactive.falling(climbed, theme=theme)
+    nested = nested_of(state)
+    figure = interactive.falling(nested, theme=theme)
     names = [html.escape(spelled(s.label)) for s in state.path]
-    sizes = [formatting.length(error) for error in climbed.errors]
-    shares = [f"<br>{told(share)}" if share is not None else "" for share in climbed.shares]
+    sizes = [formatting.length(error) for error in nested.errors]
+    shares = [f"<br>{told(share)}" if share is not None else "" for share in nested.shares]
     ticks = [f"{name}: {size}{share}" for name, size, share in zip(names, sizes, shares, strict=True)]
     figure.update_xaxes(ticktext=ticks, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal._support.notebook_repr import shown
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
 
@@ -50,7 +50,7 @@ class Finding:
     severity: Literal["note", "warning"] = "note"
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One run: the accelerometer output, the encoder position, side channels, and the rig it came from."""

@@ -18,12 +18,12 @@ from accelcal.diagnosis.relation import (
     LEAST_BLOCKS,
     MOST_BLOCKS,
     UNEXPLAINED,
-    Columns,
-    Relation,
+    BandRelation,
+    RelationColumns,
     _solve,
     _unexplained,
 )
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Usable:
     """s"""
     breaks: tuple[float, ...]
     """Instants from which on no relation holds, s; empty when the whole record is good."""
-    columns: Columns
+    columns: RelationColumns
     """Of the whole overlap of the channels."""
 
 
@@ -48,8 +48,8 @@ def usable(recording: Recording) -> Usable:
     RecordingError
         If the channels do not overlap.
     """
-    run = Run(recording)
-    columns = Columns(run)
+    run = PreparedRun(recording)
+    columns = RelationColumns(run)
     breaks = find_breaks(columns)
     start, end = float(run.t[0]), float(run.t[-1])
     if breaks:
@@ -64,7 +64,7 @@ EVIDENCE = 30.0
 """Log-likelihood that a break must gain, search included."""
 
 
-def find_breaks(columns: Columns) -> tuple[float, ...]:
+def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     """First instant from which on no linear relation between output and encoder holds, to the end of the record.
 
     Parameters
@@ -96,23 +96,23 @@ def find_breaks(columns: Columns) -> tuple[float, ...]:
         if split is not None:
             widest, found = max(widest, float(band)), min(found, split)
     if widest == 0.0:
-        found = shock(run)
+        found = impact(run)
     return (found,) if math.isfinite(found) else ()
 
 
 TOGETHER = 0.1
 """Time within which both channels must be hit by a shock, s."""
-SHOCK = 50.0
+IMPACT = 50.0
 """A shock stands above the local spread of the output by this factor ..."""
 THROWN = 20.0
 """The encoder is thrown off when its second difference surpasses the usual one by this factor."""
-SHOCK_SAMPLES = 5
+IMPACT_SAMPLES = 5
 """It is shorter than twice this many samples."""
 UNHEARD = 3.0
 """... and above anything else in the record by this one; vibration has many peaks of one height."""
 
 
-def shock(run: Run) -> float:
+def impact(run: PreparedRun) -> float:
     """Instant of a blow that hits both channels at once, s; infinite when there is none.
 
     A blow lasts for several samples of the output, surpasses all else in it, and throws the encoder off in the same
@@ -121,18 +121,18 @@ def shock(run: Run) -> float:
     t, u = run.accel.t, run.accel.y
     if len(u) < 4 * LOCAL:
         return math.inf
-    usual = scipy.ndimage.median_filter(u, 2 * SHOCK_SAMPLES + 1, mode="nearest")
+    usual = scipy.ndimage.median_filter(u, 2 * IMPACT_SAMPLES + 1, mode="nearest")
     excess = np.abs(u - usual)
     pair = np.minimum(excess[1:], excess[:-1])
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
         return math.inf  # too little before it to know what is usual
     elsewhere = pair[np.abs(t[:-1] - t[hit]) > 2.0 * TOGETHER]
-    before = slice(max(0, hit - 4 * LOCAL), max(1, hit - SHOCK_SAMPLES))
+    before = slice(max(0, hit - 4 * LOCAL), max(1, hit - IMPACT_SAMPLES))
     spread = float(np.median(excess[before])) / 0.6745
     steps = np.abs(np.diff(u))
     spread = max(spread, float(np.min(steps[steps > 0.0], initial=math.inf)))
-    if pair[hit] < max(SHOCK * spread, UNHEARD * float(np.max(elsewhere, initial=0.0))) or pair[hit] == 0.0:
+    if pair[hit] < max(IMPACT * spread, UNHEARD * float(np.max(elsewhere, initial=0.0))) or pair[hit] == 0.0:
         return math.inf
     bent = np.abs(np.diff(run.z, 2))
     begin = int(np.searchsorted(run.t, t[hit] - TOGETHER))
@@ -143,7 +143,7 @@ def shock(run: Run) -> float:
     return min([float(t[hit]), *near]) if near else math.inf
 
 
-def _split(relation: Relation) -> float | None:
+def _split(relation: BandRelation) -> float | None:
     """Time of the break inside one band, if there is one."""
     gram, edges = relation.blocks(MOST_BLOCKS)
     K = len(gram)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import evaluate
 
 
@@ -51,7 +51,7 @@ def split(names: Iterable[str], sizes: Mapping[str, Size], tolerance: float | No
 
 
 def sizes_of(
-    fit: Fit, passes: Sequence[Pass], candidates: Sequence[Candidate], tests: Sequence[ChannelFinding]
+    fit: Fit, passes: Sequence[RunState], candidates: Sequence[Candidate], tests: Sequence[NoiseTest]
 ) -> dict[str, Size]:
     """Largest contribution over all runs of every effect of the model, of candidates, and of what tests found.
 
@@ -76,7 +76,7 @@ def sizes_of(
     return {**found, **inside}
 
 
-def of_test(test: ChannelFinding, passes: Sequence[Pass]) -> Size | None:
+def of_test(test: NoiseTest, passes: Sequence[RunState]) -> Size | None:
     """Largest contribution of an effect that the mean cannot see; None where it has no size."""
     if test.effect in ("vibration", "tone"):
         return Size(test.estimate)

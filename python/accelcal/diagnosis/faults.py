@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.local_spread import LOCAL, WHOLE, local_spread
-from accelcal.diagnosis.relation import LEAST_BLOCKS, MOST_BLOCKS, Columns, _solve
+from accelcal.diagnosis.relation import LEAST_BLOCKS, MOST_BLOCKS, RelationColumns, _solve
 from accelcal.estimation.drive import HOLE
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 
 Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
 
@@ -49,7 +49,7 @@ CHANGE = 6.5
 """Standard deviations by which the delay must change at some instant, the search over instants included."""
 
 
-def faults(recording: Recording, run: Run, columns: Columns | None = None) -> tuple[Fault, ...]:
+def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | None = None) -> tuple[Fault, ...]:
     """What a channel did that no physics of the sensor explains, in order of time.
 
     Parameters
@@ -64,7 +64,7 @@ def faults(recording: Recording, run: Run, columns: Columns | None = None) -> tu
     """
     found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
     found += [*rail_hits(run), *stuck(run)]
-    columns = columns or Columns(run)
+    columns = columns or RelationColumns(run)
     found += [*position_steps(columns), *dropped_samples(columns)]
     inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
     return tuple(sorted(inside, key=lambda f: f.time))
@@ -91,7 +91,7 @@ def dropouts(channel: Channel) -> list[Fault]:
     ]
 
 
-def glitches(recording: Recording, run: Run) -> list[Fault]:
+def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     """Encoder readings that jump away and come back; the replay leaves them out."""
     if run.left_out == 0:
         return []
@@ -110,7 +110,7 @@ def glitches(recording: Recording, run: Run) -> list[Fault]:
     return found
 
 
-def rail_hits(run: Run) -> list[Fault]:
+def rail_hits(run: PreparedRun) -> list[Fault]:
     """Stretches in which the output lies at the limit of its range."""
     t, u = run.accel.t, run.accel.y
     declared = run.rig.sensor.range
@@ -131,7 +131,7 @@ def rail_hits(run: Run) -> list[Fault]:
     return found
 
 
-def stuck(run: Run) -> list[Fault]:
+def stuck(run: PreparedRun) -> list[Fault]:
     """Stretches in which one channel repeats a value while the other shows that it should move."""
     found = []
     wobble = math.sqrt(run.reading_variance_guess) + run.least_step
@@ -169,7 +169,7 @@ def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
-def position_steps(columns: Columns) -> list[Fault]:
+def position_steps(columns: RelationColumns) -> list[Fault]:
     """Instants at which the encoder lost or gained counts: its reading jumps and stays.
 
     The innovations behind a fast filter answer a step by a pulse; the pulse is sought against the local spread.
@@ -216,7 +216,7 @@ PULSE = 16
 """Readings that a fast filter needs to forget a step."""
 
 
-def dropped_samples(columns: Columns) -> list[Fault]:
+def dropped_samples(columns: RelationColumns) -> list[Fault]:
     """An instant at which the delay between the channels jumps for good by a whole sample of either clock.
 
     Parameter change by cumulated scores, variances from the scatter of blocks (Andrews 1993), the largest over all
@@ -248,7 +248,7 @@ def dropped_samples(columns: Columns) -> list[Fault]:
 
 
 def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
-    """Where the delay changes most: blocks before, delay behind minus delay before in shifts of `Columns`, and its std.
+    """Where the delay changes most: blocks before it, change of delay in shifts of `RelationColumns`, and its std.
 
     The instant is chosen with the scatter of scores under no change; the variance there is that under the change.
     """

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, ChannelFinding
-from accelcal.diagnosis.noise_tests.run_all import channel_findings
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.estimation.gauss_newton import Solution
 
 ROUNDS = 3
@@ -26,7 +26,7 @@ CHANNEL_OF = {"accelerometer_outliers": "accel", "encoder_outliers": "position"}
 
 
 @dataclass(frozen=True, slots=True)
-class Dropped:
+class RejectedReadings:
     """How many readings of one channel were left out as wild."""
 
     recording: str
@@ -43,30 +43,30 @@ class Dropped:
 
 
 @dataclass(frozen=True, slots=True)
-class Gated:
+class CleanFit:
     """Recordings without wild readings, the fit to them, and every test on its noise."""
 
     recordings: tuple[Recording, ...]
     solution: Solution
-    tests: tuple[ChannelFinding, ...]
+    tests: tuple[NoiseTest, ...]
     """On the gated recordings; the tests that found wild readings as they were before these were left out."""
 
-    def dropped(self, original: Sequence[Recording]) -> tuple[Dropped, ...]:
+    def dropped(self, original: Sequence[Recording]) -> tuple[RejectedReadings, ...]:
         """What is missing from the recordings as they were read, channel by channel."""
         found = []
         for before, after in zip(original, self.recordings, strict=True):
             for name in CHANNEL_OF.values():
                 have, kept = len(getattr(before, name)), len(getattr(after, name))
                 if kept < have:
-                    found.append(Dropped(before.name, name, have - kept, have))
+                    found.append(RejectedReadings(before.name, name, have - kept, have))
         return tuple(found)
 
 
-def gated(
+def clean_fit(
     recordings: Sequence[Recording],
     solve: Callable[[Sequence[Recording]], Solution],
-    before: Sequence[ChannelFinding] = (),
-) -> Gated:
+    before: Sequence[NoiseTest] = (),
+) -> CleanFit:
     """Fit, leave wild readings out, and fit again until no more are found, at most three times.
 
     Parameters
@@ -83,9 +83,9 @@ def gated(
     recordings, told = list(recordings), {test.effect: test for test in before}
     solution = solve(recordings)
     for left in reversed(range(ROUNDS + 1)):
-        several = [channel_findings(one) for one in solution.passes]
+        several = [run_noise_tests(one) for one in solution.passes]
         tests = [test for each in several for test in each]
-        loud = [wild(each) for each in several]
+        loud = [outliers_found(each) for each in several]
         if not left or not any(loud):
             break
         for number, found in enumerate(loud):
@@ -94,15 +94,15 @@ def gated(
                 recordings[number] = without(recordings[number], test)
         solution = solve(recordings)
     kept = [test for test in tests if test.effect not in told]
-    return Gated(tuple(recordings), solution, (*kept, *told.values()))
+    return CleanFit(tuple(recordings), solution, (*kept, *told.values()))
 
 
-def wild(tests: Sequence[ChannelFinding]) -> list[ChannelFinding]:
+def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
     """The tests that found wild readings and know where they are."""
     return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < ALARM and test.at]
 
 
-def without(recording: Recording, test: ChannelFinding) -> Recording:
+def without(recording: Recording, test: NoiseTest) -> Recording:
     """The recording without the readings that a test found wild."""
     of_output = CHANNEL_OF[test.effect] == "accel"
     channel = recording.accel if of_output else recording.position

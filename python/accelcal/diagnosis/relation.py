@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.estimation.drive import Drive
-from accelcal.estimation.run import Run
+from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 
 BANDS_BELOW = 8.0
@@ -27,10 +27,10 @@ UNEXPLAINED = 0.80
 """... and that the best relation of its own may explain at most after a break."""
 
 
-class Columns:
+class RelationColumns:
     """What a filter of any band is driven with: encoder, output, the output a little late and early, a constant."""
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: PreparedRun) -> None:
         self.run = run
         shift = run.accel_step
         late, plain, early = (run.drive(Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
@@ -44,10 +44,12 @@ class Columns:
             (h, h**2 / 2.0),
         ]
         moving = ~gone
-        self.drives = [Drive(plain.t, zero, first * moving, second * moving, gone) for first, second in integrals]
-        self.drives.append(Drive(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
+        self.drives = [
+            DriveIntegrals(plain.t, zero, first * moving, second * moving, gone) for first, second in integrals
+        ]
+        self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
 
-    def inside(self, band: float) -> Relation:
+    def inside(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
         run = self.run
         r = run.reading_variance_guess
@@ -59,7 +61,7 @@ class Columns:
         size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / rows.shape[1])
         size = np.where(size > 0.0, size, 1.0)
         rows /= size[:, None]
-        return Relation(run.t[settled], rows.T, size, band)
+        return BandRelation(run.t[settled], rows.T, size, band)
 
     def response(self, band: float, z: NDArray[np.bool_]) -> Array:
         """Innovations that a reading of this shape, one unit high, causes from its middle on; readings are even."""
@@ -72,12 +74,12 @@ class Columns:
         begins = zero > 0.0
         begins[0] = True
         t: Array = np.arange(len(reading), dtype=np.float64) * run.reading_step
-        drive = Drive(t, reading, zero, zero, begins)
+        drive = DriveIntegrals(t, reading, zero, zero, begins)
         return run.track(drive, noise).series("e")[before + len(z) // 2 :]
 
 
 @dataclass(frozen=True, slots=True)
-class Relation:
+class BandRelation:
     """Encoder innovations and the columns that should explain them, in one band."""
 
     t: Array

@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import special
 
-from accelcal._support.notebook_repr import shown
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
 from accelcal.diagnosis.faults import faults
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, ChannelFinding
-from accelcal.diagnosis.outlier_rejection import Dropped, Gated
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.search.confounding import THIN
 from accelcal.diagnosis.search.scan import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, judge, result
 from accelcal.estimation.gauss_newton import Solution, estimated
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.shape_parameters import signals_of
 from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import Comparison
@@ -45,19 +45,19 @@ DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies abo
 
 
 @dataclass(frozen=True, slots=True)
-class Tie:
+class Confounded:
     """An effect with everything that it cannot be told from, and the experiment that would."""
 
     effect: str
     members: tuple[str, ...]
     experiment: str
 
-    def beside(self, others: Sequence[str]) -> Tie:
+    def beside(self, others: Sequence[str]) -> Confounded:
         """The same with more that it cannot be told from."""
         return replace(self, members=tuple(dict.fromkeys((*self.members, *others))))
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """What a model lacks on a recording."""
@@ -66,14 +66,14 @@ class Diagnosis:
     sentence: str
     effects: tuple[str, ...]
     """What would enter, in order; a significant delay comes first."""
-    classes: tuple[Tie, ...]
-    inseparable: tuple[Tie, ...]
+    classes: tuple[Confounded, ...]
+    inseparable: tuple[Confounded, ...]
     scan: Scan
     fit: Fit
     """The model, profiled anew on this recording."""
     used: tuple[tuple[float, float], ...]
     """Stretches that were used, s."""
-    channels: tuple[ChannelFinding, ...]
+    channels: tuple[NoiseTest, ...]
     """Effects that the mean cannot see, tested on channels of their own; the significant ones."""
     where: Comparison
     """The model against the recording it was judged on: where the residual is large."""
@@ -84,7 +84,7 @@ class Diagnosis:
     alpha: float = ALPHA
     breaks: tuple[float, ...] = ()
     """When the model breaks for good, s."""
-    dropped: tuple[Dropped, ...] = ()
+    dropped: tuple[RejectedReadings, ...] = ()
     """Readings that were left out as wild, by recording and channel."""
     suspect: tuple[str, ...] = ()
     """Faults in the data, each a sentence; they are said first."""
@@ -104,7 +104,7 @@ def within(report: Callable[[float], None], low: float, high: float) -> Callable
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class TimeSpan:
     """The part of a recording on which one model can hold, and the faults in it."""
 
     start: float
@@ -113,7 +113,7 @@ class Stretch:
     suspect: tuple[str, ...]
 
     @classmethod
-    def of(cls, recording: Recording, start: float | None, end: float | None) -> Stretch:
+    def of(cls, recording: Recording, start: float | None, end: float | None) -> TimeSpan:
         """Look for faults and for the first instant at which the relation of the channels breaks for good.
 
         A stretch that the user chose is taken as it is.
@@ -124,14 +124,14 @@ class Stretch:
             found = usable(recording)
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
-        run = Run(recording, start=start, end=end) if columns is None else columns.run
+        run = PreparedRun(recording, start=start, end=end) if columns is None else columns.run
         suspect = tuple(fault.sentence for fault in faults(recording, run, columns))
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
 
-def judge_model(
-    state: Gated,
-    stretch: Stretch,
+def verdict_on(
+    state: CleanFit,
+    stretch: TimeSpan,
     extra: Sequence[Effect] = (),
     alpha: float = ALPHA,
     report: Callable[[float], None] = lambda share: None,
@@ -143,7 +143,9 @@ def judge_model(
         solution.passes, model, extra=extra, apart=lines_apart(state), alpha=alpha, report=within(report, 0.0, 0.8)
     )
     level = alpha / (found.examined + len(tests))
-    loud = heard([t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found)
+    loud = independent_tests(
+        [t for t in tests if t.p_value < level and t.effect not in model.effects], alone=not found.found
+    )
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
     delay = "time_offset" not in model.fixed and delayed(profiled, found, alpha)
     delay = delay and delayed(completed(solution, profiled, found), found, alpha)
@@ -151,18 +153,18 @@ def judge_model(
         one.release()
     if found.blocks < LEAST_BLOCKS:
         loud = ()
-    ties = [Tie(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
+    ties = [Confounded(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
     chances: dict[str, float] = {}
     for test in loud:
         chances[test.effect] = min(test.p_value, chances.get(test.effect, 1.0))
     chances.pop("whiteness", None)
     unsure = level * math.exp(-THIN)
     ties += [
-        Tie(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment.rstrip("."))
+        Confounded(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment.rstrip("."))
         for name, p in chances.items()
     ]
     if delay:
-        ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+        ties.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
     verdict, sentence = conclude(profiled, found, loud, ties)
     return Diagnosis(
         verdict=verdict,
@@ -183,7 +185,7 @@ def judge_model(
     )
 
 
-def lines_apart(state: Gated) -> list[Term]:
+def lines_apart(state: CleanFit) -> list[Term]:
     """Lines that stand in the spectrum and that the motion does not make: they are told of on their own, and no effect
     of the motion is paid for explaining them."""
     if "tone" in state.solution.model.effects:
@@ -206,7 +208,7 @@ EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whi
 """What a coarse converter or wild readings raise besides themselves; no step makes a line larger than it is."""
 
 
-def heard(loud: Sequence[ChannelFinding], *, alone: bool) -> tuple[ChannelFinding, ...]:
+def independent_tests(loud: Sequence[NoiseTest], *, alone: bool) -> tuple[NoiseTest, ...]:
     """Significant findings that stand on their own feet.
 
     A line near a vibration, or in its band, belongs to it. A line inside the band of the motion may be a harmonic of a
@@ -217,7 +219,7 @@ def heard(loud: Sequence[ChannelFinding], *, alone: bool) -> tuple[ChannelFindin
     raised = {other for test in loud if test.parts.get("coarse", 1.0) for other in EXPLAINED_BY.get(test.effect, ())}
     step = max((test.parts["step"] for test in loud if test.effect == "quantisation"), default=math.inf)
 
-    def own(test: ChannelFinding) -> bool:
+    def own(test: NoiseTest) -> bool:
         if test.effect in raised and not (test.effect == "tone" and test.estimate > step):
             return False
         if test.effect != "tone":
@@ -245,7 +247,7 @@ def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
     return found
 
 
-def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: Sequence[Tie]) -> tuple[Verdict, str]:
+def conclude(profiled: Fit, found: Scan, loud: Sequence[NoiseTest], ties: Sequence[Confounded]) -> tuple[Verdict, str]:
     """The verdict and the sentence that opens every output."""
     named = [test for test in loud if test.effect != "whiteness"]
     looked = f"{found.examined} candidates examined"
@@ -261,9 +263,11 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: S
         effect = find(first.effect)
         if effect.family:
             return "shape", f"Something is missing that has no name here: {effect.summary} ({sigma}{looked})."
-        return told_apart(tie_of[first.effect], f"{first.effect} explains what the model lacks ({sigma}{looked}).")
+        return sentence_with_rivals(
+            tie_of[first.effect], f"{first.effect} explains what the model lacks ({sigma}{looked})."
+        )
     if named:
-        return told_apart(tie_of[named[0].effect], f"{named[0].sentence} ({looked}).")
+        return sentence_with_rivals(tie_of[named[0].effect], f"{named[0].sentence} ({looked}).")
     if ratio is not None and ratio > NOISE_LIMIT:
         return "unexplained", (
             f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "
@@ -274,7 +278,7 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[ChannelFinding], ties: S
     return "adequate", f"Nothing is missing ({looked}); see the detection limits for what would have been seen."
 
 
-def told_apart(tie: Tie, text: str) -> tuple[Verdict, str]:
+def sentence_with_rivals(tie: Confounded, text: str) -> tuple[Verdict, str]:
     """The verdict on an effect that is there, and the sentence on it with what it cannot be told from."""
     others = [name for name in tie.members if name != tie.effect]
     if not others:
@@ -325,10 +329,10 @@ def delayed(fit: Fit, found: Scan, alpha: float) -> bool:
     return False
 
 
-def inseparable(model: Model) -> tuple[Tie, ...]:
+def inseparable(model: Model) -> tuple[Confounded, ...]:
     """Groups that no motion of this rig can separate, as long as the model holds one of each."""
     return tuple(
-        Tie(members[0], members, experiment)
+        Confounded(members[0], members, experiment)
         for members, experiment in GROUPS
         if not any(name in model.effects for name in members[1:])
     )

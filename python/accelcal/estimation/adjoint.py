@@ -6,10 +6,10 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 
 
-def asked_of_output(one: Pass, y: Array) -> Array:
+def asked_of_output(one: RunState, y: Array) -> Array:
     """Gradient of the log-likelihood in the output, held over the interval after each reading, up to a factor, (m,).
 
     Parameters
@@ -21,7 +21,7 @@ def asked_of_output(one: Pass, y: Array) -> Array:
     return _transposed(one, y, np.array([[T * T / 2.0], [T]]), np.array([[1.0, 0.0]]), 0.0)
 
 
-def asked_of_readings(one: Pass, y: Array) -> Array:
+def asked_of_readings(one: RunState, y: Array) -> Array:
     """Gradient of the log-likelihood in an error of each reading, up to a factor, (m,).
 
     Parameters
@@ -33,7 +33,7 @@ def asked_of_readings(one: Pass, y: Array) -> Array:
     return _transposed(one, y, F @ K, np.array([[-1.0, 0.0]]), 1.0)
 
 
-def _transposed(one: Pass, y: Array, B: Array, C: Array, D: float) -> Array:
+def _transposed(one: RunState, y: Array, B: Array, C: Array, D: float) -> Array:
     """Run x(n+1) = F (I - K H) x + B d, e = C x + D d backwards over uniform times; lost readings ask for nothing."""
     F, K, H = _steady(one)
     t = one.run.t[one.counts]
@@ -44,7 +44,7 @@ def _transposed(one: Pass, y: Array, B: Array, C: Array, D: float) -> Array:
     return np.asarray(scipy.signal.lfilter(b[0], a, e[::-1])[::-1][place])
 
 
-def _steady(one: Pass) -> tuple[Array, Array, Array]:
+def _steady(one: RunState) -> tuple[Array, Array, Array]:
     """Transition, usual gains and measurement of the filter for position and velocity."""
     gains = [[float(np.median(one.track.series(name)))] for name in ("gain_p", "gain_v")]
     return np.array([[1.0, one.run.reading_step], [0.0, 1.0]]), np.array(gains), np.array([[1.0, 0.0]])

@@ -13,7 +13,7 @@ from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.effects import is_local
 from accelcal.estimation.proportional_columns import multiples
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Term, evaluate
 from accelcal.signals.signals import Signals
 
@@ -27,7 +27,7 @@ ABREAST = 8
 """Columns that pass the filter side by side."""
 
 
-class Carrier:
+class ColumnFilter:
     """A fitted run that columns are carried through.
 
     Whitened samples are summed in groups over the square root of their number: white stays white, and below a fraction
@@ -35,7 +35,7 @@ class Carrier:
     evaluated over the whole run all the same.
     """
 
-    def __init__(self, one: Pass) -> None:
+    def __init__(self, one: RunState) -> None:
         assert one.signals is not None, "the fit has not been iterated"
         self.one = one
         self.signals: Signals = one.signals

@@ -13,7 +13,7 @@ HOLE = 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class DriveIntegrals:
     """Encoder readings and the integrals of acceleration between them."""
 
     t: Array
@@ -37,8 +37,8 @@ class Drive:
         last = begins[np.searchsorted(begins, np.arange(len(self.t)), side="right") - 1]
         return np.asarray(self.t > self.t[last] + wait)
 
-    def part(self, rows: slice) -> Drive:
+    def part(self, rows: slice) -> DriveIntegrals:
         """A stretch of it, starting anew."""
         restart = self.restart[rows].copy()
         restart[0] = True
-        return Drive(self.t[rows], self.z[rows], self.first[rows], self.second[rows], restart)
+        return DriveIntegrals(self.t[rows], self.z[rows], self.first[rows], self.second[rows], restart)

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from accelcal._support.notebook_repr import shown
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.estimation.gauss_newton import MAX_ROUNDS, Layout, NotIdentifiable, Solution, estimated, iterate
-from accelcal.estimation.run import Run
-from accelcal.estimation.run_state import LEAST_BLOCKS, Pass, RunFit
-from accelcal.estimation.shape_parameters import held_shapes, shaped
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import LEAST_BLOCKS, RunFit, RunState
+from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
@@ -30,7 +30,7 @@ SCALE_STD_LIMIT = 0.5
 PLAUSIBLE_SCALE = (0.5, 2.0)
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Fit:
     """Estimates of a model with their covariance, and where they come from."""
@@ -148,8 +148,8 @@ def solve_runs(
     """
     require_distinct(recordings)
     model = complete(model, recordings)
-    first = Run(recordings[0], origins, start=start, end=end)
-    runs = [first, *(Run(r, first.origins, start=start, end=end) for r in recordings[1:])]
+    first = PreparedRun(recordings[0], origins, start=start, end=end)
+    runs = [first, *(PreparedRun(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -158,25 +158,25 @@ def solve_runs(
         bands = [choose_band(model, one) if one.coloured else None for one in solution.passes]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
-    return shaped(solution)
+    return refine_shapes(solution)
 
 
 SETTLING = 3
 """Times that signals and nominal are made anew from each other when a fit with effects is taken up again."""
 
 
-def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[Pass] | None:
+def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[RunState] | None:
     """Runs as a fit left them, without solving for it again; None where it was made to other data, or in a band."""
     if len(recordings) != len(fit.runs) or any(one.noise.band is not None for one in fit.runs):
         return None
     passes = []
     for index, (recording, seen) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = Run(recording, fit.origins)
+        run = PreparedRun(recording, fit.origins)
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
         fitted = (seen.start, seen.end, seen.readings, seen.samples)
         if not seen.digest or seen.digest != recording.digest or span != fitted:
             return None
-        one = Pass(run, fit.values(index), fit.noise(index), fit.model.free, None)
+        one = RunState(run, fit.values(index), fit.noise(index), fit.model.free, None)
         for _ in range(1 if one.values.constant else SETTLING):
             one.refresh(noise_too=False)
         passes.append(one)
@@ -223,7 +223,7 @@ def result(solution: Solution) -> Fit:
     )
 
 
-def choose_band(model: Model, one: Pass) -> float | None:
+def choose_band(model: Model, one: RunState) -> float | None:
     """Band in which this run determines the scale factor best by the scatter of its own blocks.
 
     Where the noise is not white, a crossover from the likelihood follows the loudest part of the spectrum. Each
@@ -237,7 +237,7 @@ def choose_band(model: Model, one: Pass) -> float | None:
     best: tuple[float, float] | None = None
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
-            trial = estimated(model, [Pass.begin(one.run, model, float(band))])
+            trial = estimated(model, [RunState.begin(one.run, model, float(band))])
         except (NotIdentifiable, ValueError):
             continue
         slot = next((i for i, (e, _) in enumerate(trial.layout.slots) if e.name == "scale_factor"), None)
@@ -249,7 +249,7 @@ def choose_band(model: Model, one: Pass) -> float | None:
     return None if best is None else best[1]
 
 
-def name_of(run: Run) -> str:
+def name_of(run: PreparedRun) -> str:
     """What messages call a run."""
     return run.recording.name or "recording"
 
@@ -272,7 +272,7 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     return model.add(*extra) if extra else model
 
 
-def require_motion(run: Run) -> None:
+def require_motion(run: PreparedRun) -> None:
     """Refuse a record in which the position never changes."""
     travel = float(np.ptp(run.z))
     if travel == 0.0:
@@ -299,7 +299,7 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
         require_same_sensor(recording, recordings[0].rig, recordings[0].name or "the first recording")
 
 
-def require_band(run: Run, band: float | None) -> None:
+def require_band(run: PreparedRun, band: float | None) -> None:
     """Refuse a band that is none, or lies beyond what the readings can show.
 
     Raises
@@ -315,7 +315,7 @@ def require_band(run: Run, band: float | None) -> None:
         )
 
 
-def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[Run]) -> list[str]:
+def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
     """Refuse what cannot be a sensor, and say what is strange.
 
     Raises
@@ -367,7 +367,7 @@ def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
     ]
 
 
-def validity(passes: Sequence[Pass]) -> dict[str, tuple[float, float]]:
+def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
     """Ranges that the fit has seen, over all runs."""
     ranges: dict[str, list[float]] = {}
 

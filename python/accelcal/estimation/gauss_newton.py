@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.estimation.run import Run
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term
 
@@ -42,7 +42,7 @@ class Solution:
     layout: Layout
     x: Array
     covariance: Array
-    passes: list[Pass]
+    passes: list[RunState]
     converged: bool
     chosen: tuple[float | None, ...] = ()
     """Band of each run that was chosen because its noise is not white, Hz."""
@@ -57,7 +57,7 @@ class Solution:
 
 def iterate(
     model: Model,
-    runs: Sequence[Run],
+    runs: Sequence[PreparedRun],
     bands: Sequence[float | None],
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
@@ -68,7 +68,9 @@ def iterate(
     NotIdentifiable
         If the information matrix is singular.
     """
-    solution = estimated(model, [Pass.begin(run, model, band) for run, band in zip(runs, bands, strict=True)], report)
+    solution = estimated(
+        model, [RunState.begin(run, model, band) for run, band in zip(runs, bands, strict=True)], report
+    )
     for index, one in enumerate(solution.passes):
         one.values = solution.layout.scatter(solution.x, model, index)
         one.refresh(noise_too=False)
@@ -77,7 +79,7 @@ def iterate(
 
 def estimated(
     model: Model,
-    passes: list[Pass],
+    passes: list[RunState],
     report: Callable[[float], None] = lambda share: None,
     *,
     grown: bool = False,
@@ -115,7 +117,7 @@ def estimated(
     return Solution(model, layout, x, covariance, passes, converged)
 
 
-def robust(covariance: Array, layout: Layout, passes: Sequence[Pass], belief: Array) -> Array:
+def robust(covariance: Array, layout: Layout, passes: Sequence[RunState], belief: Array) -> Array:
     """Covariance from the scatter of block scores where the noise model does not hold (sandwich form)."""
     middle = np.diag(belief)
     for index, one in enumerate(passes):

@@ -10,8 +10,8 @@ import scipy
 
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
-from accelcal.estimation.drive import Drive
-from accelcal.estimation.run import Run
+from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise
 
 BLOCKS = 16
@@ -76,7 +76,9 @@ class NoiseReport:
         )
 
 
-def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None = None, reach: float = 1.0) -> Noise:
+def estimate_noise(
+    run: PreparedRun, drive: DriveIntegrals, start: Noise, *, counts: Flags | None = None, reach: float = 1.0
+) -> Noise:
     """Most likely q and R given the nominal motion (physics 6.3).
 
     Parameters
@@ -117,10 +119,10 @@ def estimate_noise(run: Run, drive: Drive, start: Noise, *, counts: Flags | None
 class Likelihood:
     """Innovation log-likelihood over blocks spread over a record, as a function of log q and log R."""
 
-    def __init__(self, run: Run, drive: Drive, near: Noise, counts: Flags | None) -> None:
+    def __init__(self, run: PreparedRun, drive: DriveIntegrals, near: Noise, counts: Flags | None) -> None:
         self.run = run
         span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
-        parts: list[tuple[Drive, Flags]] = []
+        parts: list[tuple[DriveIntegrals, Flags]] = []
         for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
             part = drive.part(rows)
             count = part.settled(run.wait(near))
@@ -156,14 +158,16 @@ def blocks(n: int, length: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def level_of(run: Run, drive: Drive, noise: Noise, counts: Flags, sensor_scale: float) -> Level | None:
+def level_of(run: PreparedRun, drive: DriveIntegrals, noise: Noise, counts: Flags, sensor_scale: float) -> Level | None:
     """Noise level of the readings that count, estimated anew; None when they are too few to tell."""
     if int(counts.sum()) < LEAST_COUNT:
         return None
     return level(run, drive, estimate_noise(run, drive, noise, counts=counts), sensor_scale, counts)
 
 
-def level(run: Run, drive: Drive, fitted: Noise, sensor_scale: float, counts: Flags | None = None) -> Level:
+def level(
+    run: PreparedRun, drive: DriveIntegrals, fitted: Noise, sensor_scale: float, counts: Flags | None = None
+) -> Level:
     """Fitted noise in the user's units, with uncertainty from the curvature of the likelihood."""
     likelihood = Likelihood(run, drive, fitted, counts)
     log_q, log_r = likelihood.spread(fitted)

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.estimation.estimate import Fit, fit
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model
@@ -52,7 +52,7 @@ def fit_recursive(
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = fit(model, recording, start=start, end=end)
     offset = replayed["time_offset"]
-    prepared = Run(recording, replayed.origins, start=start, end=end)
+    prepared = PreparedRun(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")
     position = Channel("position", prepared.t, prepared.z, "m")
     noise, scale, tau = replayed.noise(), replayed.values().scale, prepared.tau(replayed.values())
@@ -94,12 +94,12 @@ READ_OUT_SHARE = 1e-4
 """Reading noise of a filtered output over the variance of its unfiltered noise: the converter, not the sensor."""
 
 
-def stage_output(run: Run) -> Array:
+def stage_output(run: PreparedRun) -> Array:
     """Output as a level, normally mounted sensor would give it, (n,) m/s²."""
     return run.rig.polarity * run.accel.y - run.rig.gravity
 
 
-def smoothed_acceleration(prepared: Run, replayed: Fit) -> Array:
+def smoothed_acceleration(prepared: PreparedRun, replayed: Fit) -> Array:
     """Acceleration of the stage at the accelerometer's rate, without most of the noise, (n,) m/s²."""
     cutoff = replayed.validity["frequency"][1]
     values = replayed.values()

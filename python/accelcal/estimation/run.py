@@ -12,9 +12,9 @@ import numpy as np
 from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording, RecordingError
-from accelcal.estimation.drive import HOLE, Drive
+from accelcal.estimation.drive import HOLE, DriveIntegrals
 from accelcal.estimation.glitches import MIN_READINGS, spikes
-from accelcal.estimation.smoothing import Motion, Thinning
+from accelcal.estimation.smoothing import SmoothedMotion, Thinning
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Term, evaluate
 from accelcal.signals.processing import derivative, integral, low_pass, motion_bandwidth, resample
@@ -26,7 +26,7 @@ CHUNK = 4096
 """Readings whose columns are held in memory at a time."""
 
 
-class Run:
+class PreparedRun:
     """A recording made ready for the replay: the stretch that both channels cover, and its time scales.
 
     Parameters
@@ -109,7 +109,7 @@ class Run:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
         return 0.0, 1e4 * r, 0.0, self.speed**2 + r / self.reading_step**2
 
-    def drive(self, values: Values, signals: Signals | None) -> Drive:
+    def drive(self, values: Values, signals: Signals | None) -> DriveIntegrals:
         """Integrals of the stage acceleration that output and model imply, interval by interval.
 
         Parameters
@@ -149,7 +149,7 @@ class Run:
         second *= gain
         second -= self.rig.gravity * h**2 / 2.0
         first[restart] = second[restart] = 0.0
-        return Drive(self.t, z, first, second, restart)
+        return DriveIntegrals(self.t, z, first, second, restart)
 
     def crossover(self, noise: Noise) -> float:
         """Frequency at which both channels know the acceleration equally well, Hz (physics 3.4)."""
@@ -159,13 +159,13 @@ class Run:
         """How long after a start innovations are not used, s: five time constants of the filter."""
         return SETTLE / (2.0 * np.pi * self.crossover(noise))
 
-    def track(self, drive: Drive, noise: Noise) -> _core.ReplayTrack:
+    def track(self, drive: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:
         """Run the two-state filter."""
         return _core.ReplayTrack(*drive.arrays, q=noise.q, r=noise.r, prior=self.prior(noise.r))
 
     def signals(
         self,
-        drive: Drive,
+        drive: DriveIntegrals,
         track: _core.ReplayTrack,
         noise: Noise,
         values: Values,
@@ -218,10 +218,10 @@ class Run:
         for hole in unread:
             p[hole] = np.interp(t[hole], self.t, p_smooth)
         p_std, v_std, a_std = self.left_noise(noise, cutoff)
-        smooth = self.on_grid(grid.t, Motion(grid.thin(p), v, a, jerk), values, cutoff)
+        smooth = self.on_grid(grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
         return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
 
-    def unread(self, drive: Drive, t: Array) -> list[slice]:
+    def unread(self, drive: DriveIntegrals, t: Array) -> list[slice]:
         """Stretches of times `t` in which neither channel was read; a straight line bridges them.
 
         An integral over what nobody measured would carry the motion far outside its range.
@@ -230,7 +230,7 @@ class Run:
         rows = np.flatnonzero(drive.restart & long)
         return [slice(*np.searchsorted(t, self.t[[k - 1, k]])) for k in rows if k > 0]
 
-    def unbroken(self, drive: Drive, t: Array) -> list[tuple[int, int]]:
+    def unbroken(self, drive: DriveIntegrals, t: Array) -> list[tuple[int, int]]:
         """Stretches of times `t` between which a channel was not read: nothing may leak from one into the next."""
         rows = np.flatnonzero(drive.restart[1:])
         edges = np.unique([0, *np.searchsorted(t, self.t[rows]), *np.searchsorted(t, self.t[rows + 1]), len(t)])
@@ -283,7 +283,7 @@ class Run:
             self.subtract(output, t, values, signals)
             a = gain * output - self.rig.gravity
             jerk = derivative(a, self.accel_step)
-            signals = self.on_grid(grid.t, Motion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
+            signals = self.on_grid(grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
         assert signals is not None
         return signals
 
@@ -294,7 +294,7 @@ class Run:
             side["temperature"] = side["temperature"] - self.origins.temperature
         return side
 
-    def on_grid(self, t_grid: Array, motion: Motion, values: Values, cutoff: float) -> Signals:
+    def on_grid(self, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
         """Motion of the stage as the sensor feels it, with side channels."""
         polarity = self.rig.polarity
         return Signals(
@@ -311,7 +311,7 @@ class Run:
         )
 
     def columns(
-        self, track: _core.ReplayTrack, drive: Drive, terms: Sequence[Term], signals: Signals
+        self, track: _core.ReplayTrack, drive: DriveIntegrals, terms: Sequence[Term], signals: Signals
     ) -> Iterator[tuple[slice, Array]]:
         """Whitened response of the predicted reading to one unit of each coefficient, stretch by stretch.
 

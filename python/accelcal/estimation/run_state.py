@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import RecordingError
-from accelcal.estimation.drive import Drive
+from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.noise import LEAST_COUNT, Level, NoiseReport, estimate_noise, level, level_of
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model, Term
 from accelcal.signals.signals import Signals
@@ -58,10 +58,12 @@ class Normal:
     """Sum of outer products of block scores, (m, m); None when there are fewer than 8 blocks."""
 
 
-class Pass:
+class RunState:
     """The state of one run while a fit iterates."""
 
-    def __init__(self, run: Run, values: Values, noise: Noise, terms: Sequence[Term], band: float | None) -> None:
+    def __init__(
+        self, run: PreparedRun, values: Values, noise: Noise, terms: Sequence[Term], band: float | None
+    ) -> None:
         self.run = run
         self.values = values
         self.noise = noise
@@ -74,7 +76,7 @@ class Pass:
         """How far off it may be, in logarithms."""
 
     @classmethod
-    def begin(cls, run: Run, model: Model, band: float | None) -> Pass:
+    def begin(cls, run: PreparedRun, model: Model, band: float | None) -> RunState:
         """First guess: output and a constant regressed on the encoder, noise by grid search."""
         start = at_first(model)
         scale, constant, noise = first_guess(run, start["time_offset"])
@@ -84,11 +86,11 @@ class Pass:
             start["bias"] = constant
         return cls(run, Values(start, model.terms), noise, model.free, band)
 
-    def grown(self, model: Model) -> Pass:
+    def grown(self, model: Model) -> RunState:
         """A pass for a model with further effects, begun where this one came to rest: its first normal equations are
         those of the new coefficients at filter and signals of this one."""
         values = Values(at_first(model) | dict(self.values.by_name), model.terms)
-        begun = Pass(self.run, values, self.noise, model.free, self.band)
+        begun = RunState(self.run, values, self.noise, model.free, self.band)
         begun.loud, begun.reach = self.loud, GROWN
         begun.drive, begun.track, begun.signals = self.drive, self.track, self.signals
         begun.counts, begun.whitened = self.counts, self.whitened
@@ -215,7 +217,7 @@ def at_first(model: Model) -> dict[str, float]:
     }
 
 
-def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
+def first_guess(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise]:
     """Rough 1 + k, K0 and noise from output and constant alone.
 
     The filter is linear in what drives it, so three passes (encoder alone, output alone, constant alone) give the
@@ -227,9 +229,11 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
     h = np.diff(plain.t, prepend=plain.t[0])
     zero = np.zeros_like(h)
     polarity = run.rig.polarity
-    ones = Drive(plain.t, zero, np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2), plain.restart)
-    encoder = Drive(plain.t, plain.z, zero, zero, plain.restart)
-    output = Drive(plain.t, zero, plain.first, plain.second, plain.restart)
+    ones = DriveIntegrals(
+        plain.t, zero, np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2), plain.restart
+    )
+    encoder = DriveIntegrals(plain.t, plain.z, zero, zero, plain.restart)
+    output = DriveIntegrals(plain.t, zero, plain.first, plain.second, plain.restart)
     r = run.reading_variance_guess
     rate = 1.0 / run.reading_step
     best: tuple[float, float, float, float] | None = None
@@ -263,12 +267,12 @@ def first_guess(run: Run, time_offset: float) -> tuple[float, float, Noise]:
     return scale, bias, kept
 
 
-def within(band: float, run: Run, noise: Noise) -> Noise:
+def within(band: float, run: PreparedRun, noise: Noise) -> Noise:
     """Noise whose crossover lies at `band`, with the process density kept."""
     return Noise(noise.q, noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step))
 
 
-def moving_readings(run: Run, signals: Signals) -> Flags:
+def moving_readings(run: PreparedRun, signals: Signals) -> Flags:
     """Readings at which the stage moves: speed or acceleration above 2 % of their largest, and a little around."""
     v, a = np.abs(signals.v), np.abs(signals.a - np.median(signals.a))
     busy = (v > 0.02 * np.quantile(v, 0.999)) | (a > 0.05 * np.quantile(a, 0.999))

@@ -16,7 +16,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find
 from accelcal.estimation.gauss_newton import Solution, iterate
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term, terms_of
 from accelcal.signals.signals import Signals
@@ -40,7 +40,7 @@ REFINEMENTS, FINER = 3, 7
 
 
 @dataclass(frozen=True, slots=True)
-class Bend:
+class LinearisedShape:
     """One shape parameter of one effect in a model, linearised about its value."""
 
     effect: str
@@ -62,7 +62,7 @@ class Bend:
         return (self.span[1] - self.span[0]) / math.sqrt(12.0)
 
 
-def linearised(model: Model, values: Values, signals: Signals, power: Callable[[Term], float]) -> list[Bend]:
+def linearised(model: Model, values: Values, signals: Signals, power: Callable[[Term], float]) -> list[LinearisedShape]:
     """Free shape parameters of a model, each linearised over about one standard deviation of its own.
 
     Parameters
@@ -80,7 +80,7 @@ def linearised(model: Model, values: Values, signals: Signals, power: Callable[[
             if declared.refined and f"{name}.{shape}" not in model.fixed:
                 share = FIRST
                 for _ in range(STEPS):
-                    one = bend(model, values, signals, effect, shape, share)
+                    one = linearised_shape(model, values, signals, effect, shape, share)
                     seen = power(one.term) * (share * (one.span[1] - one.span[0])) ** 2
                     if not 0.0 < seen < math.inf:
                         break
@@ -89,7 +89,9 @@ def linearised(model: Model, values: Values, signals: Signals, power: Callable[[
     return found
 
 
-def bend(model: Model, values: Values, signals: Signals, effect: Effect, shape: str, share: float) -> Bend:
+def linearised_shape(
+    model: Model, values: Values, signals: Signals, effect: Effect, shape: str, share: float
+) -> LinearisedShape:
     """A shape parameter linearised by a difference of a share of its span to either side."""
     given, declared = model.shapes[effect.name], effect.shapes[shape]
     low, high = declared.span(signals)
@@ -113,16 +115,16 @@ def bend(model: Model, values: Values, signals: Signals, effect: Effect, shape: 
         positive=False,
         memory=True,
     )
-    return Bend(effect.name, shape, declared.unit, given[shape], span, Term(tangent))
+    return LinearisedShape(effect.name, shape, declared.unit, given[shape], span, Term(tangent))
 
 
-def shaped(solution: Solution) -> Solution:
+def refine_shapes(solution: Solution) -> Solution:
     """The solution at the shape parameters that the record is most likely at, with their doubt in the covariance."""
-    bent = Bent.of(solution)
+    bent = ShapeEstimates.of(solution)
     for _ in range(ROUNDS):
         if bent is None:
             return solution
-        moved = {b.name: likeliest(solution, b, float(std)) for b, std in zip(bent.bends, bent.std, strict=True)}
+        moved = {b.name: most_likely(solution, b, float(std)) for b, std in zip(bent.bends, bent.std, strict=True)}
         if all(abs(moved[b.name] - b.value) < CONVERGED * s for b, s in zip(bent.bends, bent.std, strict=True)):
             break
         runs, bands = [one.run for one in solution.passes], [one.band for one in solution.passes]
@@ -130,7 +132,7 @@ def shaped(solution: Solution) -> Solution:
             trial = replace(iterate(solution.model.reshaped(**moved), runs, bands), chosen=solution.chosen)
         except ValueError:
             break
-        after = Bent.of(trial)
+        after = ShapeEstimates.of(trial)
         believed = np.abs(solution.layout.prior_mean(solution.model))
         expected = np.abs(solution.x) + np.sqrt(np.diag(bent.covariance)) + believed
         if after is None or np.any(np.abs(trial.x) > RUNAWAY * expected):
@@ -140,17 +142,17 @@ def shaped(solution: Solution) -> Solution:
 
 
 @dataclass(frozen=True, slots=True)
-class Bent:
+class ShapeEstimates:
     """Shape parameters beside the coefficients at a solution, linearised."""
 
-    bends: Sequence[Bend]
+    bends: Sequence[LinearisedShape]
     std: Array
     """(b,)"""
     covariance: Array
     """Of the coefficients, the doubt of the shapes included, (m, m)."""
 
     @classmethod
-    def of(cls, solution: Solution) -> Bent | None:
+    def of(cls, solution: Solution) -> ShapeEstimates | None:
         """Normal equations of coefficients and shapes together; None where no shape parameter is free."""
         layout, model = solution.layout, solution.model
         linear = [linearised(model, one.values, signals_of(one), one.information) for one in solution.passes]
@@ -160,7 +162,7 @@ class Bent:
         information = np.diag([*layout.prior_information(model), *(one.belief**-2.0 for one in linear[0])])
         for index, (one, bends) in enumerate(zip(solution.passes, linear, strict=True)):
             rows = [*layout.rows(index), *range(m, m + b)]
-            normal = one.normal_equations([*one.terms, *(bend.term for bend in bends)])
+            normal = one.normal_equations([*one.terms, *(linearised_shape.term for linearised_shape in bends)])
             information[np.ix_(rows, rows)] += normal.gram
         whole, plain = inverse(information), inverse(information[:m, :m])
         # What was added to the covariance for noise that is not white stays.
@@ -176,34 +178,39 @@ class Bent:
         )
 
 
-def likeliest(solution: Solution, bend: Bend, std: float) -> float:
+def most_likely(solution: Solution, linearised_shape: LinearisedShape, std: float) -> float:
     """Where a shape parameter is most likely, all coefficients profiled: far out, then ever finer."""
     away = std * 2.0 ** np.arange(-1, REACH)
-    tried = np.unique(np.clip([*(bend.value - away), bend.value, *(bend.value + away)], *bend.span))
+    tried = np.unique(
+        np.clip(
+            [*(linearised_shape.value - away), linearised_shape.value, *(linearised_shape.value + away)],
+            *linearised_shape.span,
+        )
+    )
     for _ in range(REFINEMENTS):
-        gains = profile(solution, bend, tried)
+        gains = profile(solution, linearised_shape, tried)
         k = int(np.argmax(gains))
-        if gains[k] - gains[np.argmin(np.abs(tried - bend.value))] < INDIFFERENT:
-            return bend.value
+        if gains[k] - gains[np.argmin(np.abs(tried - linearised_shape.value))] < INDIFFERENT:
+            return linearised_shape.value
         low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
         best = float(tried[k])
         tried = np.unique([best, *np.linspace(low, high, FINER)])
     return best
 
 
-def profile(solution: Solution, bend: Bend, values: Array) -> Array:
+def profile(solution: Solution, linearised_shape: LinearisedShape, values: Array) -> Array:
     """Twice the log-likelihood gained with an effect at trial values of a shape parameter, up to a constant, (n,)."""
     layout, model = solution.layout, solution.model
-    effect, given = find(bend.effect), model.shapes[bend.effect]
+    effect, given = find(linearised_shape.effect), model.shapes[linearised_shape.effect]
     m = len(layout.slots)
-    own = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == bend.effect]
+    own = [i for i, (term, _) in enumerate(layout.slots) if term.effect.name == linearised_shape.effect]
     rest = [i for i in range(m) if i not in own]
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
     every = [*range(m), *own * len(values)]  # coefficients, then those of the effect once for each trial
     information = np.diag(belief[every])
     score = belief[every] * mean[every]
     score[:m] -= belief * solution.x
-    shapes = [{**given, bend.shape: float(value)} for value in values]
+    shapes = [{**given, linearised_shape.shape: float(value)} for value in values]
     for index, one in enumerate(solution.passes):
         trials = [
             (m + number * len(own) + k, Term(effect, layout.slots[i][0].part, shape))
@@ -230,7 +237,7 @@ def inverse(information: Array) -> Array:
     return np.asarray(np.linalg.pinv(information / scale, rcond=1e-10, hermitian=True) / scale)
 
 
-def signals_of(one: Pass) -> Signals:
+def signals_of(one: RunState) -> Signals:
     """The smoothed motion of a run that has been iterated."""
     assert one.signals is not None
     return one.signals

@@ -31,7 +31,7 @@ class Thinning:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class SmoothedMotion:
     """Motion of the stage at uniform times, (n,) each: m, m/s, m/s², m/s³."""
 
     p: Array

@@ -2,15 +2,15 @@
 
 from accelcal.diagnosis.search.thresholds import predicted_detection
 from accelcal.experiment.design import Limits, Plan, plan
-from accelcal.experiment.detectability import Group, Power, Sight, power
+from accelcal.experiment.detectability import Detectability, Group, Power, power
 from accelcal.experiment.planned_motion import power_of_motion, power_of_set_points, through
 
 __all__ = [
+    "Detectability",
     "Group",
     "Limits",
     "Plan",
     "Power",
-    "Sight",
     "plan",
     "power",
     "power_of_motion",

@@ -18,13 +18,13 @@ from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION
 from accelcal.diagnosis.search.detection_limits import sizes
-from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
 from accelcal.diagnosis.search.scan import ALPHA
-from accelcal.diagnosis.search.scores import Evidence
+from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import find
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
-from accelcal.experiment.detectability import Power, Sight, sight_of, sight_to_dict, strongest
+from accelcal.experiment.detectability import Detectability, Power, detectability_of, sight_to_dict, strongest
 from accelcal.experiment.detection_probability import evidence_of, rules_for
 from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_pass
 from accelcal.model import Model
@@ -143,7 +143,7 @@ class Plan:
     tried: int
 
     @property
-    def sights(self) -> tuple[Sight, ...]:
+    def sights(self) -> tuple[Detectability, ...]:
         """How well each of the named effects would be seen."""
         return tuple(self.power[name] for name in self.effects)
 
@@ -244,7 +244,7 @@ def plan(
         effects=wanted,
         limits=limits,
         recipe=best.recipe,
-        power=sight_of(one, Model.linear(), alpha=alpha),
+        power=detectability_of(one, Model.linear(), alpha=alpha),
         correlations=best.correlations,
         typical=best.typical,
         tried=len(trials),
@@ -298,7 +298,7 @@ class Trial:
         return -max(0.0, worst - BELOW_TIE), min(self.typical)
 
 
-def evidence_of_best(one: Pass, wanted: tuple[str, ...]) -> Evidence:
+def evidence_of_best(one: RunState, wanted: tuple[str, ...]) -> CandidateScores:
     """Information on the wanted effects, in their order, each at the trial shape at which it is seen best."""
     model = Model.linear()
     items = [item for item in candidates_for(one, model) if item.effect.name in wanted]
@@ -307,13 +307,13 @@ def evidence_of_best(one: Pass, wanted: tuple[str, ...]) -> Evidence:
         smallest = [min(sizes(evidence, i, rules)[1]) for i in range(len(items))]
     else:
         smallest = [0.0] * len(items)
-    best: dict[str, Item] = {}
+    best: dict[str, Hypothesis] = {}
     for k in np.argsort(smallest, kind="stable"):
         best.setdefault(items[k].effect.name, items[k])
     return evidence_of(one, model, [best[name] for name in wanted])
 
 
-def correlations(evidence: Evidence) -> Array:
+def correlations(evidence: CandidateScores) -> Array:
     """Correlation of the whitened signatures, (effects, effects); of several columns the mixture that is seen best."""
     mix = np.zeros((len(evidence.c), len(evidence.items)))
     for i in range(len(evidence.items)):
@@ -323,7 +323,7 @@ def correlations(evidence: Evidence) -> Array:
     return np.asarray(A / np.outer(size, size))
 
 
-def apart(evidence: Evidence, correlation: Array) -> tuple[float, ...]:
+def apart(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:
     """Distance of the typical size of each effect once the others are taken out: d sqrt(1 - R²)."""
     left = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
     found = []

@@ -19,15 +19,15 @@ from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.search.beam import Search
 from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION, shared
 from accelcal.diagnosis.search.detection_limits import sizes
-from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import scale_of, variance_gain
 from accelcal.diagnosis.search.scan import ALPHA, largest
-from accelcal.diagnosis.search.scores import Evidence
+from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import SURE, entry_gains
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.run_state import Pass
-from accelcal.experiment.detection_probability import Contest
+from accelcal.estimation.run_state import RunState
+from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.model import Model
 
 SCHEMA = "accelcal/power/1"
@@ -36,7 +36,7 @@ WANDERS = 40
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class Detectability:
     """How well one effect can be seen, at the trial shape at which it is seen best."""
 
     effect: str
@@ -77,7 +77,7 @@ class Group:
 class Power:
     """What a record, or a planned motion, can see."""
 
-    sights: tuple[Sight, ...]
+    sights: tuple[Detectability, ...]
     """In the order of the catalogue."""
     ties: tuple[Group, ...]
     examined: int
@@ -85,11 +85,11 @@ class Power:
     blocks: int
     """Effective blocks."""
     alpha: float
-    contest: Contest = field(repr=False, compare=False)
+    contest: DetectionModel = field(repr=False, compare=False)
     """What a probability of detection is drawn from."""
     name: str = ""
 
-    def __getitem__(self, effect: str) -> Sight:
+    def __getitem__(self, effect: str) -> Detectability:
         """Return how well `effect` is seen."""
         for sight in self.sights:
             if sight.effect == effect:
@@ -138,7 +138,7 @@ class Power:
         }
 
 
-def sight_to_dict(sight: Sight) -> dict[str, Any]:
+def sight_to_dict(sight: Detectability) -> dict[str, Any]:
     """One effect; what is not seen has null for its sizes."""
 
     def plain(values: tuple[float, ...]) -> Any:
@@ -160,7 +160,7 @@ def sight_to_dict(sight: Sight) -> dict[str, Any]:
 
 
 def power(
-    source: Recording | Pass,
+    source: Recording | RunState,
     model: Model | None = None,
     *,
     extra: Sequence[Effect] = (),
@@ -193,18 +193,18 @@ def power(
     True
     """
     model = Model.linear() if model is None else model
-    if isinstance(source, Pass):
-        return sight_of(source, model, extra, alpha)
+    if isinstance(source, RunState):
+        return detectability_of(source, model, extra, alpha)
     if start is None and end is None:
         whole = usable(source)
         start, end = whole.start, whole.end
     solution = solve_runs(model, [source], start=start, end=end)
-    return sight_of(solution.passes[0], model, extra, alpha)
+    return detectability_of(solution.passes[0], model, extra, alpha)
 
 
-def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
+def detectability_of(one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
     """What the motion and the noise of one run can see."""
-    contest = Contest.of(one, model, extra, alpha)
+    contest = DetectionModel.of(one, model, extra, alpha)
     items, rules, evidence = contest.items, contest.rules, contest.evidence
     best: dict[str, tuple[int, tuple[float, ...], tuple[float, ...]]] = {}
     for i, item in enumerate(items):
@@ -219,7 +219,7 @@ def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float
     firsts = {name: i for name, (i, _, _) in best.items() if name not in blind}
     related = {name: rivals(evidence, i, firsts) for name, i in firsts.items()}
     sights = tuple(
-        Sight(
+        Detectability(
             effect=name,
             unit=items[i].effect.unit,
             shape=dict(items[i].shape),
@@ -244,7 +244,7 @@ def sight_of(one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float
     )
 
 
-def intensity(evidence: Evidence, i: int, rules: Search) -> float:
+def intensity(evidence: CandidateScores, i: int, rules: Search) -> float:
     """Least intensity s of a wandering bias that enters in 95 % of its walks: scores b ~ N(0, A + s² A²).
 
     From `WANDERS` fixed walks; their gain at the wanted probability is that of normal gains' square roots.
@@ -270,7 +270,7 @@ def intensity(evidence: Evidence, i: int, rules: Search) -> float:
     return math.exp(0.5 * (low + high))
 
 
-def largest_at(item: Item, smallest: tuple[float, ...], one: Pass) -> float:
+def largest_at(item: Hypothesis, smallest: tuple[float, ...], one: RunState) -> float:
     """Largest contribution of the part that is seen best, at its smallest detectable size."""
     if not math.isfinite(min(smallest)):
         return math.inf
@@ -280,7 +280,7 @@ def largest_at(item: Item, smallest: tuple[float, ...], one: Pass) -> float:
     return largest(item, estimate, one)
 
 
-def rivals(evidence: Evidence, i: int, firsts: Mapping[str, int]) -> dict[str, float]:
+def rivals(evidence: CandidateScores, i: int, firsts: Mapping[str, int]) -> dict[str, float]:
     """Effects whose signature at one of their trial shapes is that of item `i`, with |rho|."""
     item = evidence.items[i]
     if item.effect.family:
@@ -297,14 +297,14 @@ def rivals(evidence: Evidence, i: int, firsts: Mapping[str, int]) -> dict[str, f
     return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 
 
-def strongest(evidence: Evidence, i: int) -> Array:
+def strongest(evidence: CandidateScores, i: int) -> Array:
     """The mixture of an item's columns that is seen best."""
     A = evidence.G[evidence.columns[i], evidence.columns[i]]
     size = scale_of(np.diag(A))
     return np.asarray(np.linalg.eigh(A / np.outer(size, size))[1][:, -1] / size)
 
 
-def groups(sights: Sequence[Sight], related: Mapping[str, Mapping[str, float]]) -> tuple[Group, ...]:
+def groups(sights: Sequence[Detectability], related: Mapping[str, Mapping[str, float]]) -> tuple[Group, ...]:
     """Effects with all that they are tied to, largest first; a group that another one holds whole is left out."""
     kept: list[Group] = []
     for sight in sorted(sights, key=lambda s: -len(s.members)):

@@ -17,13 +17,13 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import Search, block_length, tempered
-from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of
 from accelcal.diagnosis.search.refine import FINALISTS
 from accelcal.diagnosis.search.scan import ALPHA
-from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 
 DRAWS = 4000
@@ -35,36 +35,36 @@ INTENSITIES = np.linspace(-2.0, 9.0, 45)
 
 
 @dataclass(frozen=True, slots=True)
-class Contest:
+class DetectionModel:
     """What takes part in the search of one run, before anything is known of its residual."""
 
-    one: Pass
+    one: RunState
     model: Model
-    items: Sequence[Item]
-    evidence: Evidence
+    items: Sequence[Hypothesis]
+    evidence: CandidateScores
     """Of the items."""
     rules: Search
 
     @classmethod
-    def of(cls, one: Pass, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Contest:
+    def of(cls, one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> DetectionModel:
         """All that `diagnose` would look at on a run."""
         offered = candidates_for(one, model, extra)
         items = anywhere([item for item in offered if item.leading is None], one)
         return cls(one, model, items, evidence_of(one, model, items), rules_for(one, len(offered), alpha))
 
-    def item(self, effect: str, shape: Mapping[str, float]) -> Item:
+    def item(self, effect: str, shape: Mapping[str, float]) -> Hypothesis:
         """An effect at its own shape, which need not be one of the trials; what the record sets is left as it is."""
         trials = [item for item in self.items if item.effect.name == effect]
         known = trials[len(trials) // 2]
         return replace(known, shape={**known.shape, **shape})
 
-    def distance(self, truth: Item, sizes: Array) -> float:
+    def distance(self, truth: Hypothesis, sizes: Array) -> float:
         """Standard deviations at which an effect stands from nothing, the base taken out."""
         A = self.evidence_of([truth]).G
         theta = coefficients(truth, sizes)[0]
         return math.sqrt(float(theta @ A @ theta))
 
-    def detection(self, truth: Item, sizes: Array, draws: int = DRAWS) -> float:
+    def detection(self, truth: Hypothesis, sizes: Array, draws: int = DRAWS) -> float:
         """Probability that anything enters when an effect is there.
 
         Parameters
@@ -91,11 +91,11 @@ class Contest:
                 entered |= (gain > significant * scatter.get(item.effect.name, 1.0)) & (gain > worth)
         return float(np.mean(entered))
 
-    def evidence_of(self, items: Sequence[Item]) -> Evidence:
+    def evidence_of(self, items: Sequence[Hypothesis]) -> CandidateScores:
         """Gram matrix of items beside what the model leaves free."""
         return evidence_of(self.one, self.model, items)
 
-    def finalists(self, truth: Item, sizes: Array) -> list[Item]:
+    def finalists(self, truth: Hypothesis, sizes: Array) -> list[Hypothesis]:
         """The effects that the truth lets gain most, each at the trial shape where it does."""
         nearest = min(
             (i for i, item in enumerate(self.items) if item.effect.name == truth.effect.name),
@@ -111,7 +111,9 @@ class Contest:
                 best[name] = max(best.get(name, (-math.inf, -1)), (float(gain[0]), i))
         return [self.items[i] for _, i in sorted(best.values(), reverse=True)[:FINALISTS]]
 
-    def scatter(self, finalists: Sequence[Item], truth: Item, sizes: Array, luck: Array) -> dict[str, Array]:
+    def scatter(
+        self, finalists: Sequence[Hypothesis], truth: Hypothesis, sizes: Array, luck: Array
+    ) -> dict[str, Array]:
         """Draws of the ratio by which significance of each finalist is divided, at least 1; (draws,) by effect.
 
         Block scores s of a finalist's direction, taken from what all finalists leave over, have the covariance
@@ -148,12 +150,12 @@ class Contest:
         return found
 
 
-def evidence_of(one: Pass, model: Model, items: Sequence[Item]) -> Evidence:
+def evidence_of(one: RunState, model: Model, items: Sequence[Hypothesis]) -> CandidateScores:
     """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return Evidence([Known(one, model)], items)
+    return CandidateScores([BaseProjection(one, model)], items)
 
 
-def anywhere(items: Sequence[Item], one: Pass) -> list[Item]:
+def anywhere(items: Sequence[Hypothesis], one: RunState) -> list[Hypothesis]:
     """Items in which picked shapes stand evenly over their span, not where this record happened to be loud."""
     s = one.signals
     assert s is not None
@@ -165,18 +167,18 @@ def anywhere(items: Sequence[Item], one: Pass) -> list[Item]:
     return found
 
 
-def rules_for(one: Pass, examined: int, alpha: float) -> Search:
+def rules_for(one: RunState, examined: int, alpha: float) -> Search:
     """Rules by which an effect would enter, as `diagnose` would apply them."""
     seconds = float(np.sum(one.counts)) * one.run.reading_step
     return Search(examined, int(seconds / block_length(one)), alpha)
 
 
-def picked(item: Item) -> bool:
+def picked(item: Hypothesis) -> bool:
     """Whether the search tries the instants at which a record is loud, and so meets the very instant of the truth."""
     return item.effect.port == "position" and "instant" in item.shape
 
 
-def between(item: Item, one: Pass) -> list[Item]:
+def between(item: Hypothesis, one: RunState) -> list[Hypothesis]:
     """The item at shapes between the neighbours of its trial shape, where the search refines it."""
     s = one.signals
     assert s is not None
@@ -210,7 +212,7 @@ def unit(G: Array) -> Array:
     return np.asarray(G / np.outer(size, size))
 
 
-def coefficients(truth: Item, sizes: Array, rng: np.random.Generator | None = None, draws: int = 1) -> Array:
+def coefficients(truth: Hypothesis, sizes: Array, rng: np.random.Generator | None = None, draws: int = 1) -> Array:
     """Coefficients of the truth in each draw, (draws, width) or (1, width); those of a wandering bias are random."""
     if truth.effect.port != "process":
         return np.atleast_2d(sizes)
@@ -219,7 +221,7 @@ def coefficients(truth: Item, sizes: Array, rng: np.random.Generator | None = No
     return np.asarray(sizes[0] * rng.standard_normal((draws, truth.effect.width)))
 
 
-def gains(item: Item, A: Array, b: Array) -> tuple[Array, int]:
+def gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
     """Twice the log-likelihood gain of an item in each draw, (draws,), and its degrees of freedom.
 
     As the search computes them for one record (`score_gain`, `variance_gain`).

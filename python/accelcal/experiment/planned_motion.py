@@ -14,14 +14,14 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.search.scan import ALPHA
 from accelcal.effects import Effect
-from accelcal.estimation.drive import Drive
+from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.estimate import require_motion
-from accelcal.estimation.run import Run
-from accelcal.estimation.run_state import Pass
-from accelcal.estimation.smoothing import Motion as Sampled
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import RunState
+from accelcal.estimation.smoothing import SmoothedMotion as Sampled
 from accelcal.estimation.smoothing import Thinning
 from accelcal.estimation.values import Noise, Values
-from accelcal.experiment.detectability import Power, sight_of
+from accelcal.experiment.detectability import Power, detectability_of
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass, motion_bandwidth
 from accelcal.simulation.motion import Motion
@@ -115,7 +115,9 @@ def power_of_motion(
     model = Model.linear() if model is None else model
     length = motion.seconds if seconds is None else seconds
     noise = planned_noise(rig, encoder_noise)
-    return sight_of(planned_pass(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha)
+    return detectability_of(
+        planned_pass(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha
+    )
 
 
 def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
@@ -132,7 +134,7 @@ def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), a
     rate = 1.0 / float(np.median(np.diff(t)))
     model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
     one = planned_pass(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
-    return sight_of(one, model, extra, alpha)
+    return detectability_of(one, model, extra, alpha)
 
 
 def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:
@@ -167,7 +169,7 @@ def planned_pass(
     model: Model,
     accel_rate: float = ACCEL_RATE,
     position_rate: float = POSITION_RATE,
-) -> Pass:
+) -> RunState:
     """The run that a planned motion would give, with exact signals and the gains of the declared noise.
 
     The coefficients are those of a perfect sensor: power changes by the scale error only, a percent or two. Nothing
@@ -182,12 +184,12 @@ def planned_pass(
         rig=rig,
         name=motion.name,
     )
-    run = Run(recording)
+    run = PreparedRun(recording)
     require_motion(run)
     values = Values({term.name: model.fixed.get(term.name, 0.0) for term in model.terms}, model.terms)
-    one = Pass(run, values, noise, model.free, None)
+    one = RunState(run, values, noise, model.free, None)
     still = np.zeros_like(run.t)
-    one.drive = Drive(run.t, run.z, still, still, np.arange(len(run.t)) == 0)
+    one.drive = DriveIntegrals(run.t, run.z, still, still, np.arange(len(run.t)) == 0)
     one.track = run.track(one.drive, noise)
     one.counts = one.drive.settled(run.wait(noise))
     one.whitened = still

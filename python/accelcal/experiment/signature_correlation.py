@@ -11,20 +11,20 @@ from accelcal.experiment import Power
 
 
 @dataclass(frozen=True, slots=True)
-class Likeness:
+class SignatureCorrelation:
     """Correlation of the signatures of some effects, each at the shape at which it is seen best."""
 
     names: tuple[str, ...]
     correlation: Array
     """(n, n)"""
 
-    def of(self, names: list[str]) -> Likeness:
+    def of(self, names: list[str]) -> SignatureCorrelation:
         """The same for some of them, in a given order."""
         rows = [self.names.index(name) for name in names]
-        return Likeness(tuple(names), self.correlation[np.ix_(rows, rows)])
+        return SignatureCorrelation(tuple(names), self.correlation[np.ix_(rows, rows)])
 
 
-def likeness(power: Power) -> Likeness:
+def signature_correlation(power: Power) -> SignatureCorrelation:
     """Correlate the signatures of all effects with one constant coefficient that a record can see.
 
     Parameters
@@ -43,4 +43,4 @@ def likeness(power: Power) -> Likeness:
             rows[name] = columns.start
     kept = list(rows.values())
     size = np.sqrt(np.diag(G)[kept])
-    return Likeness(tuple(rows), G[np.ix_(kept, kept)] / np.outer(size, size))
+    return SignatureCorrelation(tuple(rows), G[np.ix_(kept, kept)] / np.outer(size, size))

@@ -1,6 +1,6 @@
 """Live filters: the paper's nonlinear Kalman filters over a record, a stream, or at a fixed rate."""
 
-from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, Wander
+from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
 from accelcal.filters.record import BatchRun, FilterRun, ForwardParameters, forward_parameters, run, run_batch
 from accelcal.filters.stream import LiveFilter
@@ -13,8 +13,8 @@ __all__ = [
     "FilterChoice",
     "FilterRun",
     "ForwardParameters",
+    "GaussMarkov",
     "LiveFilter",
-    "Wander",
     "fixed_rate_with_effects",
     "forward_parameters",
     "run",

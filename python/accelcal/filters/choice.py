@@ -47,7 +47,7 @@ class FilterChoice:
 
 
 @dataclass(frozen=True, slots=True)
-class Wander:
+class GaussMarkov:
     """How a parameter moves: theta' = -theta / tau + white noise of two-sided density q (paper II-D)."""
 
     q: float

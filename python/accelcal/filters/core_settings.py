@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
-from accelcal.filters.choice import PARAMETERS, FilterChoice, Wander
+from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
 
 
 def core_setup(
@@ -21,7 +21,7 @@ def core_setup(
     r_accel: float | None,
     q_accel: float | None,
     tau: float,
-    parameters: Mapping[str, Wander] | None,
+    parameters: Mapping[str, GaussMarkov] | None,
     gate: float | None,
 ) -> _core.FilterSetup:
     """The compiled set-up; what the chosen system needs must be given, and what it ignores must not."""
@@ -70,6 +70,6 @@ def core_samples(channel: Channel) -> tuple[Array, Array]:
     return np.ascontiguousarray(channel.t, dtype=np.float64), np.ascontiguousarray(channel.y, dtype=np.float64)
 
 
-def rate_and_density(wander: Wander | None) -> tuple[float, float]:
+def rate_and_density(wander: GaussMarkov | None) -> tuple[float, float]:
     """1/tau and q as the core takes them."""
     return (0.0, 0.0) if wander is None else (1.0 / wander.tau, wander.q)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from accelcal import _core
-from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_setup, rate_and_density
 
 
@@ -23,7 +23,7 @@ def fixed_rate(
     x0: ArrayLike,
     P0: ArrayLike,
     tau: float = 0.0,
-    parameters: Mapping[str, Wander] | None = None,
+    parameters: Mapping[str, GaussMarkov] | None = None,
     gate: float | None = None,
 ) -> _core.FixedRateFilter:
     """A filter for a control loop: one sample per call, nothing allocated, the state read only when it is wanted.
@@ -78,7 +78,7 @@ def fixed_rate_with_effects(
     P0: ArrayLike,
     rest: float = 0.0,
     tau: float = 0.0,
-    parameters: Sequence[Wander | None] | None = None,
+    parameters: Sequence[GaussMarkov | None] | None = None,
     order: Literal[1, 2] = 1,
     gate: float | None = None,
 ) -> _core.FixedRateFilter:

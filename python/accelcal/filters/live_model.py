@@ -13,7 +13,7 @@ from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
 from accelcal.filters.causal_signals import CausalSignals
-from accelcal.filters.choice import Wander
+from accelcal.filters.choice import GaussMarkov
 from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
 from accelcal.model import Estimate, Model, Prior, Term, evaluate
 from accelcal.signals.signals import Origins, Signals
@@ -78,7 +78,7 @@ class LiveModel:
         position: float,
         speed: float = 1.0,
         origins: Origins | None = None,
-        wander: Mapping[str, Wander] | None = None,
+        wander: Mapping[str, GaussMarkov] | None = None,
         order: Literal[1, 2] = 1,
         gate: float | None = None,
     ) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Channel
-from accelcal.filters.choice import PARAMETERS, FilterChoice, Wander
+from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_samples, core_setup
 
 
@@ -74,7 +74,7 @@ def run(
     x0: ArrayLike,
     P0: ArrayLike,
     tau: float = 0.0,
-    parameters: Mapping[str, Wander] | None = None,
+    parameters: Mapping[str, GaussMarkov] | None = None,
     gate: float | None = None,
     smooth: bool = False,
 ) -> FilterRun:
@@ -168,7 +168,7 @@ def run_batch(
     x0: ArrayLike,
     P0: ArrayLike,
     tau: float = 0.0,
-    parameters: Mapping[str, Wander] | None = None,
+    parameters: Mapping[str, GaussMarkov] | None = None,
     threads: int = 1,
 ) -> BatchRun:
     """Run one filter over many uniform records, several at a time on the processor's vector unit.

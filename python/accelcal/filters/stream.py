@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.filters.choice import FilterChoice, Wander
+from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_setup
 
 
@@ -30,7 +30,7 @@ class LiveFilter:
     x0: ArrayLike = field(kw_only=True)
     P0: ArrayLike = field(kw_only=True)
     tau: float = field(default=0.0, kw_only=True)
-    parameters: Mapping[str, Wander] | None = field(default=None, kw_only=True)
+    parameters: Mapping[str, GaussMarkov] | None = field(default=None, kw_only=True)
     gate: float | None = field(default=None, kw_only=True)
     _stream: _core.FilterStream = field(init=False, repr=False)
 

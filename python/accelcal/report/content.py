@@ -17,7 +17,7 @@ from accelcal.estimation.parameter_tracks import Track, track
 from accelcal.estimation.shape_functions import Shape, shapes
 from accelcal.experiment import Power, power
 from accelcal.plots.interactive.timeline import Marks, marks
-from accelcal.selection.nested_models import Ladder, ladder
+from accelcal.selection.nested_models import NestedModels, nested_models
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
 from accelcal.workflow import diagnose
@@ -44,7 +44,7 @@ class Content:
     budget: Budget
     applied: Application | None
     """A worked example; None where the model cannot be inverted."""
-    ladder: Ladder | None
+    nested: NestedModels | None
     power: Power | None
     track: Track | None
     shapes: tuple[Shape, ...]
@@ -92,12 +92,12 @@ def gather(
     start, end = found.used[0]
     judged = compare(fit, recording, start=start, end=end) if holdout is None else compare(fit, holdout)
     report(0.5)
-    climbed = attempt("the falling error", lambda: ladder(fit, recording, found, holdout=holdout))
+    nested = attempt("the falling error", lambda: nested_models(fit, recording, found, holdout=holdout))
     report(0.7)
     seen = attempt("the power of the record", lambda: power(recording, fit.model, extra=extra, start=start, end=end))
     report(0.85)
     followed = attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
-    named = shapes(fit) or (shapes(climbed.rungs[-1].fit) if climbed is not None else ())
+    named = shapes(fit) or (shapes(nested.models[-1].fit) if nested is not None else ())
     digest = (recording if holdout is None else holdout).digest
     report(1.0)
     return Content(
@@ -111,7 +111,7 @@ def gather(
         described=describe(recording),
         budget=budget(fit),
         applied=attempt("the worked example", lambda: example(fit)),
-        ladder=climbed,
+        nested=nested,
         power=seen,
         track=followed,
         shapes=named,

@@ -56,15 +56,15 @@ def entries(content: Content) -> list[Entry]:
                 lambda theme: interactive.shape(several, theme=theme),
             )
         )
-    if c.ladder is not None:
-        climbed = c.ladder
+    if c.nested is not None:
+        nested = c.nested
         found.append(
             Entry(
                 "falling",
                 "falling",
                 "Hatched: an effect that the model does not hold yet.",
-                lambda theme: interactive.falling(climbed, theme=theme),
-                lambda theme: diagnosis.falling(climbed, theme=theme),
+                lambda theme: interactive.falling(nested, theme=theme),
+                lambda theme: diagnosis.falling(nested, theme=theme),
             )
         )
     found += [

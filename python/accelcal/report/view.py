@@ -65,7 +65,7 @@ def view(content: Content) -> dict[str, Any]:
         "method": list(METHOD),
         "example": example(content),
         "provenance": provenance(content),
-        "remarks": [*content.fit.remarks, *(content.ladder.remarks if content.ladder else ()), *content.remarks],
+        "remarks": [*content.fit.remarks, *(content.nested.remarks if content.nested else ()), *content.remarks],
     }
 
 
@@ -80,8 +80,8 @@ def summary(content: Content) -> list[str]:
         drift, floor = seen.coast_rms[h], seen.coast_floor[h]
         assert drift is not None
         assert floor is not None
-        if content.ladder is not None and content.ladder.horizon == h:
-            floor = content.ladder.floor  # of the best model: the noise of a poor one holds what it lacks
+        if content.nested is not None and content.nested.horizon == h:
+            floor = content.nested.floor  # of the best model: the noise of a poor one holds what it lacks
         lines.append(
             f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise alone would give {length(floor)}."
         )
@@ -183,23 +183,23 @@ def apart(content: Content) -> list[dict[str, str]]:
 
 def falling(content: Content) -> dict[str, Any] | None:
     """The falling error as a table."""
-    climbed = content.ladder
-    if climbed is None:
+    nested = content.nested
+    if nested is None:
         return None
     return {
-        "sentence": headline(climbed),
-        "same_run": climbed.same_run,
-        "floor": climbed.floor,
+        "sentence": headline(nested),
+        "same_run": nested.same_run,
+        "floor": nested.floor,
         "rows": [
             {
                 "model": name,
                 "error": error,
                 "shown": length(error),
-                "in_model": rung.in_model,
+                "in_model": member.in_model,
                 "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
             }
-            for name, rung, error, share in zip(
-                steps(climbed), climbed.rungs, climbed.errors, climbed.shares, strict=True
+            for name, member, error, share in zip(
+                steps(nested), nested.models, nested.errors, nested.shares, strict=True
             )
         ],
     }

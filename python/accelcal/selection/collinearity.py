@@ -19,7 +19,7 @@ BESIDE = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Mend:
+class Replacement:
     """What may stand in the place of names that mend each other."""
 
     effect: Effect
@@ -34,7 +34,7 @@ class Mend:
         return (self.effect.name, *self.rivals, *(name for name in self.worn if name != self.effect.name))
 
 
-def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> Mend | None:
+def family_replacing(fit: Fit, entering: str, members: Sequence[str] = ()) -> Replacement | None:
     """What a function of one variable is when the effect that came last shows that its name was wrong.
 
     Parameters
@@ -51,17 +51,17 @@ def shape_behind(fit: Fit, entering: str, members: Sequence[str] = ()) -> Mend |
         worn = [name for name in fit.model.effects if name in family.covers]
         if entering in worn and family.name not in fit.model.effects:
             same = {name for bend in family.bends if entering in bend for name in bend}
-            worn = [n for n in worn if n == entering or n in same or alike(fit, n, entering) > ALIKE]
+            worn = [n for n in worn if n == entering or n in same or correlated(fit, n, entering) > ALIKE]
             if len(worn) > 1:
-                return Mend(family, tuple(worn))
+                return Replacement(family, tuple(worn))
         elif entering == family.name and worn:
-            return Mend(family, tuple(worn))
+            return Replacement(family, tuple(worn))
         elif family.name in members and worn and find(entering).port == "process":
-            return Mend(family, (*worn, entering))
+            return Replacement(family, (*worn, entering))
     return None
 
 
-def sum_behind(model: Sequence[str], left: Sequence[Candidate]) -> Mend | None:
+def family_replacing_sum(model: Sequence[str], left: Sequence[Candidate]) -> Replacement | None:
     """A shape without a name in the place of several functions of its variable whose sum is not the whole.
 
     Parameters
@@ -73,11 +73,13 @@ def sum_behind(model: Sequence[str], left: Sequence[Candidate]) -> Mend | None:
         family = find(one.effect)
         worn = tuple(name for name in model if name in family.covers)
         if len(worn) > 1 and one.chance < BESIDE:
-            return Mend(family, worn)
+            return Replacement(family, worn)
     return None
 
 
-def wandering_behind(classes: Sequence[Sequence[str]], entering: str, members: Sequence[str] = ()) -> Mend | None:
+def random_bias_replacing(
+    classes: Sequence[Sequence[str]], entering: str, members: Sequence[str] = ()
+) -> Replacement | None:
     """A bias that wanders, in the place of two courses of time: a shape that it could not be told from and that turns
     out not to be all, or two names of which it could be told from neither.
 
@@ -91,8 +93,8 @@ def wandering_behind(classes: Sequence[Sequence[str]], entering: str, members: S
         courses = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
         if courses:
             worn = (name, entering)
-            alike = (r for r in dict.fromkeys((*rivals, *members)) if r not in (courses[0], *worn))
-            return Mend(find(courses[0]), worn, tuple(alike))
+            correlated = (r for r in dict.fromkeys((*rivals, *members)) if r not in (courses[0], *worn))
+            return Replacement(find(courses[0]), worn, tuple(correlated))
     return None
 
 
@@ -115,7 +117,7 @@ def explained(fit: Fit, name: str) -> tuple[float, int]:
     return max(0.0, float(x @ information @ x)), len(own)
 
 
-def alike(fit: Fit, one: str, other: str) -> float:
+def correlated(fit: Fit, one: str, other: str) -> float:
     """Largest correlation between a coefficient of one effect and one of another, beside all that is in the model."""
     owners = {term.name: term.effect.name for term in fit.model.terms}
     own, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (one, other))
@@ -124,7 +126,7 @@ def alike(fit: Fit, one: str, other: str) -> float:
     return float(np.max(np.abs(rho), initial=0.0))
 
 
-def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
+def confounding_families(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
     """Shapes of a model that a named effect may be a part of, or the rest of.
 
     A shape without a name says that a cause is missing from the catalogue, and so do two names that describe one bend:
@@ -145,7 +147,7 @@ def rest_of(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(other for other, gain in shapes.items() if told.get(name, 0.0) < gain)
 
 
-def sum_of(name: str, model: Sequence[str]) -> tuple[str, ...]:
+def sum_families(name: str, model: Sequence[str]) -> tuple[str, ...]:
     """Shapes without a name that stand for an effect together with others that a model may hold: the sum of functions
     of one variable is a function of that variable."""
     return tuple(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from accelcal._support.notebook_repr import shown
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal.diagnosis.contribution import Importance, split
-from accelcal.diagnosis.verdict import Diagnosis, Tie
+from accelcal.diagnosis.verdict import Confounded, Diagnosis
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
 
@@ -22,7 +22,7 @@ class Step:
     heldout: Comparison
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Improvement:
     """The falling error: every step, and what is still missing from the last model."""
@@ -30,7 +30,7 @@ class Improvement:
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
     """Of the last model."""
-    classes: tuple[Tie, ...]
+    classes: tuple[Confounded, ...]
     """One for each effect that was added."""
     examined: int
     same_run: bool
@@ -50,7 +50,7 @@ class Improvement:
         return self.steps[-1].effects
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class History:
     """Models in the order of their story, each compared with the same recording: the falling error."""

@@ -19,7 +19,7 @@ from accelcal.validation.evaluation import compare
 
 
 @dataclass(frozen=True, slots=True)
-class Rung:
+class NestedModel:
     """One model on the way."""
 
     effect: str
@@ -31,10 +31,10 @@ class Rung:
 
 
 @dataclass(frozen=True, slots=True)
-class Ladder:
+class NestedModels:
     """Models of growing size on data that none of them was fitted to."""
 
-    rungs: tuple[Rung, ...]
+    models: tuple[NestedModel, ...]
     """The base first."""
     same_run: bool
     """Unseen data are the end of the fitted run: set-up and slow-drift errors cannot show."""
@@ -46,16 +46,16 @@ class Ladder:
     @property
     def errors(self) -> tuple[float, ...]:
         """Rms unaided drift (or free-running error) of each model, m."""
-        return tuple(_error(rung.heldout, self.horizon) for rung in self.rungs)
+        return tuple(_error(member.heldout, self.horizon) for member in self.models)
 
     @property
     def floor(self) -> float:
         """What noise alone would give, m: the least of all models, for what is missing passes for noise."""
-        return min(_floor(rung.heldout, self.horizon) for rung in self.rungs)
+        return min(_floor(member.heldout, self.horizon) for member in self.models)
 
     @property
     def shares(self) -> tuple[float | None, ...]:
-        """Share of the base's mean square above the floor that each rung takes away; None for the base, or when the
+        """Share of the base's mean square above the floor that each member takes away; None for the base, or when the
         base is at the floor already."""
         squares = [e**2 for e in self.errors]
         above = squares[0] - self.floor**2
@@ -71,9 +71,9 @@ class Ladder:
         return f"unaided drift after {self.horizon:g} s"
 
 
-def ladder(
+def nested_models(
     fitted: Fit, recording: Recording, diagnosis: Diagnosis | None = None, *, holdout: Recording | None = None
-) -> Ladder:
+) -> NestedModels:
     """Fit the base of a model, then one effect more each time, and compare each with unseen data.
 
     Parameters
@@ -94,22 +94,22 @@ def ladder(
     unseen = recording if holdout is None else holdout
     test_begin, test_end = (split, finish) if holdout is None else _stretch(holdout)
 
-    def rung(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> Rung:
+    def member(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> NestedModel:
         found = ready
         if found is None:
             found = fit(model, recording, start=begin, end=split, origins=fitted.origins)
-        return Rung(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
+        return NestedModel(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
 
     # What turning the sensor or the tolerance of a low-pass brought in depends on the recordings, not on the model.
     brought = [name for name in fitted.model.added if not find(name).visible]
     whole = fitted.model.drop(*brought)
     added = whole.added
-    rungs, remarks = [], []
+    models, remarks = [], []
     for count in range(len(added) + 1):
         model = whole.drop(*added[count:])
         top = fitted if count == len(added) and not same_run else None
         try:
-            rungs.append(rung(added[count - 1] if count else "", model, True, top))
+            models.append(member(added[count - 1] if count else "", model, True, top))
         except ValueError as error:
             if count == 0:
                 raise
@@ -118,12 +118,12 @@ def ladder(
     for finding in diagnosis.scan.found if diagnosis is not None else ():
         try:
             model = finding.enter(model)
-            rungs.append(rung(finding.effect, model, False))
+            models.append(member(finding.effect, model, False))
         except ValueError as error:
             remarks.append(f"{finding.effect} could not be added: {error}")
             break
-    horizons = [h for h in rungs[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in rungs)]
-    return Ladder(tuple(rungs), same_run, max(horizons, default=None), tuple(remarks))
+    horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
+    return NestedModels(tuple(models), same_run, max(horizons, default=None), tuple(remarks))
 
 
 def _stretch(recording: Recording) -> tuple[float, float]:

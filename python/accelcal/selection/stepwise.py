@@ -7,24 +7,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, Gated, gated
-from accelcal.diagnosis.search.confounding import Finding
+from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
+from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
-from accelcal.diagnosis.verdict import DELAY_CLASS, DELAY_EXPERIMENT, Diagnosis, Stretch, Tie, delayed, judge_model
+from accelcal.diagnosis.verdict import (
+    DELAY_CLASS,
+    DELAY_EXPERIMENT,
+    Confounded,
+    Diagnosis,
+    TimeSpan,
+    delayed,
+    verdict_on,
+)
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
 from accelcal.selection.collinearity import (
-    Mend,
+    Replacement,
+    confounding_families,
     explained,
+    family_replacing,
+    family_replacing_sum,
     not_the_whole,
-    rest_of,
-    shape_behind,
+    random_bias_replacing,
     significance,
-    sum_behind,
-    sum_of,
-    wandering_behind,
+    sum_families,
 )
 
 MOST_NAMED = 2
@@ -32,10 +40,10 @@ MOST_NAMED = 2
 
 
 @dataclass(slots=True)
-class Story:
+class SelectionHistory:
     """What has entered a model so far, in order, each with its class and what it explained."""
 
-    ties: list[Tie] = field(default_factory=list)
+    ties: list[Confounded] = field(default_factory=list)
     gains: dict[str, float] = field(default_factory=dict)
     """Twice the log-likelihood that each explained when it entered."""
 
@@ -44,18 +52,18 @@ class Story:
         """Names, in the order of entry."""
         return tuple(tie.effect for tie in self.ties)
 
-    def enter(self, finding: Finding, gain: float, worn: Sequence[str] = ()) -> None:
+    def enter(self, finding: DetectedEffect, gain: float, worn: Sequence[str] = ()) -> None:
         """One effect more; a shape without a name stands in the place of the names that it wears out."""
         gone = dict.fromkeys((*worn, finding.effect))  # itself where it was coarse
         self.gains[finding.effect] = gain + sum(self.leave(name) for name in gone)
-        self.ties.append(Tie(finding.effect, finding.members, finding.experiment))
+        self.ties.append(Confounded(finding.effect, finding.members, finding.experiment))
 
     def leave(self, name: str) -> float:
         """One effect less, if it is there; what it explained."""
         self.ties = [tie for tie in self.ties if tie.effect != name]
         return self.gains.pop(name, 0.0)
 
-    def told(self, left: Sequence[Candidate], last: Fit | None = None) -> list[Tie]:
+    def told(self, left: Sequence[Candidate], last: Fit | None = None) -> list[Confounded]:
         """Every effect with its class, once nothing more enters, the model is fitted a last time, and `left` is what it
         leaves over."""
         beside = {name: explained(last, name)[0] for name in self.gains} if last else {}
@@ -63,8 +71,10 @@ class Story:
         return [
             tie.beside(
                 (
-                    *sum_of(tie.effect, [tie.effect, *(name for o in self.ties if o is not tie for name in o.members)]),
-                    *rest_of(tie.effect, gains),
+                    *sum_families(
+                        tie.effect, [tie.effect, *(name for o in self.ties if o is not tie for name in o.members)]
+                    ),
+                    *confounding_families(tie.effect, gains),
                     *not_the_whole(tie.effect, left),
                 )
             )
@@ -73,10 +83,10 @@ class Story:
 
 
 @dataclass(frozen=True, slots=True)
-class Stand:
+class JudgedModel:
     """Where a walk stands: a model fitted without wild readings, and the verdict on it."""
 
-    state: Gated
+    state: CleanFit
     verdict: Diagnosis
 
     @property
@@ -86,29 +96,29 @@ class Stand:
 
 
 @dataclass(slots=True)
-class Walk:
+class StepwiseSelection:
     """From the base model to one that leaves nothing, effect by effect."""
 
     original: Sequence[Recording]
-    stretch: Stretch
+    stretch: TimeSpan
     split: float
     """End of what is fitted, s."""
     extra: Sequence[Effect]
     alpha: float
-    at: Stand
+    at: JudgedModel
     examined: int
     """Alternatives that were looked at on the way."""
     fits: list[tuple[tuple[str, ...], Fit]]
     """Every model on the way, by the effects that it has."""
-    story: Story = field(default_factory=Story)
+    story: SelectionHistory = field(default_factory=SelectionHistory)
 
     @classmethod
     def begin(
-        cls, original: Sequence[Recording], stretch: Stretch, split: float, extra: Sequence[Effect], alpha: float
-    ) -> Walk:
+        cls, original: Sequence[Recording], stretch: TimeSpan, split: float, extra: Sequence[Effect], alpha: float
+    ) -> StepwiseSelection:
         """At the base model, fitted and judged."""
-        state = gated(original, lambda these: solve(Model.linear(), these, stretch.start, split))
-        at = Stand(state, judge_model(state, stretch, extra, alpha))
+        state = clean_fit(original, lambda these: solve(Model.linear(), these, stretch.start, split))
+        at = JudgedModel(state, verdict_on(state, stretch, extra, alpha))
         return cls(original, stretch, split, extra, alpha, at, at.verdict.scan.examined, [((), at.verdict.fit)])
 
     def step(self) -> bool:
@@ -122,8 +132,8 @@ class Walk:
         explained = next((one.gain for one in known if one.effect == entering.effect), 0.0)
         worn: tuple[str, ...] = ()
         for mend in (
-            shape_behind(self.at.verdict.fit, entering.effect, entering.members),
-            wandering_behind([tie.members for tie in self.story.ties], entering.effect, entering.members),
+            family_replacing(self.at.verdict.fit, entering.effect, entering.members),
+            random_bias_replacing([tie.members for tie in self.story.ties], entering.effect, entering.members),
         ):
             step = self.instead(mend) if mend and not worn else None
             if mend and step:
@@ -141,7 +151,7 @@ class Walk:
 
     def mend(self) -> bool:
         """A sum of names that is not the whole gives way to the shape of its variable; False where none is, or can."""
-        mend = sum_behind(self.story.effects, self.at.verdict.scan.candidates)
+        mend = family_replacing_sum(self.story.effects, self.at.verdict.scan.candidates)
         step = self.instead(mend) if mend else None
         if mend is None or step is None:
             return False
@@ -157,28 +167,28 @@ class Walk:
         self.story.ties = self.story.told(verdict.scan.candidates, verdict.fit)
         if delayed(self.fits[-1][1], verdict.scan, self.alpha):
             held = result(solve(undelayed(self.original), self.at.state.recordings, self.stretch.start, self.split))
-            self.story.ties.insert(0, Tie("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+            self.story.ties.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), held), *((("time_offset", *names), one) for names, one in self.fits)]
         heard_of = {test.effect for test in verdict.channels} - set(self.story.effects)
         self.story.ties += [tie for tie in verdict.classes if tie.effect in heard_of]
         self.fits[-1] = (self.story.effects, self.fits[-1][1])
 
-    def go(self, to: Stand) -> None:
+    def go(self, to: JudgedModel) -> None:
         """Stand elsewhere."""
         self.at = to
         self.examined += to.verdict.scan.examined
 
-    def refitted(self, model: Model, *, anew: bool = False) -> Gated:
+    def refitted(self, model: Model, *, anew: bool = False) -> CleanFit:
         """A model fitted to the readings that are kept, or that are chosen `anew` among all."""
         told = [] if anew else [test for test in self.at.state.tests if test.effect in CHANNEL_OF and test.at]
         kept = self.original if anew else self.at.state.recordings
-        return gated(kept, lambda these: solve(model, these, self.stretch.start, self.split), told)
+        return clean_fit(kept, lambda these: solve(model, these, self.stretch.start, self.split), told)
 
-    def judged(self, state: Gated) -> Stand:
+    def judged(self, state: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return Stand(state, judge_model(state, self.stretch, self.extra, self.alpha))
+        return JudgedModel(state, verdict_on(state, self.stretch, self.extra, self.alpha))
 
-    def entered(self) -> tuple[Finding, Stand] | None:
+    def entered(self) -> tuple[DetectedEffect, JudgedModel] | None:
         """The fit with the effect that comes first, judged; None where no fit is possible.
 
         A shape without a name gives way to a named effect of its class whose fit leaves nothing for it, nor for
@@ -196,7 +206,7 @@ class Walk:
                 return finding, grown
         return None
 
-    def instead(self, mend: Mend) -> tuple[Finding, Stand] | None:
+    def instead(self, mend: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
         """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
         something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
         gone = dict.fromkeys((*mend.worn, mend.effect.name))
@@ -213,7 +223,7 @@ class Walk:
             return None
         return replace(alone.entered[0], members=mend.members), grown
 
-    def leaner(self, name: str) -> Stand | None:
+    def leaner(self, name: str) -> JudgedModel | None:
         """The fit without an effect that entered before others, judged; None where it is still asked for."""
         try:
             left = self.judged(self.refitted(self.at.model.drop(name)))

@@ -8,10 +8,10 @@ from typing import Any
 
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Importance, Size
-from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
-from accelcal.diagnosis.outlier_rejection import Dropped
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Diagnosis, Tie
+from accelcal.diagnosis.verdict import Confounded, Diagnosis
 from accelcal.effects import find
 from accelcal.selection.improvement import Improvement
 from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, to_dict
@@ -82,7 +82,7 @@ def candidate(c: Candidate, range_: float | None) -> dict[str, Any]:
     }
 
 
-def channel(test: ChannelFinding) -> dict[str, Any]:
+def channel(test: NoiseTest) -> dict[str, Any]:
     """A significant effect that the mean cannot see."""
     return {
         "effect": test.effect,
@@ -125,7 +125,7 @@ def importance(found: Importance | None) -> dict[str, Any] | None:
     }
 
 
-def dropped(several: Sequence[Dropped]) -> list[dict[str, Any]]:
+def dropped(several: Sequence[RejectedReadings]) -> list[dict[str, Any]]:
     """Readings that were left out as wild."""
     return [
         {"recording": d.recording, "channel": d.channel, "count": d.count, "of": d.of, "sentence": d.sentence}
@@ -133,7 +133,7 @@ def dropped(several: Sequence[Dropped]) -> list[dict[str, Any]]:
     ]
 
 
-def ties(several: Sequence[Tie]) -> list[dict[str, Any]]:
+def ties(several: Sequence[Confounded]) -> list[dict[str, Any]]:
     """Equivalence classes."""
     return [{"effect": t.effect, "members": list(t.members), "experiment": t.experiment} for t in several]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from accelcal._support.notebook_repr import shown
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
 
 BINS = 12
@@ -98,7 +98,7 @@ class Outside:
     """Windows by horizon, inside and outside."""
 
 
-@shown
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """A fitted model against a recording."""

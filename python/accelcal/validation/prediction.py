@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording
 from accelcal.effects import is_local
-from accelcal.estimation.drive import Drive
+from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run import Run
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import derivative, integral
 from accelcal.signals.signals import CORNER_NOISE, Signals
@@ -50,12 +50,14 @@ def rms(y: Array) -> float | None:
 class Prediction:
     """The causal filter over a run, ready to predict from any reading onwards."""
 
-    def __init__(self, run: Run, values: Values, noise: Noise, cutoff: float, withheld: float = math.inf) -> None:
+    def __init__(
+        self, run: PreparedRun, values: Values, noise: Noise, cutoff: float, withheld: float = math.inf
+    ) -> None:
         self.run, self.values, self.noise = run, values, noise
         self.crossover = run.crossover(noise)
         plain = run.drive(values, None)
         self.causal = None if values.constant else self._causal(plain, cutoff, withheld)
-        self.drive: Drive = plain if self.causal is None else run.drive(values, self.causal)
+        self.drive: DriveIntegrals = plain if self.causal is None else run.drive(values, self.causal)
         track = run.track(self.drive, noise)
         self.e, self.S = track.series("e"), track.series("S")
         gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
@@ -67,7 +69,7 @@ class Prediction:
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
         h = np.diff(d.t, prepend=d.t[0])
-        unit = Drive(
+        unit = DriveIntegrals(
             d.t, np.zeros_like(d.z), np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0), d.restart
         )
         response = run.track(unit, noise)
@@ -80,7 +82,7 @@ class Prediction:
         self.travelled, self.moved = accumulated(plain, h)
         self.breaks = np.cumsum(d.restart)
 
-    def _causal(self, plain: Drive, cutoff: float, withheld: float) -> Signals:
+    def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
         run = self.run
         track = run.track(plain, self.noise)
@@ -114,7 +116,7 @@ class Prediction:
         withheld: float = math.inf,
     ) -> Prediction:
         """Prepare a recording under a fit's parameters, noise and origins."""
-        run = Run(recording, fit.origins, start=start, end=end, withheld=withheld)
+        run = PreparedRun(recording, fit.origins, start=start, end=end, withheld=withheld)
         return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
 
     def constant_at(self, k: int) -> tuple[float, float]:
@@ -229,7 +231,7 @@ class Prediction:
         return self.run.t[rows], self.run.z[rows], frozen, self.floor(k, self.run.t[rows])
 
 
-def accumulated(drive: Drive, h: Array) -> tuple[Array, Array]:
+def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:
     """Velocity gained and position moved since the first reading by what drives the motion, (n,) m/s and m."""
     travelled = np.cumsum(drive.first)
     return travelled, np.cumsum(h * np.concatenate([[0.0], travelled[:-1]]) + drive.second)

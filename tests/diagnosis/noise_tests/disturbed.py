@@ -10,11 +10,11 @@ import numpy as np
 
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
-from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
-from accelcal.diagnosis.noise_tests.run_all import channel_findings
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.estimation.gauss_newton import iterate
-from accelcal.estimation.run import Run
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated, Vibration, simulate
 
@@ -28,15 +28,15 @@ def good(motion: str, rig: Rig, seed: int, **more: object) -> Simulated:
     return simulate(motion, seconds=60.0, rig=rig, parameters=PARAMETERS, rng=rng, missing=0.1, **more)
 
 
-def fitted(recording: Recording) -> Pass:
+def fitted(recording: Recording) -> RunState:
     """The base model at its fixed point."""
-    return iterate(Model.linear(), [Run(recording)], [None]).passes[0]
+    return iterate(Model.linear(), [PreparedRun(recording)], [None]).passes[0]
 
 
-def findings(recording: Recording) -> dict[str, ChannelFinding]:
+def findings(recording: Recording) -> dict[str, NoiseTest]:
     """By effect; the loudest line stands for all."""
-    found: dict[str, ChannelFinding] = {}
-    for one in channel_findings(fitted(recording)):
+    found: dict[str, NoiseTest] = {}
+    for one in run_noise_tests(fitted(recording)):
         found.setdefault(one.effect, one)
     return found
 

@@ -13,13 +13,13 @@ import pytest
 
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.local_spread import local_spread
-from accelcal.diagnosis.noise_tests.block_spectra import Spectra, follows
-from accelcal.diagnosis.noise_tests.contamination import contamination
+from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_trend_test
+from accelcal.diagnosis.noise_tests.contamination import contamination_test
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.noise_test import ALARM
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
-from accelcal.diagnosis.noise_tests.run_all import channel_findings
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.noise_tests.tones import driven, lines_of, stands_alone
 from accelcal.diagnosis.noise_tests.whiteness import portmanteau
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
@@ -36,7 +36,7 @@ def test_nothing_is_found_where_there_is_nothing(motion, rig):
     """4 records each, 40 in all, 10 % missing: any alarm at 1e-4 has a chance of 4 x 8e-4 = 0.3 % here."""
     alarms, least = [], {}
     for seed in range(4):
-        for one in channel_findings(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
+        for one in run_noise_tests(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
             least[one.effect] = min(least.get(one.effect, 1.0), one.p_value)
             alarms += [(seed, one.effect, one.p_value)] if one.p_value < ALARM else []
     print(f"{motion} {rig}: {len(alarms)} alarms in 4 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
@@ -51,7 +51,7 @@ def test_nothing_is_found_in_short_records(seconds, rig):
     for seed in range(4):
         rng = np.random.default_rng(seed)
         record = simulate("tones", seconds=seconds, rig=RIGS[rig], parameters={"bias": 0.1}, rng=rng, missing=0.1)
-        found = channel_findings(world.fitted(record.recording))
+        found = run_noise_tests(world.fitted(record.recording))
         alarms += [(seed, one.effect, one.p_value) for one in found if one.p_value < ALARM]
     assert alarms == []
 
@@ -61,8 +61,8 @@ def test_motion_that_is_not_subtracted_alarms(rig):
     """The sister that must fail: power of the plain output follows speed without any vibration."""
     seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
     plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
-    spectra = Spectra.of(plain, seen.taken, seen.rate, 0.0)
-    _, p_value = follows(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
+    spectra = BlockSpectra.of(plain, seen.taken, seen.rate, 0.0)
+    _, p_value = power_trend_test(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
     assert p_value < ALARM
 
 
@@ -145,8 +145,10 @@ def test_p_values_are_no_smaller_than_they_say(name):
         "steady outliers": lambda: (lambda y: outliers(y, *_order(*spread_of(y), len(y))).p_value)(
             rng.standard_normal(16384)
         ),
-        "power": lambda: follows(rng.gamma(16.0, size=400), np.cumsum(rng.standard_normal(400)) ** 4)[1],
-        "few loud": lambda: follows(rng.gamma(16.0, size=400), (rng.random(400) < 0.02) * rng.exponential(size=400))[1],
+        "power": lambda: power_trend_test(rng.gamma(16.0, size=400), np.cumsum(rng.standard_normal(400)) ** 4)[1],
+        "few loud": lambda: power_trend_test(
+            rng.gamma(16.0, size=400), (rng.random(400) < 0.02) * rng.exponential(size=400)
+        )[1],
         "portmanteau": lambda: portmanteau(rng.standard_normal(512) * np.linspace(0.2, 3.0, 512))[1],
         "lines": lambda: _line_chance(rng.standard_normal(4096)),
         "ranks": lambda: rank_correlation(rng.standard_normal(300), np.cumsum(rng.standard_normal(300)))[1],
@@ -175,7 +177,7 @@ def test_contamination_is_seen_where_no_sample_stands_out(share, size):
         wrong = np.zeros(100_000)
         wrong[rng.choice(len(wrong), round(share * len(wrong)), replace=False)] = 1.0
         y = rng.standard_normal(len(wrong)) + wrong * size * rng.standard_normal(len(wrong))
-        least.append(contamination(y, 200.0)[1])
+        least.append(contamination_test(y, 200.0)[1])
     print(f"share {share}, size {size}: largest p of 20: {max(least):.2g}")
     assert sum(p < ALARM for p in least) >= 19
 
@@ -219,7 +221,7 @@ def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
     wrong = z.y + size * np.sin(2.0 * np.pi * made.truth.motion.position(z.t) / 2e-5)
     spoiled = replace(made.recording, position=Channel(z.name, z.t, wrong, z.unit))
     found, good = (
-        next(one for one in channel_findings(world.fitted(record)) if one.effect == "encoder_cyclic")
+        next(one for one in run_noise_tests(world.fitted(record)) if one.effect == "encoder_cyclic")
         for record in (spoiled, made.recording)
     )
     assert found.p_value < ALARM

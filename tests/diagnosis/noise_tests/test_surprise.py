@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from accelcal.diagnosis.noise_tests import interpolation_error
-from accelcal.diagnosis.noise_tests.block_spectra import Spectra
-from accelcal.diagnosis.noise_tests.interpolation_error import FEW, REACH, Surprise, knowledge
+from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
+from accelcal.diagnosis.noise_tests.interpolation_error import FEW, REACH, InterpolationError, knowledge
 
 N, RATE, EDGE = 4000, 1000.0, 150.0
 
@@ -15,7 +15,7 @@ def series():
     """Coloured noise, and the filter that makes it white."""
     rng = np.random.default_rng(2007)
     y = np.convolve(rng.standard_normal(N + 2), [1.0, -0.6, 0.3], "valid")
-    return y, Surprise.of(Spectra.of(y, np.ones(N, dtype=bool), RATE, 1.3 * EDGE), N, RATE, EDGE)
+    return y, InterpolationError.of(BlockSpectra.of(y, np.ones(N, dtype=bool), RATE, 1.3 * EDGE), N, RATE, EDGE)
 
 
 @pytest.mark.parametrize("lost", [[700], [1200, 1201, 1202], [90, 95, 2000, 3999]])

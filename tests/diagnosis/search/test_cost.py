@@ -16,10 +16,10 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.hypotheses import candidates_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import HOUSE, Effect, find, is_local
-from accelcal.estimation.column_filter import Carrier
+from accelcal.estimation.column_filter import ColumnFilter
 from accelcal.estimation.estimate import fit, solve_runs
 from accelcal.estimation.run import CHUNK
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 from accelcal.signals.signals import Signals
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
@@ -56,11 +56,11 @@ def bent() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def fitted(bent: Recording) -> Pass:
+def fitted(bent: Recording) -> RunState:
     return solve_runs(Model.linear(), [bent]).passes[0]
 
 
-def plain_sums(one: Pass, terms: list[Term], group: int) -> Array:
+def plain_sums(one: RunState, terms: list[Term], group: int) -> Array:
     """The columns at the full rate, as a fit takes them, summed afterwards; (terms, rows)."""
     assert one.signals is not None
     parts = [columns for _, columns in one.run.columns(one.track, one.drive, terms, one.signals)]
@@ -71,13 +71,13 @@ def plain_sums(one: Pass, terms: list[Term], group: int) -> Array:
 
 @pytest.mark.parametrize("readings", [1 << 18, 7001])
 def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
-    fitted: Pass, readings: int, monkeypatch: pytest.MonkeyPatch
+    fitted: RunState, readings: int, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
     items = candidates_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
-    carrier = Carrier(fitted)
+    carrier = ColumnFilter(fitted)
     found, expected = carrier.whole(terms), plain_sums(fitted, terms, carrier.group)
     assert found.shape == expected.shape
     size = np.sqrt(np.mean(expected**2, axis=1))
@@ -87,7 +87,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
     assert shifted.shape[1] != found.shape[1]
 
 
-def test_a_scan_says_the_same_in_one_stretch_and_in_many(fitted: Pass, monkeypatch: pytest.MonkeyPatch):
+def test_a_scan_says_the_same_in_one_stretch_and_in_many(fitted: RunState, monkeypatch: pytest.MonkeyPatch):
     whole = scan([fitted], Model.linear())
     monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", 7001)
     parts = scan([fitted], Model.linear())

@@ -8,12 +8,19 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.search.confounding import Finding
+from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Tie, told_apart
+from accelcal.diagnosis.verdict import Confounded, sentence_with_rivals
 from accelcal.effects import HOUSE, find
-from accelcal.selection.collinearity import not_the_whole, rest_of, significance, sum_behind, sum_of, wandering_behind
-from accelcal.selection.stepwise import Story
+from accelcal.selection.collinearity import (
+    confounding_families,
+    family_replacing_sum,
+    not_the_whole,
+    random_bias_replacing,
+    significance,
+    sum_families,
+)
+from accelcal.selection.stepwise import SelectionHistory
 
 FAMILIES = [effect for effect in HOUSE if effect.family]
 
@@ -22,8 +29,8 @@ def candidate(effect: str, p_raw: float, looks: int = 1) -> Candidate:
     return Candidate(effect, {}, (0.0,), (1.0,), "m/s²", 1.0, 8, p_raw, 1.0, 0.0, 0.0, looks=looks)
 
 
-def finding(effect: str) -> Finding:
-    return Finding(effect, {}, (effect,), "move twice as far")
+def finding(effect: str) -> DetectedEffect:
+    return DetectedEffect(effect, {}, (effect,), "move twice as far")
 
 
 @pytest.mark.parametrize("family", FAMILIES, ids=lambda e: e.name)
@@ -36,14 +43,19 @@ def test_a_family_covers_named_effects_of_its_own_port_only(family):
 
 @pytest.mark.parametrize(("gain", "expected"), [(800.0, ("shape_of_acceleration",)), (1000.0, ())])
 def test_what_explains_less_than_a_shape_may_be_a_part_or_the_rest_of_it(gain, expected):
-    assert rest_of("bias_step", {"bias_step": gain, "shape_of_acceleration": 900.0, "cubic": 2000.0}) == expected
+    assert (
+        confounding_families("bias_step", {"bias_step": gain, "shape_of_acceleration": 900.0, "cubic": 2000.0})
+        == expected
+    )
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(800.0, ("shape_of_position",)), (1000.0, ())])
 def test_what_explains_less_than_two_names_of_one_bend_may_be_the_rest_of_their_shape(gain, expected):
     told = {"rail_wave": 500.0, "rail_second_wave": 400.0, "encoder_cyclic": gain}
-    assert rest_of("encoder_cyclic", told) == expected
-    assert rest_of("encoder_cyclic", {"rail_wave": 500.0, "rail_slope": 400.0, "encoder_cyclic": 10.0}) == ()
+    assert confounding_families("encoder_cyclic", told) == expected
+    assert (
+        confounding_families("encoder_cyclic", {"rail_wave": 500.0, "rail_slope": 400.0, "encoder_cyclic": 10.0}) == ()
+    )
 
 
 @pytest.mark.parametrize(
@@ -58,7 +70,7 @@ def test_what_explains_less_than_two_names_of_one_bend_may_be_the_rest_of_their_
     ],
 )
 def test_a_sum_of_functions_of_one_variable_may_be_one_function_of_it(name, model, expected):
-    assert sum_of(name, model) == expected
+    assert sum_families(name, model) == expected
 
 
 def test_a_shape_that_explains_something_beside_a_name_makes_it_unsure():
@@ -68,18 +80,20 @@ def test_a_shape_that_explains_something_beside_a_name_makes_it_unsure():
 
 
 def test_a_sum_of_names_that_is_not_the_whole_gives_way_to_a_shape():
-    mend = sum_behind(("velocity", "cubic", "coulomb"), [candidate("shape_of_velocity", 1e-3)])
+    mend = family_replacing_sum(("velocity", "cubic", "coulomb"), [candidate("shape_of_velocity", 1e-3)])
     assert mend is not None
     assert mend.worn == ("velocity", "coulomb")
     assert mend.members == ("shape_of_velocity", "velocity", "coulomb")
-    assert sum_behind(("velocity", "cubic"), [candidate("shape_of_velocity", 1e-3)]) is None  # one name is no sum
-    assert sum_behind(("velocity", "coulomb"), [candidate("shape_of_velocity", 0.1)]) is None
+    assert (
+        family_replacing_sum(("velocity", "cubic"), [candidate("shape_of_velocity", 1e-3)]) is None
+    )  # one name is no sum
+    assert family_replacing_sum(("velocity", "coulomb"), [candidate("shape_of_velocity", 0.1)]) is None
     ripple = candidate("shape_of_acceleration", 1e-3, looks=60)  # the best of sixty periods is often as good
-    assert sum_behind(("cubic", "quadratic"), [ripple]) is None
+    assert family_replacing_sum(("cubic", "quadratic"), [ripple]) is None
 
 
 def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():
-    story = Story()
+    story = SelectionHistory()
     story.enter(finding("rail_slope"), 400.0)
     story.enter(finding("cubic"), 800.0)
     story.enter(finding("shape_of_acceleration"), 50.0, worn=("cubic", "odd_quadratic"))
@@ -94,26 +108,26 @@ def test_a_shape_stands_in_the_place_of_the_names_that_it_wears_out():
 
 
 def test_a_name_that_may_stand_beside_another_of_its_variable_is_told_with_their_shape():
-    story = Story()
+    story = SelectionHistory()
     story.enter(finding("coulomb"), 400.0)
-    story.enter(Finding("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
+    story.enter(DetectedEffect("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
     assert [tie.members for tie in story.told([])] == [("coulomb", "shape_of_velocity"), ("creep", "velocity")]
 
 
 def test_a_thin_finding_is_told_with_what_its_card_confuses_it_with():
     jitter = find("timing_jitter")
     assert jitter.confused == ("vibration",)
-    tie = Tie(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")
-    assert told_apart(tie, "Noise grows with jerk (180 candidates examined).") == (
+    tie = Confounded(jitter.name, (jitter.name, *jitter.confused), "push the stage at constant speed")
+    assert sentence_with_rivals(tie, "Noise grows with jerk (180 candidates examined).") == (
         "tied",
         "Noise grows with jerk (180 candidates examined). vibration cannot be told from it on this record: "
         "push the stage at constant speed.",
     )
-    assert told_apart(Tie("tone", ("tone",), "a record at rest"), "A line.") == ("named", "A line.")
+    assert sentence_with_rivals(Confounded("tone", ("tone",), "a record at rest"), "A line.") == ("named", "A line.")
 
 
 def test_what_leaves_a_story_takes_what_it_explained_along():
-    story = Story()
+    story = SelectionHistory()
     story.enter(finding("shape_of_position"), 400.0)
     story.enter(finding("rail_wave"), 300.0)
     assert story.told([])[1].members == ("rail_wave", "shape_of_position")
@@ -124,7 +138,7 @@ def test_what_leaves_a_story_takes_what_it_explained_along():
 
 def test_a_bias_that_wanders_may_stand_behind_a_shape_that_is_not_all():
     classes = [("velocity",), ("shape_of_time", "bias_random_walk", "bias_step")]
-    behind = wandering_behind(classes, "warm_up")
+    behind = random_bias_replacing(classes, "warm_up")
     assert behind is not None
     assert behind.members == (
         "bias_random_walk",
@@ -133,23 +147,23 @@ def test_a_bias_that_wanders_may_stand_behind_a_shape_that_is_not_all():
         "warm_up",
     )  # and what they were tied with
     assert behind.worn == ("shape_of_time", "warm_up")
-    assert wandering_behind([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
-    assert wandering_behind([("shape_of_position",)], "warm_up") is None
+    assert random_bias_replacing([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
+    assert random_bias_replacing([("shape_of_position",)], "warm_up") is None
 
 
 def test_a_bias_that_wanders_may_stand_behind_two_names_that_are_each_tied_with_it():
     classes = [("velocity",), ("temperature_bias", "bias_gauss_markov", "bias_random_walk")]
-    behind = wandering_behind(classes, "warm_up", ("warm_up", "bias_gauss_markov"))
+    behind = random_bias_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov"))
     assert behind is not None
     assert behind.members == ("bias_gauss_markov", "bias_random_walk", "temperature_bias", "warm_up")
-    both = wandering_behind(classes, "warm_up", ("warm_up", "bias_gauss_markov", "bias_random_walk"))
+    both = random_bias_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov", "bias_random_walk"))
     assert both is not None
     assert both.members == ("bias_gauss_markov", "bias_random_walk", "temperature_bias", "warm_up")
-    itself = wandering_behind(classes, "bias_random_walk", ("bias_random_walk", "bias_gauss_markov"))
+    itself = random_bias_replacing(classes, "bias_random_walk", ("bias_random_walk", "bias_gauss_markov"))
     assert itself is not None
     assert itself.worn == ("temperature_bias", "bias_random_walk")
     assert itself.members.count("bias_random_walk") == 1
-    assert wandering_behind(classes, "warm_up", ("warm_up", "creep")) is None  # it could be told from the second
+    assert random_bias_replacing(classes, "warm_up", ("warm_up", "creep")) is None  # it could be told from the second
 
 
 def test_an_effect_of_no_size_is_where_it_is_by_chance():

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from accelcal.diagnosis.search.hypotheses import Item
-from accelcal.diagnosis.search.refine import along
-from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.diagnosis.search.refine import direction
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.proportional_columns import multiples, sizes
@@ -59,10 +59,10 @@ def test_cosines_of_another_stretch_of_time_are_no_multiples():
 def test_the_gain_along_a_size_is_that_of_columns_carried_anew():
     recording = simulate("bursts", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(3)).recording
     model = Model.linear()
-    known = [Known(one, model) for one in solve_runs(model, [recording]).passes]
+    known = [BaseProjection(one, model) for one in solve_runs(model, [recording]).passes]
     effect = find("bias_gauss_markov")
     shape = {n: sh.grid(known[0].carrier.signals)[0] for n, sh in effect.shapes.items()}
-    loss = along(known, Item(effect, shape), shape, "tau")
+    loss = direction(known, Hypothesis(effect, shape), shape, "tau")
     for tau in (0.5, 2.0, 7.0):
-        anew = Evidence(known, [Item(effect, {**shape, "tau": tau})]).gain(0)[0]
+        anew = CandidateScores(known, [Hypothesis(effect, {**shape, "tau": tau})]).gain(0)[0]
         assert -loss(tau) == pytest.approx(anew, rel=1e-6, abs=1e-9)

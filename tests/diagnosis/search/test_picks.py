@@ -13,15 +13,15 @@ import pytest
 import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import Robust
-from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
 from accelcal.diagnosis.search.initial_shapes import after_jump, jumps, ripples, waves
 from accelcal.diagnosis.search.likelihood_gain import score_gain
-from accelcal.diagnosis.search.refine import midway
+from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
 from accelcal.workflow import add, diagnose
@@ -37,7 +37,7 @@ def plain() -> Simulated:
     return ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng)
 
 
-def fitted(run: Simulated, more: Callable[[Array], Array]) -> Pass:
+def fitted(run: Simulated, more: Callable[[Array], Array]) -> RunState:
     """The base fitted to a recording with a contribution to its output, a function of the times of its samples."""
     accel = run.recording.accel
     return solve_runs(
@@ -98,7 +98,7 @@ def test_the_scatter_of_a_few_blocks_is_not_believed_over_the_noise_of_the_model
         G = np.diag([float(everywhere @ everywhere), float(once @ once)])
         c = np.zeros(2)
         columns = (slice(0, 1), slice(1, 2))
-        items = tuple(Item(find(name), {}) for name in ("quadratic", "cubic"))
+        items = tuple(Hypothesis(find(name), {}) for name in ("quadratic", "cubic"))
 
         def rows(self) -> list[tuple[Array, Array, Array]]:
             return [(np.arange(rows) / length, loud * rng.standard_normal(rows), np.stack([everywhere, once]))]
@@ -134,15 +134,15 @@ def test_a_step_between_two_trials_is_not_left_to_a_smooth_rival(tmp_path: Path)
 def test_what_lies_between_two_trials_is_looked_at_where_it_may_come_first(plain: Simulated) -> None:
     one = fitted(plain, lambda t: np.where(t > 17.0, 2e-4, 0.0))
     items = [item for item in candidates_for(one, Model.linear()) if item.effect.name in ("bias_step", "warm_up")]
-    evidence = Evidence([Known(one, Model.linear())], items)
-    between = midway(evidence, "bias_step", 0.5 * max(evidence.gain(i)[0] for i in range(len(items))))
+    evidence = CandidateScores([BaseProjection(one, Model.linear())], items)
+    between = between_trials(evidence, "bias_step", 0.5 * max(evidence.gain(i)[0] for i in range(len(items))))
     known = sorted(item.shape["instant"] for item in items if "instant" in item.shape)
     assert between
     for item in between:
         low, high = item.near["instant"]
         assert known[known.index(low) + 1] == high
         assert item.shape["instant"] == pytest.approx(0.5 * (low + high))
-    assert midway(evidence, "bias_step", math.inf) == []
+    assert between_trials(evidence, "bias_step", math.inf) == []
 
 
 def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:
@@ -186,8 +186,8 @@ def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(pla
     one = fitted(plain, np.zeros_like)
     offered = [item for item in candidates_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
     fine, coarse = offered
-    runs = [Known(one, Model.linear())]
-    both, alone = Evidence(runs, [coarse, fine]), Evidence(runs, [coarse])
+    runs = [BaseProjection(one, Model.linear())]
+    both, alone = CandidateScores(runs, [coarse, fine]), CandidateScores(runs, [coarse])
     assert [part.stop - part.start for part in both.columns] == [3, 9]
     assert (len(both.terms), len(alone.terms)) == (9, 3)
     assert both.gain(0)[:2] == pytest.approx(alone.gain(0)[:2], rel=1e-9)
@@ -214,7 +214,7 @@ def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Si
     model = Model.linear().add(known)
     one = solve_runs(model, [plain.recording]).passes[0]
     items = [item for item in candidates_for(one, model) if item.effect.family and item.leading is None]
-    evidence = Evidence([Known(one, model)], items)
+    evidence = CandidateScores([BaseProjection(one, model)], items)
     for i, item in enumerate(items):
         gain, _, estimate, covariance = evidence.gain(i)
         assert 0.0 <= gain < 80.0, item.effect.name  # of noise alone; 12 coefficients exceed it once in 1e11

@@ -51,16 +51,16 @@ def show(page: Page) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    climbed, found = figures.ladder(state), page.bench.diagnosis
-    now, floor = climbed.errors[-1], climbed.floor
+    nested, found = figures.nested_of(state), page.bench.diagnosis
+    now, floor = nested.errors[-1], nested.floor
     with ui.row().classes("numbers"):
         figure("error now", now, "error")
-        if len(climbed.errors) > 1:
-            figure("before", climbed.errors[-2], "before")
+        if len(nested.errors) > 1:
+            figure("before", nested.errors[-2], "before")
         unsure = found is None or found.verdict != "adequate"
         figure("noise, as this model sees it" if unsure else "noise alone", floor, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
-    ui.label(f"{climbed.measure[:1].upper()}{climbed.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     if found is not None and found.verdict not in ("adequate", "too_short"):
         ui.label("What a model lacks passes for noise, so its noise line is too high until that is added.").classes(
             "note"
@@ -151,7 +151,7 @@ def tree(page: Page) -> None:
     for step in state.steps:
         depth[step.key] = depth[step.parent] + 1
         children.setdefault(step.parent, []).append(step)
-    horizon = figures.ladder(state).horizon
+    horizon = figures.nested_of(state).horizon
 
     def line(step: Step) -> None:
         value = step.heldout.simulated_rms if horizon is None else step.heldout.coast_rms[horizon]

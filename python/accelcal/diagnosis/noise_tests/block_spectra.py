@@ -22,7 +22,7 @@ MEMORY = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Spectra:
+class BlockSpectra:
     """Power of short blocks at each frequency, in the unit of the series squared: white noise has its variance.
 
     Blocks overlap by half; with both windows such blocks are nearly independent.
@@ -37,7 +37,9 @@ class Spectra:
     window: Array
 
     @classmethod
-    def of(cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float, window: Array = FINE_BANDS) -> Spectra:
+    def of(
+        cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float, window: Array = FINE_BANDS
+    ) -> BlockSpectra:
         """Blocks of a uniform series `y` (n,), frequencies from `low` on; `taken` (n,) marks what was measured."""
         n = len(window)
         f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
@@ -69,7 +71,7 @@ def _block_means(x: Array, window: Array) -> Array:
     return np.asarray(np.lib.stride_tricks.sliding_window_view(x, n)[:: n // 2] @ weight)
 
 
-def follows(power: Array, x: Array) -> tuple[float, float]:
+def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
     """Whether the power of blocks grows with a variable: standardised score, and its chance when it does not.
 
     Parameters

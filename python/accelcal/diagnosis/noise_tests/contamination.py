@@ -63,7 +63,7 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
     return None
 
 
-def contamination(score: Array, dof: float) -> tuple[float, float]:
+def contamination_test(score: Array, dof: float) -> tuple[float, float]:
     """Share of samples with a wider scatter than the rest, and the chance of such a sample of noise.
 
     Likelihood ratio of (1 - share) t(dof) + share N(0, 1 + width²) to t(dof), averaged over a grid of shares and

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.block_spectra import Spectra
+from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
 
 Places = NDArray[np.intp]
 
@@ -25,7 +25,7 @@ FEW = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class Surprise:
+class InterpolationError:
     """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
 
     A single wrong sample is white: the filter divides by the power of the noise at each frequency.
@@ -37,7 +37,7 @@ class Surprise:
     """Samples of a series."""
 
     @classmethod
-    def of(cls, spectra: Spectra, n: int, rate: float, edge: float) -> Surprise:
+    def of(cls, spectra: BlockSpectra, n: int, rate: float, edge: float) -> InterpolationError:
         """The filter for noise with these spectra, above the frequency `edge`, Hz."""
         f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate)
         gain = soft_edge(f, edge)

@@ -8,8 +8,8 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.block_spectra import Spectra, follows, power_fit
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, ChannelFinding
+from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
 
 BANDS = (1, 2, 4)
@@ -24,21 +24,22 @@ SHAKEN = 3.0
 """Standard deviations by which the power of a bin follows v⁴ where it belongs to a vibration."""
 
 
-def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[ChannelFinding, ChannelFinding]:
+def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTest, NoiseTest]:
     """Vibration (power grows with v², v⁴ in some band; physics F1) and jitter of stamps (white, with jerk²; E8).
 
     Block spectra are summed with the weights that suit each: one band after the other for a vibration, the squared
     inverse of the noise for jitter, which is white while noise and vibration are not. The chance of each is that of
-    the score of its own variable (`follows`), as long as its coefficient in power = s² + c1 v² + c2 v⁴ + c3 j² stands
-    beside the other's. Where the record cannot tell the two apart (a single tone: j = -w² v), both are told of.
+    the score of its own variable (`power_trend_test`), as long as its coefficient in
+    power = s² + c1 v² + c2 v⁴ + c3 j² stands beside the other's. Where the record cannot tell the two apart (a single
+    tone: j = -w² v), both are told of.
     """
     spectra = seen.brief
     v2, v4, j2 = seen.motion_blocks(spectra)
     if len(v2) < LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
-            ChannelFinding("vibration", nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
-            ChannelFinding("timing_jitter", nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
+            NoiseTest("vibration", nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
+            NoiseTest("timing_jitter", nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
         )
     floor = 0.3 * seen.lsb**2 if coarse(seen) else 0.0  # below it power says how the motion crosses the steps
     everything = np.column_stack([np.ones_like(v2), v2, v4, j2])
@@ -53,7 +54,7 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
         if skirts.stop - skirts.start < len(weights) - FEWEST_BINS:
             weights[skirts] = 0.0
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
-    z_jerk, p_jerk = follows(white, j2)
+    z_jerk, p_jerk = power_trend_test(white, j2)
     c, covariance = power_fit(white, everything)
     alone_jerk = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
     inseparable = max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > ALONE
@@ -64,7 +65,7 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
     beside = everything if p_vibration < ALARM else everything[:, [0, 3]]
     c, covariance = power_fit(white, beside)
     jitter, spread = rooted(c[-1], covariance[-1, -1], 1.0)
-    stamps = ChannelFinding(
+    stamps = NoiseTest(
         "timing_jitter",
         z_jerk,
         p_jitter,
@@ -79,7 +80,7 @@ def motion_noise(seen: Residuals, lines: tuple[ChannelFinding, ...]) -> tuple[Ch
     return vibration_found(seen, lines, p_vibration, z_speed, band, jitter if p_jitter < ALARM else 0.0), stamps
 
 
-def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> tuple[slice, float, float]:
+def loudest_band(spectra: BlockSpectra, motions: tuple[Array, ...], floor: float) -> tuple[slice, float, float]:
     """Bins whose power follows one of the variables most surely, the score, and its chance, all bands included."""
     F = spectra.power.shape[1]
     bands = [slice(0, F)]
@@ -99,7 +100,7 @@ def loudest_band(spectra: Spectra, motions: tuple[Array, ...], floor: float) -> 
     best = (1.0, -math.inf, bands[0])
     for which in np.argsort(-seem, axis=None)[:CLOSE_LOOKS]:
         at, motion = np.unravel_index(which, seem.shape)
-        z, p = follows(loudness(bands[at]), motions[motion])
+        z, p = power_trend_test(loudness(bands[at]), motions[motion])
         best = min(best, (p, -z, bands[at]), key=lambda one: one[:2])
     return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
 
@@ -125,12 +126,12 @@ def rooted(c: float, variance: float, gain: float) -> tuple[float, float]:
 
 def vibration_found(
     seen: Residuals,
-    lines: tuple[ChannelFinding, ...],
+    lines: tuple[NoiseTest, ...],
     p_value: float,
     score: float,
     band: slice,
     jitter: float,
-) -> ChannelFinding:
+) -> NoiseTest:
     """What the test of vibration says: how loud at top speed, and where."""
     spectra = seen.brief
     _, v4, j2 = seen.motion_blocks(spectra)
@@ -144,7 +145,7 @@ def vibration_found(
     frequency = line.parts["frequency"] if line else loudest_at(seen, spectra.f[band])
     gain = top**2 / seen.rc_gain(frequency)
     amplitude, spread = rooted(2.0 * c[1], 4.0 * covariance[1, 1], gain)
-    return ChannelFinding(
+    return NoiseTest(
         "vibration",
         score,
         p_value,

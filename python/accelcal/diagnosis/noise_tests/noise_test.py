@@ -12,7 +12,7 @@ ALARM = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class ChannelFinding:
+class NoiseTest:
     """What one test says of one effect; significant or not."""
 
     effect: str

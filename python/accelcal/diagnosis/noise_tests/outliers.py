@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
 
@@ -37,7 +37,7 @@ def course(seen: Residuals, gain: Array) -> Array:
     return np.asarray(np.sqrt(behind, out=behind))
 
 
-def accelerometer_outliers(seen: Residuals) -> ChannelFinding:
+def accelerometer_outliers(seen: Residuals) -> NoiseTest:
     """Single samples of the output that its local noise does not allow."""
     y, gain = seen.matched
     usual = course(seen, gain)[seen.taken]
@@ -53,12 +53,12 @@ def accelerometer_outliers(seen: Residuals) -> ChannelFinding:
     n = len(seen.u)
     at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
-    return ChannelFinding(
+    return NoiseTest(
         "accelerometer_outliers", found.score, found.p_value, found.count / n, "", std, text, found.parts, at
     )
 
 
-def encoder_outliers(seen: Residuals) -> ChannelFinding:
+def encoder_outliers(seen: Residuals) -> NoiseTest:
     """Single readings that the smoothed position does not allow; those that the replay left out count as well."""
     found = seen.loud_readings
     left_out = seen.run.left_out
@@ -69,4 +69,4 @@ def encoder_outliers(seen: Residuals) -> ChannelFinding:
     text = f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um" if p < ALARM else "none"
     parts = {**found.parts, "count": count, "left_out": float(left_out)}
     std = math.sqrt(max(count, 1.0)) / max(1, n)
-    return ChannelFinding("encoder_outliers", found.score, p, count / max(1, n), "", std, text, parts, at)
+    return NoiseTest("encoder_outliers", found.score, p, count / max(1, n), "", std, text, parts, at)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
 
 COARSE = 1.2
@@ -18,7 +18,7 @@ SAME_STEP = 1e-4
 """Relative error within which a step is the one that a converter of whole bits has over the declared range."""
 
 
-def quantisation(seen: Residuals) -> ChannelFinding:
+def quantisation(seen: Residuals) -> NoiseTest:
     """Step of the converter over the noise of one sample, and readings written twice.
 
     That values lie on a grid is no matter of chance. The p value says whether it matters: the noise of rounding, D²/12,
@@ -42,7 +42,7 @@ def quantisation(seen: Residuals) -> ChannelFinding:
         text = "readings of the output are written several times: the logger is faster than the sensor"
     parts = {"step": seen.lsb, "noise": noise, "held": max(repeats, float(held))}
     parts["coarse"] = float(ratio > COARSE or held)
-    return ChannelFinding("quantisation", ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
+    return NoiseTest("quantisation", ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
 
 
 def rounding_gain(seen: Residuals, noise: float) -> float:

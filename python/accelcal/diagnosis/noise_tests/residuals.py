@@ -10,11 +10,11 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.local_spread import local_spread
-from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, Spectra
-from accelcal.diagnosis.noise_tests.interpolation_error import Places, Surprise, above
+from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, BlockSpectra
+from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, above
 from accelcal.diagnosis.noise_tests.noise_test import ALARM
 from accelcal.diagnosis.noise_tests.robust import OUTLIER, Outliers, isolated, outliers, spread_of
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.signals.signals import Signals
 
 HIGH = 0.09
@@ -28,7 +28,7 @@ REPAIRS = 2
 class Residuals:
     """What both channels say beyond the fitted model, on uniform times."""
 
-    def __init__(self, state: Pass) -> None:
+    def __init__(self, state: RunState) -> None:
         assert state.signals is not None, "the fit has not been iterated"
         self.state, self.run = state, state.run
         self.signals: Signals = state.signals
@@ -102,7 +102,7 @@ class Residuals:
     def repaired(self, correction: Array, lost: Places) -> tuple[Array, Places]:
         """Corrections of lost samples (n,) by the noise that is left after earlier ones; loud samples are lost too."""
         whole = above(self.residual - correction, self.rate, self.edge)
-        surprise = self.surprise(Spectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+        surprise = self.surprise(BlockSpectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
         del whole
         off = surprise(self.residual - np.mean(self.residual))
         correction = surprise.correction(off, lost)
@@ -118,9 +118,9 @@ class Residuals:
         lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
         return surprise.correction(off, lost), lost
 
-    def surprise(self, spectra: Spectra) -> Surprise:
+    def surprise(self, spectra: BlockSpectra) -> InterpolationError:
         """Filter that tells what a sample is off by, for noise with these spectra."""
-        return Surprise.of(spectra, self.n, self.rate, self.edge)
+        return InterpolationError.of(spectra, self.n, self.rate, self.edge)
 
     @property
     def lost(self) -> Places:
@@ -130,14 +130,14 @@ class Residuals:
         return np.flatnonzero(missing)
 
     @cached_property
-    def spectra(self) -> Spectra:
+    def spectra(self) -> BlockSpectra:
         """Power of `background` in blocks."""
-        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+        return BlockSpectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
 
     @cached_property
-    def brief(self) -> Spectra:
+    def brief(self) -> BlockSpectra:
         """The same in blocks that are as short as the peaks of a move's speed."""
-        return Spectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
+        return BlockSpectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
 
     @property
     def matched(self) -> tuple[Array, Array]:
@@ -152,7 +152,7 @@ class Residuals:
         t = self.signals.t + self.run.origins.t
         return np.interp(self.t, t, self.signals.v), np.interp(self.t, t, self.signals.jerk)
 
-    def motion_blocks(self, spectra: Spectra) -> tuple[Array, Array, Array]:
+    def motion_blocks(self, spectra: BlockSpectra) -> tuple[Array, Array, Array]:
         """Means of v², v⁴ and jerk² over the blocks of some spectra, (K,) each."""
         v, jerk = self.motion
         v2 = v**2

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.local_spread import LOCAL, local_spread
-from accelcal.diagnosis.noise_tests.contamination import contamination, steady_spread
+from accelcal.diagnosis.noise_tests.contamination import contamination_test, steady_spread
 from accelcal.diagnosis.noise_tests.noise_test import ALARM
 
 OUTLIER = 5.5
@@ -68,7 +68,7 @@ def outliers(y: Array, spread: Array, n: int, dof: float = 0.7 * LOCAL) -> Outli
         return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
     score = np.abs(y)
     score /= np.maximum(spread, 1e-300)
-    share, p_share = contamination(score, dof)
+    share, p_share = contamination_test(score, dof)
     peaks = isolated(score, np.flatnonzero(score > OUTLIER))
     if len(peaks) == 0:
         largest = float(np.max(np.abs(y))) if p_share < ALARM else 0.0

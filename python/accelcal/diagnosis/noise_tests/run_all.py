@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
 from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, encoder_outliers
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import tones
 from accelcal.diagnosis.noise_tests.whiteness import whiteness
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 
 
-def channel_findings(state: Pass) -> tuple[ChannelFinding, ...]:
+def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     """Run every test on a fitted state.
 
     Parameters
@@ -46,4 +46,4 @@ def channel_findings(state: Pass) -> tuple[ChannelFinding, ...]:
     )
 
 
-__all__ = ["ALARM", "ChannelFinding", "channel_findings"]
+__all__ = ["ALARM", "NoiseTest", "run_noise_tests"]

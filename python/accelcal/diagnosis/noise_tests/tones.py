@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
 from accelcal.signals.signals import Signals
 
@@ -36,7 +36,7 @@ DRIVEN = 20.0
 """Power of a line of the motion's own nonlinear functions over that at its neighbours, where the motion makes lines."""
 
 
-def tones(seen: Residuals) -> tuple[ChannelFinding, ...]:
+def tones(seen: Residuals) -> tuple[NoiseTest, ...]:
     """Lines at fixed frequency: in the output above the motion, in the whitened innovations below.
 
     Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
@@ -141,7 +141,7 @@ def medians_between(y: Array, edges: NDArray[np.intp]) -> Array:
 
 def line(
     seen: Residuals, data: tuple[Array, Array, float], frequency: float, ratio: float, p_value: float, of_output: bool
-) -> ChannelFinding:
+) -> NoiseTest:
     """Amplitude of one line at the sensor, and whether it comes and goes with speed."""
     t, y, rate = data
     turned = -2j * np.pi * frequency * (t - t[0])
@@ -174,7 +174,7 @@ def line(
         "made_by_motion": float(within and p_value < ALARM and driven(seen.signals, frequency, amplitude)),
     }
     text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < ALARM else "no line stands out"
-    return ChannelFinding("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
+    return NoiseTest("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
 
 
 def driven(s: Signals, frequency: float, amplitude: float) -> bool:

@@ -8,14 +8,14 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 
 LAGS = 5
 """Lags looked at on each scale of time."""
 
 
-def whiteness(seen: Residuals) -> ChannelFinding:
+def whiteness(seen: Residuals) -> NoiseTest:
     """Autocorrelation of the whitened innovations, at full rate and over ever longer block sums (Ljung and Box 1978).
 
     Each lag is scaled by its own sum of squared products, so that noise that comes and goes does not count as colour.
@@ -30,7 +30,7 @@ def whiteness(seen: Residuals) -> ChannelFinding:
         scales[length] = portmanteau(sums)
         length *= 4
     if not scales:
-        return ChannelFinding("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings to tell")
+        return NoiseTest("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings to tell")
     worst = min(scales, key=lambda k: scales[k][1])
     Q, p = scales[worst]
     p = min(1.0, p * len(scales))
@@ -38,7 +38,7 @@ def whiteness(seen: Residuals) -> ChannelFinding:
     first = float(np.mean(y[1:] * y[:-1]) / np.mean(y**2))
     text = f"innovations are correlated over {lag:.2g} s and longer" if p < ALARM else "the innovations are white"
     parts = {"scale": lag, **{f"p_{k}": value[1] for k, value in scales.items()}}
-    return ChannelFinding("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
+    return NoiseTest("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
 
 
 def portmanteau(y: Array) -> tuple[float, float]:

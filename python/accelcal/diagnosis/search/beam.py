@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import log_survival, scale_of
-from accelcal.diagnosis.search.scores import Evidence
+from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import entry_gains
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 
 DEPTH = 3
 """Effects that are searched for together."""
@@ -46,33 +46,33 @@ class Search:
         """Log probability below which one of the alternatives is significant."""
         return math.log(self.alpha / max(1, self.examined))
 
-    def significant(self, gain: float, dof: int, item: Item) -> bool:
+    def significant(self, gain: float, dof: int, item: Hypothesis) -> bool:
         """Whether a gain is beyond what the best of all alternatives would show by chance."""
         return dof > 0 and chance(gain, dof, item) < self.threshold
 
-    def price(self, gain: float, dof: int, item: Item) -> float:
+    def price(self, gain: float, dof: int, item: Hypothesis) -> float:
         """Gain less what an effect pays for its freedom, for having been picked, and for having no name or course."""
         return self.evidence(gain * (SHAPELESS if item.effect.port == "process" else 1.0), dof, item)
 
-    def evidence(self, gain: float, dof: int, item: Item) -> float:
+    def evidence(self, gain: float, dof: int, item: Hypothesis) -> float:
         """The same of a bias that wanders as if it had a course: who follows any course cannot be told from it."""
         told = gain * (NAMELESS if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
         return told - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
 
-    def needed(self, dof: int, item: Item) -> tuple[float, float]:
+    def needed(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain of an item that is significant, and gain that is worth its price."""
         share = NAMELESS if item.effect.family else 1.0
         return entry_gains(
             self.examined, self.blocks, self.alpha, dof=dof, looks=item.looks, share=share, further=item.further
         )
 
-    def best(self, evidence: Evidence, robust: Robust | None = None) -> tuple[int, ...]:
+    def best(self, evidence: CandidateScores, robust: Robust | None = None) -> tuple[int, ...]:
         """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""
         sets = {self.sound(evidence, robust, one) for one in self.beam(evidence, robust)}
         return max(sets, key=lambda one: self.worth(evidence, one))
 
-    def sound(self, evidence: Evidence, robust: Robust | None, chosen: tuple[int, ...]) -> tuple[int, ...]:
+    def sound(self, evidence: CandidateScores, robust: Robust | None, chosen: tuple[int, ...]) -> tuple[int, ...]:
         """Those of a set that are significant beside all others of them, strongest first."""
         kept = sorted(chosen)
         while len(kept) > 1:
@@ -87,11 +87,11 @@ class Search:
             kept.remove(ordered[-1])
         return tuple(ordered)
 
-    def worth(self, evidence: Evidence, ordered: Sequence[int]) -> float:
+    def worth(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
         """Gain less price of a set, one after the other."""
         return sum(self.told(evidence, None, i, ordered[:k]) for k, i in enumerate(ordered))
 
-    def told(self, evidence: Evidence, robust: Robust | None, i: int, given: Sequence[int]) -> float:
+    def told(self, evidence: CandidateScores, robust: Robust | None, i: int, given: Sequence[int]) -> float:
         """Gain less price of an item beside others; minus infinity where it is not significant there."""
         gains, dofs = evidence.gains(given)
         gain, dof = float(gains[i]), int(dofs[i])
@@ -100,7 +100,7 @@ class Search:
             return -math.inf
         return self.price(gain, dof, evidence.items[i])
 
-    def beam(self, evidence: Evidence, robust: Robust | None = None) -> list[tuple[int, ...]]:
+    def beam(self, evidence: CandidateScores, robust: Robust | None = None) -> list[tuple[int, ...]]:
         """Beam search: the best set, then every set that was kept on the way."""
         beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
         best: tuple[float, tuple[int, ...]] = (0.0, ())
@@ -119,7 +119,9 @@ class Search:
             seen += [chosen for _, chosen in beam]
         return [best[1], *seen]
 
-    def options(self, evidence: Evidence, chosen: tuple[int, ...], robust: Robust | None) -> list[tuple[float, int]]:
+    def options(
+        self, evidence: CandidateScores, chosen: tuple[int, ...], robust: Robust | None
+    ) -> list[tuple[float, int]]:
         """What may enter after a set, best first."""
         gains, dofs = evidence.gains(chosen)
         taken = {evidence.items[i].effect.name for i in chosen}
@@ -137,7 +139,7 @@ class Search:
         return sorted(found, reverse=True)
 
     def diverse(
-        self, evidence: Evidence, ranked: Sequence[tuple[float, tuple[int, ...]]]
+        self, evidence: CandidateScores, ranked: Sequence[tuple[float, tuple[int, ...]]]
     ) -> list[tuple[float, tuple[int, ...]]]:
         """The best sets, at most one for each choice of effects, so that trial shapes do not crowd the beam."""
         kept: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
@@ -150,12 +152,12 @@ class Search:
         return list(kept.values())
 
 
-def chance(gain: float, dof: int, item: Item) -> float:
+def chance(gain: float, dof: int, item: Hypothesis) -> float:
     """Log probability of a gain where nothing is, over the values that the item was picked from."""
     return log_survival(gain, dof) + math.log(item.looks)
 
 
-def block_length(one: Pass) -> float:
+def block_length(one: RunState) -> float:
     """Stretch of a record whose scores are independent of the next, s: two periods of the crossover, or 0.25 s."""
     periods = 2.0 / one.run.crossover(one.noise)
     span = float(one.run.t[-1] - one.run.t[0])
@@ -170,7 +172,7 @@ class Robust:
     fewer they are, the more the noise of the model counts.
     """
 
-    def __init__(self, evidence: Evidence, length: float) -> None:
+    def __init__(self, evidence: CandidateScores, length: float) -> None:
         self.evidence = evidence
         size = scale_of(np.diag(evidence.G))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))

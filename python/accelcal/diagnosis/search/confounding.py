@@ -10,9 +10,9 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import Robust, Search
-from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
-from accelcal.diagnosis.search.scores import Evidence
+from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import HOUSE
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
@@ -30,7 +30,7 @@ SEVERAL = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class DetectedEffect:
     """An effect that entered, with its equivalence class and the experiment that would separate it."""
 
     effect: str
@@ -56,7 +56,7 @@ class Finding:
         return grown.freeze(**dict.fromkeys(self.fixed, 0.0)) if self.fixed else grown
 
 
-def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], rules: Search) -> tuple[str, ...]:
+def members(evidence: CandidateScores, robust: Robust, i: int, others: Sequence[int], rules: Search) -> tuple[str, ...]:
     """Effects that cannot be told from item `i` on this record, itself first."""
     G, _ = evidence.after(others)
     gains, dofs = evidence.gains(others)
@@ -79,7 +79,7 @@ def members(evidence: Evidence, robust: Robust, i: int, others: Sequence[int], r
     return (item.effect.name, *(name for _, name in sorted(rivals)))
 
 
-def shared(evidence: Evidence, G: Array, i: int, j: int, estimate: Array) -> float:
+def shared(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array) -> float:
     """Correlation between what item `i` contributes and the nearest contribution of item `j`."""
     a, b = evidence.columns[i], evidence.columns[j]
     if "process" in (evidence.items[i].effect.port, evidence.items[j].effect.port):
@@ -89,7 +89,9 @@ def shared(evidence: Evidence, G: Array, i: int, j: int, estimate: Array) -> flo
     return math.sqrt(max(0.0, gain / power)) if power > 0.0 and dof else 0.0
 
 
-def describe(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], position: int, rules: Search) -> Finding:
+def describe(
+    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], position: int, rules: Search
+) -> DetectedEffect:
     """The effect at one place of the set, with its class and what would separate it."""
     i = chosen[position]
     others = tuple(j for k, j in enumerate(chosen) if k != position)
@@ -97,7 +99,7 @@ def describe(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], positi
     G, _ = evidence.after(others)
     _, _, estimate, _ = evidence.gain(i, others)
     process = item.effect.port == "process"
-    return Finding(
+    return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
         members=(*members(evidence, robust, i, others, rules), *smooth_alike(item, evidence.runs[0].carrier.signals)),
@@ -107,7 +109,7 @@ def describe(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], positi
     )
 
 
-def smooth_alike(item: Item, s: Signals) -> tuple[str, ...]:
+def smooth_alike(item: Hypothesis, s: Signals) -> tuple[str, ...]:
     """Shapes without a name that a wave cannot be told from as long as less than two of its periods fit on the rail:
     a part of a wave is any smooth function."""
     if SEVERAL * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
@@ -115,7 +117,7 @@ def smooth_alike(item: Item, s: Signals) -> tuple[str, ...]:
     return tuple(family.name for family in HOUSE if item.effect.name in family.covers)
 
 
-def redundant(evidence: Evidence, i: int, G: Array) -> tuple[str, ...]:
+def redundant(evidence: CandidateScores, i: int, G: Array) -> tuple[str, ...]:
     """Columns of an item's effect that it does without, or that the base and the item's other columns already contain
     (pivoted Cholesky)."""
     columns = evidence.columns[i]

@@ -8,11 +8,11 @@ import numpy as np
 
 from accelcal.diagnosis.search.beam import Search
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, score_gain
-from accelcal.diagnosis.search.scores import Evidence
+from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import surely_beyond
 
 
-def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def sizes(evidence: CandidateScores, i: int, rules: Search) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Standard deviations per unit coefficient of each part of an item, and the sizes that are found with 95 %.
 
     A size is infinite where the part is not visible: the base swallows it, or at that size it would move the readings
@@ -33,7 +33,7 @@ def sizes(evidence: Evidence, i: int, rules: Search) -> tuple[tuple[float, ...],
     return tuple(d.tolist()), tuple(math.inf if no else needed / x for no, x in zip(hidden.tolist(), d, strict=True))
 
 
-def limits(evidence: Evidence, rules: Search) -> dict[str, float]:
+def limits(evidence: CandidateScores, rules: Search) -> dict[str, float]:
     """Smallest coefficient of each effect that this record would have shown with 95 % probability.
 
     At the trial shape and of the part that is seen best; infinite where it is not visible on this record. What

@@ -7,9 +7,9 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from accelcal.diagnosis.search.initial_shapes import PICKS, Pick
+from accelcal.diagnosis.search.initial_shapes import PICKS, InitialShape
 from accelcal.effects import HOUSE, Effect, find, side_channels
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised, signals_of
 from accelcal.model import Model, Term, terms_of
 
@@ -20,7 +20,7 @@ WANDERED = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Item:
+class Hypothesis:
     """An effect at given shape parameters: what can enter a set."""
 
     effect: Effect
@@ -48,7 +48,7 @@ class Item:
         return terms_of(self.effect, self.shape)[len(self.terms) :]
 
 
-def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> list[Item]:
+def candidates_for(one: RunState, model: Model, extra: Sequence[Effect] = ()) -> list[Hypothesis]:
     """Every effect that could be missing from a model on this record, at each of its trial shapes."""
     s = one.signals
     assert s is not None
@@ -56,23 +56,25 @@ def candidates_for(one: Pass, model: Model, extra: Sequence[Effect] = ()) -> lis
     offered = (*HOUSE, *side_channels(recorded), *extra)
     wanders = any(find(name).port == "process" for name in model.effects)
     courses = find("shape_of_time").covers if wanders else ()
-    items: list[Item] = []
+    items: list[Hypothesis] = []
     for effect in offered:
         if finer(model, effect):
-            items.append(Item(effect, model.shapes[effect.name]))
+            items.append(Hypothesis(effect, model.shapes[effect.name]))
             continue
         taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
         early = effect.beside and effect.beside not in model.effects
         if taken or early or any(name not in s.side for name in effect.needs):
             continue
-        tried = {n: [Pick(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked}
+        tried = {
+            n: [InitialShape(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked
+        }
         tried |= {n: PICKS[shape.picked](one) for n, shape in effect.shapes.items() if shape.picked}
         first = len(items)
         for picks in itertools.product(*tried.values()):
             chosen = dict(zip(tried, picks, strict=True))
             near = {name: pick.near for name, pick in chosen.items() if pick.near}
             looks = math.prod(pick.looks for pick in picks) * (WANDERED if effect.name in courses else 1)
-            items.append(Item(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
+            items.append(Hypothesis(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
         if effect.coarse:
             items.append(replace(items[first], leading=effect.coarse))
     return items
@@ -86,7 +88,7 @@ def finer(model: Model, effect: Effect) -> bool:
     return all(model.fixed.get(term.name) == 0.0 for term in inner)
 
 
-def nuisances(one: Pass, model: Model) -> list[tuple[Term, float]]:
+def nuisances(one: RunState, model: Model) -> list[tuple[Term, float]]:
     """What is known not to be known, with its standard deviation.
 
     The shape parameters of the effects that are in the model: an effect that mends the shape of one that is there

@@ -10,7 +10,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.effects import find
 from accelcal.estimation.adjoint import asked_of_output
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 
 JUMPS = 8
 """Instants at which a jump of the encoder is tried."""
@@ -37,7 +37,7 @@ BLUR = 6.0
 
 
 @dataclass(frozen=True, slots=True)
-class Pick:
+class InitialShape:
     """A value of a shape parameter to try."""
 
     value: float
@@ -47,7 +47,7 @@ class Pick:
     """Values that it was picked from."""
 
 
-def jumps(one: Pass) -> list[Pick]:
+def jumps(one: RunState) -> list[InitialShape]:
     """Instants at which readings may have jumped, on the clock of the effects, s, at most 8.
 
     The filter forgets a jump within its own time constant, so no coarse grid of instants would meet it: those where
@@ -61,16 +61,16 @@ def jumps(one: Pass) -> list[Pick]:
     loud = np.abs(scipy.signal.correlate(y, response, mode="full")[len(response) - 1 :])
     span = max(1, int(1.0 / (crossover * one.run.reading_step)))
     looks = max(1, int(s.length * crossover))
-    found: list[Pick] = []
+    found: list[InitialShape] = []
     for _ in range(JUMPS):
         k = int(np.argmax(loud))
         instant = float(one.run.t[k] - 0.5 * one.run.reading_step - one.run.origins.t)
-        found.append(Pick(instant, (instant, instant), looks))
+        found.append(InitialShape(instant, (instant, instant), looks))
         loud[max(0, k - 4 * span) : k + 4 * span] = 0.0
     return sorted(found, key=lambda pick: pick.value)
 
 
-def after_jump(one: Pass) -> Array:
+def after_jump(one: RunState) -> Array:
     """Innovations of the settled filter after a jump of the readings by one, as long as it remembers it, (m,)."""
     gain_p, gain_v = (float(np.median(one.track.series(name))) for name in ("gain_p", "gain_v"))
     step = one.run.reading_step
@@ -81,7 +81,7 @@ def after_jump(one: Pass) -> Array:
     )
 
 
-def waves(one: Pass) -> list[Pick]:
+def waves(one: RunState) -> list[InitialShape]:
     """Periods, m, at which the output may be a wave over position.
 
     A period is seen to one part in the number of periods on the stroke, so no coarse grid would meet a short one:
@@ -93,7 +93,7 @@ def waves(one: Pass) -> list[Pick]:
     stroke = float(np.ptp(s.p))
     always = [stroke * share for share in LONG_WAVES if stroke * share > low]
     edges = [8.0 * stroke, *always, 0.5 * stroke]
-    found = [Pick(p, (0.5 * (p + edges[k + 2]), 0.5 * (p + edges[k])), 1) for k, p in enumerate(always)]
+    found = [InitialShape(p, (0.5 * (p + edges[k + 2]), 0.5 * (p + edges[k])), 1) for k, p in enumerate(always)]
     shortest = max(low, 2.0 * CELLS * stroke / MOST_CELLS)
     if stroke * SHORTER < 2.0 * shortest:
         return found
@@ -103,12 +103,14 @@ def waves(one: Pass) -> list[Pick]:
     for _ in range(min(WAVES, len(score) // 4)):
         k = int(np.argmax(score))
         best = float(kappa[k])
-        found.append(Pick(1.0 / best, (1.0 / (best + 0.6 / stroke), 1.0 / max(best - 0.6 / stroke, 0.4 * best)), looks))
+        found.append(
+            InitialShape(1.0 / best, (1.0 / (best + 0.6 / stroke), 1.0 / max(best - 0.6 / stroke, 0.4 * best)), looks)
+        )
         score[max(0, k - PADDING) : k + PADDING + 1] = 0.0
     return found
 
 
-def folded(one: Pass, x: Array, lowest: float, highest: float) -> tuple[Array, Array]:
+def folded(one: RunState, x: Array, lowest: float, highest: float) -> tuple[Array, Array]:
     """How well the innovations, taken back to the output, fold over a variable at wave numbers in a range.
 
     Parameters
@@ -133,7 +135,7 @@ def folded(one: Pass, x: Array, lowest: float, highest: float) -> tuple[Array, A
     return np.asarray(kappa[rows], dtype=np.float64), power
 
 
-def ripples(one: Pass) -> list[Pick]:
+def ripples(one: RunState) -> list[InitialShape]:
     """Periods, m/s², at which the output may ripple over acceleration: 0, which is none, and the one on which the
     innovations fold best."""
     s = one.signals
@@ -141,9 +143,9 @@ def ripples(one: Pass) -> list[Pick]:
     span = float(np.ptp(s.a))
     shortest = max(BLUR * s.a_std, span / MOST_RIPPLES)
     if span < 2.0 * FEWEST_RIPPLES * shortest:
-        return [Pick(0.0)]
+        return [InitialShape(0.0)]
     kappa, power = folded(one, s.a, FEWEST_RIPPLES / span, 1.0 / shortest)
-    return [Pick(0.0), Pick(1.0 / float(kappa[np.argmax(power)]), looks=int(span / shortest))]
+    return [InitialShape(0.0), InitialShape(1.0 / float(kappa[np.argmax(power)]), looks=int(span / shortest))]
 
 
 PICKS = {"jumps": jumps, "waves": waves, "ripples": ripples}

@@ -11,9 +11,9 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import Search, chance
-from accelcal.diagnosis.search.hypotheses import Item
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import variance_gain
-from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.estimation.proportional_columns import sizes
 from accelcal.signals.signals import Signals
 
@@ -25,7 +25,7 @@ EVALUATIONS = 14
 """Trials of each shape parameter."""
 
 
-def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]], rules: Search) -> list[int]:
+def shortlist(evidence: CandidateScores, sets: Sequence[tuple[int, ...]], rules: Search) -> list[int]:
     """Items worth refining: all that the search kept, and the strongest rivals at each place of its best set.
 
     Each at the trial shape and fineness at which it exceeds its price most; where it never does, is least by chance.
@@ -47,20 +47,20 @@ def shortlist(evidence: Evidence, sets: Sequence[tuple[int, ...]], rules: Search
     return kept
 
 
-def starts(evidence: Evidence, finalists: Sequence[int], rules: Search) -> list[tuple[Item, ...]]:
+def starts(evidence: CandidateScores, finalists: Sequence[int], rules: Search) -> list[tuple[Hypothesis, ...]]:
     """Finalists to refine, one item for each effect: as the best set has them, and as each is most by itself.
 
     A rival that is not as sharp takes the place of an effect all of whose trials lie beside the right shape, and a set
     then holds what that leaves. Alone, effects are therefore looked at between their trials as well.
     """
-    together: dict[str, Item] = {}
+    together: dict[str, Hypothesis] = {}
     for i in finalists:
         together.setdefault(evidence.items[i].effect.name, evidence.items[i])
     most = max((evidence.gain(i)[0] for i in finalists), default=0.0)
-    more = [item for name in together for item in midway(evidence, name, BESIDE * most)]
-    looked = [evidence, Evidence(evidence.runs, more)] if more else [evidence]
+    more = [item for name in together for item in between_trials(evidence, name, BESIDE * most)]
+    looked = [evidence, CandidateScores(evidence.runs, more)] if more else [evidence]
     worth: dict[str, float] = {}
-    alone: dict[str, Item] = {}
+    alone: dict[str, Hypothesis] = {}
     for one in looked:
         for item, gain, dof in zip(one.items, *one.gains(), strict=True):
             name, value = item.effect.name, rules.price(float(gain), int(dof), item)
@@ -74,7 +74,7 @@ def starts(evidence: Evidence, finalists: Sequence[int], rules: Search) -> list[
     return [tuple(one.values()) for one in ([together] if apart == together else [together, apart])]
 
 
-def reaches(item: Item, shape: Mapping[str, float], s: Signals) -> bool:
+def reaches(item: Hypothesis, shape: Mapping[str, float], s: Signals) -> bool:
     """Whether refining an item looks at a shape."""
     for name, declared in item.effect.shapes.items():
         low, high = bounds_of(item, name, s) if declared.refined else (item.shape[name], item.shape[name])
@@ -83,17 +83,17 @@ def reaches(item: Item, shape: Mapping[str, float], s: Signals) -> bool:
     return True
 
 
-def bounds_of(item: Item, name: str, s: Signals) -> tuple[float, float]:
+def bounds_of(item: Hypothesis, name: str, s: Signals) -> tuple[float, float]:
     """Where a shape parameter of an item may be refined."""
     declared = item.effect.shapes[name]
     return item.near.get(name) or neighbours(declared.grid(s), declared.span(s), item.shape[name])
 
 
-def midway(evidence: Evidence, name: str, enough: float) -> list[Item]:
+def between_trials(evidence: CandidateScores, name: str, enough: float) -> list[Hypothesis]:
     """Items between the trial shapes of an effect, beside those that gain enough."""
     trials = [(evidence.gain(j)[0], item) for j, item in enumerate(evidence.items) if item.effect.name == name]
     s = evidence.runs[0].carrier.signals
-    found: dict[tuple[float | None, ...], Item] = {}
+    found: dict[tuple[float | None, ...], Hypothesis] = {}
     for gain, item in trials:
         sought = item.effect.shapes.items() if gain > enough and item.effect.port != "process" else ()
         for shape, declared in sought:
@@ -110,15 +110,15 @@ def midway(evidence: Evidence, name: str, enough: float) -> list[Item]:
     return list(found.values())
 
 
-def refine(runs: Sequence[Known], several: Sequence[Sequence[Item]]) -> list[list[Item]]:
+def refine(runs: Sequence[BaseProjection], several: Sequence[Sequence[Hypothesis]]) -> list[list[Hypothesis]]:
     """Items of several lists with shape parameters by likelihood; who stands in more than one is refined once."""
-    known: dict[int, Item] = {}
+    known: dict[int, Hypothesis] = {}
     for item in (item for some in several for item in some):
         known[id(item)] = known.get(id(item)) or refined(runs, item)
     return [[known[id(item)] for item in some] for some in several]
 
 
-def refined(runs: Sequence[Known], item: Item) -> Item:
+def refined(runs: Sequence[BaseProjection], item: Hypothesis) -> Hypothesis:
     """An item whose shape parameters lie where the likelihood is largest, each between its neighbours on the grid."""
     s = runs[0].carrier.signals
     shape, gain = dict(item.shape), math.nan
@@ -126,7 +126,7 @@ def refined(runs: Sequence[Known], item: Item) -> Item:
         bounds = bounds_of(item, name, s)
         if not declared.refined or bounds[0] == bounds[1]:
             continue
-        loss = along(runs, item, shape, name)
+        loss = direction(runs, item, shape, name)
         gain = -loss(shape[name]) if math.isnan(gain) else gain
         options = {"xatol": 1e-3 * (bounds[1] - bounds[0]), "maxiter": EVALUATIONS}
         best = scipy.optimize.minimize_scalar(loss, bounds=bounds, method="bounded", options=options)
@@ -135,13 +135,15 @@ def refined(runs: Sequence[Known], item: Item) -> Item:
     return replace(item, shape=shape)
 
 
-def along(runs: Sequence[Known], item: Item, shape: Mapping[str, float], name: str) -> Callable[[float], float]:
+def direction(
+    runs: Sequence[BaseProjection], item: Hypothesis, shape: Mapping[str, float], name: str
+) -> Callable[[float], float]:
     """Minus the gain of an item as a function of one shape parameter, the others as in `shape`; columns that only grow
     and shrink with it are carried once."""
     if not (item.effect.basis and item.effect.port == "process"):
-        return lambda value: -Evidence(runs, [replace(item, shape={**shape, name: value})]).gain(0)[0]
+        return lambda value: -CandidateScores(runs, [replace(item, shape={**shape, name: value})]).gain(0)[0]
     s = runs[0].carrier.signals
-    once, size = Evidence(runs, [replace(item, shape=dict(shape))]), sizes(item.effect, shape, s)
+    once, size = CandidateScores(runs, [replace(item, shape=dict(shape))]), sizes(item.effect, shape, s)
 
     def resized(value: float) -> float:
         times = (sizes(item.effect, {**shape, name: value}, s) / size)[: len(once.c)]

@@ -11,14 +11,14 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.beam import Robust, Search, block_length
-from accelcal.diagnosis.search.confounding import Finding, describe, members
+from accelcal.diagnosis.search.confounding import DetectedEffect, describe, members
 from accelcal.diagnosis.search.detection_limits import limits
-from accelcal.diagnosis.search.hypotheses import Item, candidates_for
+from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.refine import refine, shortlist, starts
-from accelcal.diagnosis.search.scores import Evidence, Known
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect, is_local
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
@@ -74,7 +74,7 @@ class Scan:
 
     candidates: tuple[Candidate, ...]
     """By rank."""
-    found: tuple[Finding, ...]
+    found: tuple[DetectedEffect, ...]
     """The set that explains most, in order of entry; empty when nothing is significant."""
     examined: int
     """Alternatives that were looked at."""
@@ -82,14 +82,14 @@ class Scan:
     """Effective blocks of the record."""
     detection_limits: Mapping[str, float] = field(default_factory=dict)
     """Smallest coefficient that would have been seen with 95 % probability, by effect; infinite where none would."""
-    entered: tuple[Finding, ...] = ()
+    entered: tuple[DetectedEffect, ...] = ()
     """Effects that were asked for by name and can be evaluated, whatever they explain."""
-    named: tuple[Finding, ...] = ()
+    named: tuple[DetectedEffect, ...] = ()
     """Where a shape without a name comes first: the named effects that cannot be told from it."""
 
 
 def scan(
-    passes: Sequence[Pass],
+    passes: Sequence[RunState],
     model: Model,
     *,
     extra: Sequence[Effect] = (),
@@ -124,14 +124,14 @@ def scan(
     length = max(block_length(one) for one in passes)
     blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
     search_in = Search(len(items), blocks, alpha)
-    runs = [Known(one, model, apart) for one in passes]
+    runs = [BaseProjection(one, model, apart) for one in passes]
     report(0.1)
-    evidence = Evidence(runs, items, report=lambda share: report(0.1 + 0.5 * share))
+    evidence = CandidateScores(runs, items, report=lambda share: report(0.1 + 0.5 * share))
     finalists = shortlist(evidence, search_in.beam(evidence), search_in)
     report(0.65)
     several = refine(runs, starts(evidence, finalists, search_in))
     report(0.85)
-    finals = [final_of(Evidence(runs, some), length, search_in) for some in several]
+    finals = [final_of(CandidateScores(runs, some), length, search_in) for some in several]
     final, robust, chosen = max(finals, key=lambda one: search_in.worth(one[0], one[2]))
     report(1.0)
     return Scan(
@@ -147,13 +147,17 @@ def scan(
     )
 
 
-def final_of(evidence: Evidence, length: float, rules: Search) -> tuple[Evidence, Robust, tuple[int, ...]]:
+def final_of(
+    evidence: CandidateScores, length: float, rules: Search
+) -> tuple[CandidateScores, Robust, tuple[int, ...]]:
     """Refined items with the scatter of their scores, and the best set of them."""
     robust = Robust(evidence, length)
     return evidence, robust, rules.best(evidence, robust)
 
 
-def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search) -> tuple[Finding, ...]:
+def named_members(
+    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search
+) -> tuple[DetectedEffect, ...]:
     """Named effects in the class of a shape without a name that comes first, nearest rival first.
 
     A wandering bias is none of them: it follows any shape.
@@ -167,7 +171,7 @@ def named_members(evidence: Evidence, robust: Robust, chosen: tuple[int, ...], r
 
 
 def rank(
-    evidence: Evidence, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[Pass]
+    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[RunState]
 ) -> tuple[Candidate, ...]:
     """Every finalist as it stands in the first place, best evidence first."""
     others = chosen[1:]
@@ -200,7 +204,7 @@ def rank(
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
 
 
-def largest(item: Item, estimate: Array, one: Pass) -> float:
+def largest(item: Hypothesis, estimate: Array, one: RunState) -> float:
     """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
     s = one.signals
     assert s is not None

@@ -9,10 +9,10 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.hypotheses import Item, nuisances
+from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, score_gain, variance_gain, without
-from accelcal.estimation.column_filter import Carrier
-from accelcal.estimation.run_state import Pass
+from accelcal.estimation.column_filter import ColumnFilter
+from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 
 MOST_KEPT = 1 << 23
@@ -21,14 +21,14 @@ APART = 1e6
 """Time between the starts of two runs as blocks are counted, s."""
 
 
-class Known:
+class BaseProjection:
     """What one run says of its base: rows of the base and of the innovations, and how to take the base off.
 
     The base is projected out of each run on its own, so no run's offset can pose as an effect in another.
     """
 
-    def __init__(self, one: Pass, model: Model, apart: Sequence[Term] = ()) -> None:
-        self.carrier = Carrier(one)
+    def __init__(self, one: RunState, model: Model, apart: Sequence[Term] = ()) -> None:
+        self.carrier = ColumnFilter(one)
         self._kept: tuple[Sequence[Term], slice, Array] | None = None
         unsure = [*nuisances(one, model), *((term, np.inf) for term in apart)]
         base = [term for term in model.terms if term.name not in model.fixed]
@@ -81,7 +81,7 @@ class Known:
         return G, score, own, weights
 
 
-def columns_of(items: Sequence[Item]) -> tuple[list[Term], list[slice]]:
+def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
     """Coefficients of all items, and where each item's stand: a coarser shape is the beginning of the finer one."""
     terms: list[Term] = []
     begins: dict[tuple[object, ...], int] = {}
@@ -93,13 +93,13 @@ def columns_of(items: Sequence[Item]) -> tuple[list[Term], list[slice]]:
     return terms, [slice(begins[k], begins[k] + len(item.terms)) for k, item in zip(keys, items, strict=True)]
 
 
-class Evidence:
+class CandidateScores:
     """Gram matrix and scores of the candidates over all runs, and what follows from them."""
 
     def __init__(
         self,
-        runs: Sequence[Known],
-        items: Sequence[Item],
+        runs: Sequence[BaseProjection],
+        items: Sequence[Hypothesis],
         *,
         report: Callable[[float], None] = lambda share: None,
     ) -> None:

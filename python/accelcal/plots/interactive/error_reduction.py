@@ -10,37 +10,37 @@ from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
-from accelcal.selection.nested_models import Ladder
+from accelcal.selection.nested_models import NestedModels
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
-def steps(ladder: Ladder) -> list[str]:
+def steps(nested: NestedModels) -> list[str]:
     """What each model is called: the base, then the effect that is new, or the finer form of a shape that is there."""
     found: list[str] = []
-    for rung in ladder.rungs:
-        name = f"+ {rung.effect.replace('_', ' ')}" if rung.effect else "base"
+    for member in nested.models:
+        name = f"+ {member.effect.replace('_', ' ')}" if member.effect else "base"
         found.append(f"{name}, finer" if name in found else name)
     return found
 
 
-def headline(ladder: Ladder) -> str:
+def headline(nested: NestedModels) -> str:
     """The fall in one sentence."""
-    errors = ladder.errors
+    errors = nested.errors
     text = f"{formatting.length(errors[0])}"
     if len(errors) > 1:
         text += f" → {formatting.length(errors[-1])}"
-    measure = ladder.measure[:1].upper() + ladder.measure[1:]
-    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(ladder.floor)}"
+    measure = nested.measure[:1].upper() + nested.measure[1:]
+    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
 
 
-def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
+def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     """Draw one bar for each model, hatched where the effect is not in the model, and the noise floor.
 
     Parameters
     ----------
-    ladder : from `accelcal.selection.nested_models.ladder`.
+    nested : from `accelcal.selection.nested_models.nested_models`.
     theme : "light" or "dark".
 
     Raises
@@ -49,16 +49,16 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
         If plotly is not installed.
     """
     look = style.theme_of(theme)
-    errors = np.array(ladder.errors)
-    factor, unit = formatting.prefixed("m", errors, ladder.floor)
-    names, shares = steps(ladder), ladder.shares
+    errors = np.array(nested.errors)
+    factor, unit = formatting.prefixed("m", errors, nested.floor)
+    names, shares = steps(nested), nested.shares
     figure = drawing.canvas()
     texts = [
         f"{e * factor:.3g} {unit}" + ("" if s is None else f"<br>{100.0 * s:.0f} % of the excess explained")
         for e, s in zip(errors, shares, strict=True)
     ]
     for said, inside, shape in (("in the model", True, ""), ("not in the model yet", False, "/")):
-        rows = [i for i, rung in enumerate(ladder.rungs) if rung.in_model == inside]
+        rows = [i for i, member in enumerate(nested.models) if member.in_model == inside]
         if rows:
             figure.add_bar(
                 x=rows,
@@ -76,13 +76,13 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
                 hovertemplate="%{y:.4g} " + unit + "<extra></extra>",
             )
     ends = np.array([-0.5, len(errors) - 0.5])
-    drawing.curve(figure, ends, np.full(2, ladder.floor * factor), look.floor, "noise alone", unit=unit, width=2.4)
+    drawing.curve(figure, ends, np.full(2, nested.floor * factor), look.floor, "noise alone", unit=unit, width=2.4)
     unseen = (
         "the end of the fitted run: set-up and slow-drift errors cannot show"
-        if ladder.same_run
+        if nested.same_run
         else "another recording"
     )
-    drawing.dress(figure, look, headline(ladder), note=f"unseen data: {unseen}", height=360)
+    drawing.dress(figure, look, headline(nested), note=f"unseen data: {unseen}", height=360)
     figure.update_xaxes(
         tickvals=list(range(len(names))),
         ticktext=[drawing.plain(n) for n in names],
@@ -90,6 +90,6 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
         showgrid=False,
         title_text="model",
     )
-    top = 1.22 * max(float(np.nanmax(errors)), ladder.floor) * factor
+    top = 1.22 * max(float(np.nanmax(errors)), nested.floor) * factor
     figure.update_yaxes(title_text=drawing.axis_title("rms error", unit), range=[0.0, top])
     return figure

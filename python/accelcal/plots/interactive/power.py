@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from accelcal.effects import find, spelled
-from accelcal.experiment import Power, Sight
+from accelcal.experiment import Detectability, Power
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
@@ -19,7 +19,7 @@ ROW, GAP = 20, 90
 """Height of a row, and of the space between panels, pixels."""
 
 
-def seen_at(power: Power, port: str) -> list[Sight]:
+def seen_at(power: Power, port: str) -> list[Detectability]:
     """Effects that are seen at the sensor ("output") or at the encoder ("position"), the smallest first."""
     return sorted(
         (s for s in power.sights if s.seen and (find(s.effect).port == "position") == (port == "position")),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from accelcal.effects import spelled
 from accelcal.experiment import Power
-from accelcal.experiment.signature_correlation import Likeness, likeness
+from accelcal.experiment.signature_correlation import SignatureCorrelation, signature_correlation
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import OKABE_ITO, ThemeName
@@ -19,7 +19,7 @@ MOST = 20
 """Effects that are drawn."""
 
 
-def chosen(power: Power, first: Sequence[str] = (), most: int = MOST) -> Likeness:
+def chosen(power: Power, first: Sequence[str] = (), most: int = MOST) -> SignatureCorrelation:
     """Effects named in `first`, then those tied to another one, then the best seen; like beside like.
 
     Parameters
@@ -28,7 +28,7 @@ def chosen(power: Power, first: Sequence[str] = (), most: int = MOST) -> Likenes
     first : effects that must be on the map, if they have one column.
     most : effects on the map.
     """
-    whole = likeness(power)
+    whole = signature_correlation(power)
     tied = [name for group in power.ties for name in group.members]
     rest = sorted(whole.names, key=lambda name: power[name].largest)
     wanted = [n for n in dict.fromkeys([*first, *tied, *rest]) if n in whole.names][:most]
@@ -87,7 +87,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     return figure
 
 
-def _chain(seen: Likeness) -> list[str]:
+def _chain(seen: SignatureCorrelation) -> list[str]:
     """An order in which each effect follows the one that it is most like."""
     order = list(range(min(1, len(seen.names))))
     while len(order) < len(seen.names):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal.diagnosis.noise_tests.noise_test import ChannelFinding
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
 from accelcal.plots import style
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
-def lines(findings: Sequence[ChannelFinding]) -> list[tuple[float, str]]:
+def lines(findings: Sequence[NoiseTest]) -> list[tuple[float, str]]:
     """Frequencies that were found, Hz, each with its name."""
     return [(f.parts["frequency"], spelled(f.effect)) for f in findings if "frequency" in f.parts]
 
 
 def spectrum(
-    fit: Fit, comparison: Comparison, findings: Sequence[ChannelFinding] = (), *, theme: ThemeName = "light"
+    fit: Fit, comparison: Comparison, findings: Sequence[NoiseTest] = (), *, theme: ThemeName = "light"
 ) -> Figure:
     """Draw the density of the accelerometer-side residual, and of one-step residuals over their predicted deviation.
 

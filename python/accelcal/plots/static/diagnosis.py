@@ -15,19 +15,19 @@ from accelcal.plots.interactive.ranking import classes
 from accelcal.plots.interactive.tiles import LOUD, signed, tiles_of
 from accelcal.plots.static.comparison import WIDTH
 from accelcal.plots.style import OKABE_ITO, ThemeName
-from accelcal.selection.nested_models import Ladder
+from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
+def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     """Draw one bar for each model on unseen data, hatched where the effect is not in the model, and the noise floor.
 
     Parameters
     ----------
-    ladder : from `accelcal.selection.nested_models.ladder`.
+    nested : from `accelcal.selection.nested_models.nested_models`.
     theme : "light" or "dark".
 
     Raises
@@ -38,18 +38,18 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
     look = style.theme_of(theme)
     figure = style.sheet(WIDTH, 4.2, look)
     axes = figure.subplots()
-    errors = np.array(ladder.errors)
-    factor, unit = formatting.prefixed("m", errors, ladder.floor)
+    errors = np.array(nested.errors)
+    factor, unit = formatting.prefixed("m", errors, nested.floor)
     style.dress(axes, look, x="model", y=formatting.label("rms error", unit))
-    for i, (rung, error, share) in enumerate(zip(ladder.rungs, errors * factor, ladder.shares, strict=True)):
+    for i, (member, error, share) in enumerate(zip(nested.models, errors * factor, nested.shares, strict=True)):
         axes.bar(
             i,
             error,
             width=0.55,
-            color=look.model.colour if rung.in_model else look.page,
+            color=look.model.colour if member.in_model else look.page,
             edgecolor=look.model.colour,
-            hatch="" if rung.in_model else "//",
-            label="in the model" if rung.in_model else "not in the model yet",
+            hatch="" if member.in_model else "//",
+            label="in the model" if member.in_model else "not in the model yet",
         )
         text = f"{error:.3g} {unit}" + ("" if share is None else f"\n{100.0 * share:.0f} % of the excess")
         axes.annotate(
@@ -62,10 +62,10 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
             fontsize=style.SMALL,
         )
     axes.axhline(
-        ladder.floor * factor, color=look.floor.colour, linestyle=look.floor.line, linewidth=2.0, label="noise alone"
+        nested.floor * factor, color=look.floor.colour, linestyle=look.floor.line, linewidth=2.0, label="noise alone"
     )
-    axes.set_xticks(range(len(errors)), steps(ladder))
-    axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), ladder.floor) * factor)
+    axes.set_xticks(range(len(errors)), steps(nested))
+    axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), nested.floor) * factor)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     axes.legend(
@@ -76,7 +76,7 @@ def falling(ladder: Ladder, *, theme: ThemeName = "light") -> Figure:
         labelcolor=look.ink,
         loc="upper right",
     )
-    style.headline(figure, headline(ladder), look)
+    style.headline(figure, headline(nested), look)
     return figure
 
 
