@@ -1,7 +1,7 @@
-"""The whole statistics of bars 5 and 6: is the fit honest, and does it reach the bound?
+"""Consistency of the fit: NEES, interval coverage, and rms error over the Cramer-Rao bound.
 
 Run from the top of the repository: python -m benches.consistency [--runs 100] [--only NAME]
-Prints figure, count and threshold of every bar; exit code 1 when one is missed.
+Prints figure, count and threshold of every claim; exit code 1 when one is missed.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ BLOCK = 80
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run everything and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--runs", type=int, default=100, help="runs of 60 s for each setting of bar 5")
+    parser.add_argument("--runs", type=int, default=100, help="runs of 60 s for each setting of the NEES")
     parser.add_argument("--aci", type=int, default=40, help="of these, runs that the paper's filter is given as well")
-    parser.add_argument("--bounded", type=int, default=800, help="fits for each setting of bar 6")
+    parser.add_argument("--bounded", type=int, default=800, help="fits for each setting of the Cramer-Rao bound")
     parser.add_argument("--toleranced", type=int, default=400, help="fits for each low-pass that is off")
     parser.add_argument("--only", default="", help="settings whose name contains this")
     chosen = parser.parse_args(arguments)
     began, kept, good = time.perf_counter(), [], True
     with multiprocessing.Pool(2) as pool:
-        print(f"bar 5: NEES of (bias, scale_factor), {chosen.runs} runs of 60 s, 99.9 % region")
+        print(f"NEES of (bias, scale_factor), {chosen.runs} runs of 60 s, 99.9 % region")
         for setting in (s for s in SETTINGS if chosen.only in s.name):
             found = collect(setting.names, pool.map(partial(one_fit, setting), range(chosen.runs), chunksize=5))
             aci = pool.map(partial(aci_or_none, setting), range(min(chosen.aci, chosen.runs)), chunksize=5)
             good &= print_nees(setting, found, [fit for fit in aci if fit is not None])
             kept.append(found)
-        print(f"bar 6: rms of error over the Cramer-Rao bound, {chosen.bounded} fits of 30 s, 0.90 to 1.10")
+        print(f"rms of error over the Cramer-Rao bound, {chosen.bounded} fits of 30 s, 0.90 to 1.10")
         for setting in (s for s in BOUNDED if chosen.only in s.name):
             found = collect(setting.names, pool.map(partial(one_fit, setting), range(chosen.bounded), chunksize=5))
             starts = range(0, chosen.bounded, BLOCK)
@@ -52,14 +52,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if chosen.only in motion:
                 task = partial(normalised, motion=motion, tolerance=tolerance)
                 good &= print_toleranced(motion, tolerance, np.array(pool.map(task, range(chosen.toleranced), 5)))
-    print("bar 5: 95 % intervals cover 93 % to 97 %")
+    print("95 % intervals cover 93 % to 97 %")
     good &= print_coverage(kept)
-    print(f"{'all bars hold' if good else 'A BAR IS MISSED'}; {time.perf_counter() - began:.0f} s")
+    print(f"{'all limits are met' if good else 'A LIMIT IS MISSED'}; {time.perf_counter() - began:.0f} s")
     return 0 if good else 1
 
 
 def print_nees(setting: Setting, found: Outcome, aci: Sequence[tuple[np.ndarray, np.ndarray]]) -> bool:
-    """One line of bar 5: the default fit, and the paper's ACI filter beside it."""
+    """One line of NEES: the default fit, and the paper's ACI filter beside it."""
     verdict = consistency(found.nees("bias", "scale_factor"), 2, 0.999)
     paper = collect(("bias", "scale_factor"), aci).nees("bias", "scale_factor").mean()
     print(
@@ -71,7 +71,7 @@ def print_nees(setting: Setting, found: Outcome, aci: Sequence[tuple[np.ndarray,
 
 
 def print_bound(setting: Setting, found: Outcome, bound: np.ndarray) -> bool:
-    """One line for each parameter of bar 6."""
+    """Rms error over the Cramer-Rao bound, one line for each parameter."""
     rms = np.sqrt(np.mean((found.error / bound) ** 2, axis=0))
     reported = np.mean(found.sigma / bound, axis=0)
     for name, ratio, said in zip(setting.names, rms, reported, strict=True):

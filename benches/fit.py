@@ -1,4 +1,4 @@
-"""What a fit costs (bar 9): processor time for 400 000 samples, memory and time for an hour from Parquet.
+"""What a fit costs: processor time for 400 000 samples, memory and time for an hour from Parquet.
 
 Run from the top of the repository: python -m benches.fit
 Each fit runs in a fresh process. Prints figure and threshold; exit code 1 when one is missed.

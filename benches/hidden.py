@@ -1,6 +1,6 @@
-"""The acceptance table of the hidden bars: the product on files that the independent worlds wrote.
+"""The acceptance table of hidden effects: the product on files that the independent worlds wrote.
 
-Run from the top of the repository: python -m benches.hidden [--bar 2] [--records 60] [--seed 1] [--out build/hidden]
+Run from the top of the repository: python -m benches.hidden [--group 2] [--records 60] [--seed 1] [--out build/hidden]
 Outcomes are kept line by line in OUT/barN.jsonl; an interrupted run goes on where it stopped.
 """
 
@@ -20,14 +20,14 @@ from tests.hidden.trials import Outcome, Trial, plan, run
 from tests.hidden.verdicts import Line, lines
 
 RECORDS = {1: 560, 2: 308, 3: 308, 4: 200, 5: 40, 6: 195, 8: 88}
-"""Records of each bar; bar 2 takes each at three strengths, bar 7 reads the outcomes of bars 1 and 2."""
+"""Records of each group; group 2 takes each at three strengths, group 7 reads the outcomes of groups 1 and 2."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is missing, then print figure, count and threshold of every claim."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--bar", type=int, action="append", choices=(1, 2, 3, 4, 5, 6, 7, 8))
-    parser.add_argument("--records", type=int, help="records of each bar; by default as many as the bar asks for")
+    parser.add_argument("--group", type=int, action="append", choices=(1, 2, 3, 4, 5, 6, 7, 8))
+    parser.add_argument("--records", type=int, help="records of each group; by default as many as the group asks for")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/hidden"))
     parser.add_argument("--effects", default="", help="only these, separated by commas")
@@ -35,13 +35,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     effects = [name for name in chosen.effects.split(",") if name]
     found: list[Line] = []
-    for bar in chosen.bar or (1, 2, 3, 4, 5, 6, 7, 8):
-        if bar != 7:
-            trials = list(plan(bar, chosen.records or RECORDS[bar], chosen.seed, effects))
-            outcomes = run_all(trials, chosen.out / f"bar{bar}.jsonl")
+    for group in chosen.group or (1, 2, 3, 4, 5, 6, 7, 8):
+        if group != 7:
+            trials = list(plan(group, chosen.records or RECORDS[group], chosen.seed, effects))
+            outcomes = run_all(trials, chosen.out / f"group{group}.jsonl")
         else:
-            outcomes = [o for b in (1, 2) for o in kept(chosen.out / f"bar{b}.jsonl")]
-        for line in lines(bar, outcomes):
+            outcomes = [o for b in (1, 2) for o in kept(chosen.out / f"group{b}.jsonl")]
+        for line in lines(group, outcomes):
             print(line.text, flush=True)
             found.append(line)
     table = markdown(found)
@@ -95,8 +95,8 @@ def guarded(trial: Trial) -> Outcome:
 
 def markdown(found: Sequence[Line]) -> str:
     """The table."""
-    rows = ["| bar | claim | figure | count | threshold | holds |", "|---|---|---|---|---|---|"]
-    rows += [f"| {x.bar} | {x.claim} | {x.figure} | {x.count} | {x.threshold} | {_yes(x)} |" for x in found]
+    rows = ["| group | claim | figure | count | threshold | holds |", "|---|---|---|---|---|---|"]
+    rows += [f"| {x.group} | {x.claim} | {x.figure} | {x.count} | {x.threshold} | {_yes(x)} |" for x in found]
     return "\n".join(rows) + "\n"
 
 

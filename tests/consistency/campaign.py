@@ -104,7 +104,7 @@ SETTINGS = (
     ),
     Setting("3 m/s² 20 ug, encoder at 2.5 kHz", "tones", 3.0, CXL02_RIG, position_rate=2500.0),
 )
-"""Bar 5. Interleaved and shake stay near the 0.1 m/s of the paper's encoder; the tones need a faster one."""
+"""Settings of declared noise. Interleaved and shake stay near the 0.1 m/s of the paper's encoder; the tones need a faster one."""
 
 BOUNDED = (
     Setting("linear, 0.5 m/s² 225 ug", "interleaved", 0.5, ADXL105_RIG, seconds=30.0),
@@ -112,7 +112,7 @@ BOUNDED = (
     Setting("cubic, 4 m/s² 225 ug", "tones", 4.0, ADXL105_RIG, seconds=30.0, model=Model.cubic(), truth=CUBIC),
     Setting("cubic, 4 m/s² 20 ug", "tones", 4.0, CXL02_RIG, seconds=30.0, model=Model.cubic(), truth=CUBIC),
 )
-"""Bar 6."""
+"""Settings whose low-pass is declared with a tolerance."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Is the fit honest, and does it waste nothing? A slice of bars 5 and 6; `benches/consistency.py` runs the whole.
+"""Is the fit honest, and does it waste nothing? A small part of `benches/consistency.py`.
 
 NEES against its chi-square region, intervals against what they promise, rms error against the Cramer-Rao bound. Every
 region here is 99.9 %, so an honest fit on other seeds fails each single check once in a thousand.
@@ -33,7 +33,7 @@ PROBABILITY = 0.999
 
 @cache
 def fitted(setting: Setting) -> Outcome:
-    """The slice of a setting of bar 5; fitted once, looked at twice."""
+    """Fits of one setting, for NEES and interval coverage; computed once, used twice."""
     return collect(setting.names, (one_fit(slice_of(setting, SECONDS), run) for run in range(RUNS)))
 
 
@@ -45,7 +45,7 @@ def test_nees_of_bias_and_scale_factor_lies_in_its_region(setting: Setting) -> N
 
 
 def test_the_papers_filter_is_overconfident_where_the_motion_is_weak() -> None:
-    # The sister that must fail: the noisy output as regressor (physics 3.5), same runs, same statistic.
+    # The sister that must fail: the noisy output as regressor (derivations 3.5), same runs, same statistic.
     runs = [one_aci(SETTINGS[0], run) for run in range(12)]
     verdict = consistency(collect(("bias", "scale_factor"), runs).nees("bias", "scale_factor"), 2, PROBABILITY)
     print(f"ACI filter: NEES {verdict.mean:.2f}, region [{verdict.low:.2f}, {verdict.high:.2f}]")

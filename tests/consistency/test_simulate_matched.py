@@ -32,7 +32,7 @@ def test_aci_wanders_as_its_process_noise_says() -> None:
 
 
 def test_cwpa_wanders_as_its_process_noise_says() -> None:
-    # integrals of white jerk of density q over T (physics 4.1); 4000 draws: ±4 sigma of a variance is ±9 %
+    # integrals of white jerk of density q over T (derivations 4.1); 4000 draws: ±4 sigma of a variance is ±9 %
     q, T = 2.0, 0.8
     t = np.linspace(0.0, T, 9)
     rng = np.random.default_rng(2)

@@ -1,4 +1,4 @@
-"""The augmented Kalman filter in plain NumPy: state (p, v, theta), dense, exact discretisation (physics 3.2, 5.1).
+"""The augmented Kalman filter in plain NumPy: state (p, v, theta), dense, exact discretisation (derivations 3.2, 5.1).
 
 p'' = input + sum theta_j c_j + w with E w w' = q, reading z = p + sum theta_j d_j + e with var e = R. What drives the
 motion over an interval comes as its two integrals; nothing is shared with the replay but these numbers.

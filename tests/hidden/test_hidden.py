@@ -1,6 +1,6 @@
-"""A quick slice of every hidden bar, each with a twin that must fail; `make bench-hidden` runs the whole.
+"""A small part of every claim on hidden effects, each with a counter-test that must fail; `make bench-hidden` runs all.
 
-Seeds are fixed. Where the whole meets its bars, a slice fails by chance with at most the rate beside each test. A twin
+Seeds are fixed. Where the whole meets its thresholds, a slice fails by chance with at most the rate beside each test. A twin
 hands the same judge outcomes for which its claim is wrong.
 """
 
@@ -16,9 +16,9 @@ def outcomes(*trials: Trial) -> list[Outcome]:
     return [run(trial) for trial in trials]
 
 
-def hold(bar: int, found: list[Outcome], *claims: str) -> bool:
-    """Whether all lines of a bar hold, or those whose claim contains one of the words."""
-    told: list[Line] = lines(bar, found)
+def hold(group: int, found: list[Outcome], *claims: str) -> bool:
+    """Whether all lines of a group hold, or those whose claim contains one of the words."""
+    told: list[Line] = lines(group, found)
     chosen = [line for line in told if not claims or any(word in line.claim for word in claims)]
     assert chosen, [line.text for line in told]
     return all(line.holds for line in chosen)

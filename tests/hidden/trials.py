@@ -1,4 +1,4 @@
-"""Trials of the hidden bars: a world is drawn, written to files, and the product is run on the files."""
+"""Trials with hidden effects: a world is drawn, written to files, and the product is run on the files."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ STRENGTHS = (10.0, 20.0, 40.0)
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One record of one bar; the same trial always gives the same record."""
+    """One record of one group of claims; the same trial always gives the same record."""
 
-    bar: int
+    group: int
     number: int
     seed: int
     names: tuple[str, ...] = ()
@@ -48,33 +48,33 @@ class Trial:
     @property
     def rng(self) -> np.random.Generator:
         """Generator of everything that is drawn for this trial."""
-        return np.random.default_rng([self.seed, self.bar, self.number, round(10 * self.d)])
+        return np.random.default_rng([self.seed, self.group, self.number, round(10 * self.d)])
 
     @property
     def key(self) -> str:
         """Identifier under which its outcome is kept."""
-        return f"{self.seed}/{self.bar}/{self.number}/{self.d:g}/{'+'.join(self.names)}"
+        return f"{self.seed}/{self.group}/{self.number}/{self.d:g}/{'+'.join(self.names)}"
 
 
-def plan(bar: int, records: int, seed: int, effects: Sequence[str] = ()) -> Iterator[Trial]:
-    """Trials of a bar, evenly over effects, strengths, motions and sensors."""
+def plan(group: int, records: int, seed: int, effects: Sequence[str] = ()) -> Iterator[Trial]:
+    """Trials of a group, evenly over effects, strengths, motions and sensors."""
     single = [name for name in effects or VISIBLE if name in VISIBLE]
     for n in range(records):
-        if bar == 1:
+        if group == 1:
             yield Trial(1, n, seed)
-        elif bar == 2:
+        elif group == 2:
             for d in STRENGTHS:
                 yield Trial(2, n, seed, (single[n % len(single)],), d)
-        elif bar == 3:
+        elif group == 3:
             yield Trial(3, n, seed, (single[n % len(single)],), 3.0)
-        elif bar == 4:
+        elif group == 4:
             yield Trial(4, n, seed, _several(n, seed, single, 3 if n % 5 == 4 else 2), 30.0 if n % 5 == 4 else 20.0)
-        elif bar == 5:
+        elif group == 5:
             yield Trial(5, n, seed, (INVISIBLE[n % len(INVISIBLE)],))
-        elif bar == 6:
+        elif group == 6:
             outside = [name for name in effects or OUTSIDE if name in OUTSIDE]
             yield Trial(6, n, seed, (outside[n % len(outside)],), 30.0)
-        elif bar == 8:
+        elif group == 8:
             yield Trial(8, n, seed, (single[n % len(single)],), 30.0)
 
 
@@ -126,7 +126,7 @@ def draw(trial: Trial) -> World:
 
 
 def _cycle(trial: Trial) -> int:
-    return {6: len(OUTSIDE), 5: len(INVISIBLE)}.get(trial.bar, len(VISIBLE))
+    return {6: len(OUTSIDE), 5: len(INVISIBLE)}.get(trial.group, len(VISIBLE))
 
 
 def _hide(name: str, sign: float) -> Hidden:
@@ -183,14 +183,14 @@ def run(trial: Trial) -> Outcome:
         recording = load(world.record().write(folder))
         outcome["world_seconds"] = time.process_time() - begin
         begin = time.process_time()
-        if trial.bar == 8:
+        if trial.group == 8:
             other = next(m for m in (*MOTIONS, *MOTIONS) if m != world.motion and m not in ("tones", "long_rest"))
             unseen = load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
             outcome |= held_out(trial, recording, unseen)
         else:
             outcome |= improved(workflow.improve(recording, holdout=recording), settled)
     outcome["seconds"] = time.process_time() - begin
-    if trial.bar == 2:
+    if trial.group == 2:
         outcome["rival"] = nearest_rival(world)
     return outcome
 

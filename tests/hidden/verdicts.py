@@ -1,4 +1,4 @@
-"""What outcomes say about the bars: figure, count and threshold of every claim."""
+"""What outcomes say about the groups: figure, count and threshold of every claim."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LEAST_EXPLAINED = "shape_of_", "shape_since_", "encoder_shape_of_"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One claim of one bar."""
+    """One claim of one group."""
 
-    bar: int
+    group: int
     claim: str
     figure: str
     count: str
@@ -31,19 +31,19 @@ class Line:
     def text(self) -> str:
         """The line for the terminal."""
         state = "ok" if self.holds else "MISSED"
-        return f"bar {self.bar}: {self.claim}: {self.figure} ({self.count}), threshold {self.threshold}: {state}"
+        return f"group {self.group}: {self.claim}: {self.figure} ({self.count}), threshold {self.threshold}: {state}"
 
 
-def share(bar: int, claim: str, good: Sequence[bool], least: float) -> Line:
+def share(group: int, claim: str, good: Sequence[bool], least: float) -> Line:
     """At least this share must be good."""
     rate = float(np.mean(good)) if good else float("nan")
-    return Line(bar, claim, f"{rate:.1%}", f"{sum(good)} of {len(good)}", f">= {least:.0%}", bool(rate >= least))
+    return Line(group, claim, f"{rate:.1%}", f"{sum(good)} of {len(good)}", f">= {least:.0%}", bool(rate >= least))
 
 
-def at_most(bar: int, claim: str, bad: Sequence[bool], most: float) -> Line:
+def at_most(group: int, claim: str, bad: Sequence[bool], most: float) -> Line:
     """At most this share may be bad."""
     rate = float(np.mean(bad)) if bad else float("nan")
-    return Line(bar, claim, f"{rate:.1%}", f"{sum(bad)} of {len(bad)}", f"<= {most:.1%}", bool(rate <= most))
+    return Line(group, claim, f"{rate:.1%}", f"{sum(bad)} of {len(bad)}", f"<= {most:.1%}", bool(rate <= most))
 
 
 def injected(outcome: Outcome) -> set[str]:
@@ -123,14 +123,14 @@ def good_outcomes(outcomes: Iterable[Outcome]) -> list[Outcome]:
     return [o for o in outcomes if "skipped" not in o and "error" not in o]
 
 
-def lines(bar: int, outcomes: Sequence[Outcome]) -> list[Line]:
-    """Figures of a bar."""
+def lines(group: int, outcomes: Sequence[Outcome]) -> list[Line]:
+    """Figures of a group."""
     ran = good_outcomes(outcomes)
     failed = [o for o in outcomes if "error" in o]
     tried = len(ran) + len(failed)
-    found = JUDGES[bar](ran)
+    found = JUDGES[group](ran)
     if failed:
-        found.append(Line(bar, "runs to the end", f"{len(ran)}", f"{len(ran)} of {tried}", "all", False))
+        found.append(Line(group, "runs to the end", f"{len(ran)}", f"{len(ran)} of {tried}", "all", False))
     return found
 
 
@@ -139,9 +139,9 @@ def _null(ran: list[Outcome]) -> list[Line]:
 
 
 def _single(ran: list[Outcome]) -> list[Line]:
-    bars = dict(zip(STRENGTHS, ((0.98, 0.95, 0.75), (1.0, 0.99, 0.90), (1.0, 0.99, 0.97)), strict=True))
+    groups = dict(zip(STRENGTHS, ((0.98, 0.95, 0.75), (1.0, 0.99, 0.90), (1.0, 0.99, 0.97)), strict=True))
     found = []
-    for d, (least_detected, least_class, least_first) in bars.items():
+    for d, (least_detected, least_class, least_first) in groups.items():
         these = [o for o in ran if o["d"] == d]
         clear = [o for o in these if o["rival"] < MANY]
         found += [

@@ -144,7 +144,7 @@ def test_a_linear_model_of_a_curved_sensor_misses_the_noise_floor() -> None:
 
 
 def test_random_walk_floor_equals_the_published_numbers() -> None:
-    # physics section 1: 225 ug: 0.90 mm at 1 s, 28 mm at 10 s; 20 ug: 0.080 and 2.5 mm, two digits each
+    # derivations 3.2: 225 ug: 0.90 mm at 1 s, 28 mm at 10 s; 20 ug: 0.080 and 2.5 mm, two digits each
     g = STANDARD_GRAVITY
     floors = [random_walk_floor(N * 1e-6 * g, gap) * 1e3 for N in (225, 20) for gap in (1.0, 10.0)]
     assert floors == pytest.approx([0.90, 28.0, 0.080, 2.5], rel=0.02)

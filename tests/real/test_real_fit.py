@@ -1,4 +1,4 @@
-"""Fits on real recordings, against figures found by an independent regression (bar 7).
+"""Fits on real recordings, against figures found by an independent regression.
 
 The recordings are not part of this repository: ACCELCAL_REAL_DATA names the folder that holds them.
 """

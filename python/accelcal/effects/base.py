@@ -36,7 +36,7 @@ def scale_factor(s: Signals) -> Array:
 
 @effect("time_offset", unit="s", owner="timing", symbol="t0", scale=1e-4, source="hold of samples: half a period")
 def time_offset(s: Signals) -> Array:
-    """Accelerometer output late by t0 (physics 7 E1): output(t) = f(a(t - t0)).
+    """Accelerometer output late by t0 (derivations 7.1): output(t) = f(a(t - t0)).
 
     Equation: e = -(1 + k) t0 jerk.
     Looks like: a residual proportional to jerk.

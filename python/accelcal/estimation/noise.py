@@ -79,7 +79,7 @@ class NoiseReport:
 def estimate_noise(
     run: PreparedRun, drive: DriveIntegrals, start: Noise, *, counts: Flags | None = None, reach: float = 1.0
 ) -> Noise:
-    """Most likely q and R given the nominal motion (physics 6.3).
+    """Most likely q and R given the nominal motion (derivations 6.3).
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ def fit_recursive(
     Notes
     -----
     A declared low-pass is a state in CWPA and reads p + tau v in ACI. CWPA takes its jerk density from the rms change
-    of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; physics 4.1).
+    of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; derivations 4.1).
     """
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = fit(model, recording, start=start, end=end)

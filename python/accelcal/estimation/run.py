@@ -152,7 +152,7 @@ class PreparedRun:
         return DriveIntegrals(self.t, z, first, second, restart)
 
     def crossover(self, noise: Noise) -> float:
-        """Frequency at which both channels know the acceleration equally well, Hz (physics 3.4)."""
+        """Frequency at which both channels know the acceleration equally well, Hz (derivations 3.4)."""
         return float((noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi))
 
     def wait(self, noise: Noise) -> float:

@@ -1,4 +1,4 @@
-"""A motion that separates named effects within stroke, speed and acceleration (discovery 3.5 and 7).
+"""A motion that separates named effects within stroke, speed and acceleration (derivations D3.5, D7).
 
 Bursts of several tones at several amplitudes alternate with moves over the whole stroke and rests between them: the
 first tell powers of acceleration apart, the second everything that depends on place, direction and time.

@@ -1,7 +1,7 @@
 """Smallest detectable size of every effect, and what could not be told apart.
 
 The distance at which an effect stands from nothing is d = |theta| sqrt(A), A = its information once the base is
-projected out (discovery 3.5). A depends on the motion and the noise alone; what was measured does not enter.
+projected out (derivations D3.5). A depends on the motion and the noise alone; what was measured does not enter.
 """
 
 from __future__ import annotations

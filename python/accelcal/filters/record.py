@@ -215,7 +215,7 @@ def run_batch(
 def forward_parameters(run: FilterRun) -> ForwardParameters:
     """Map the estimate at the end of a run to the forward model (4), with its covariance.
 
-    An inverse estimate travels through K2 = -K2'/s'³, K3 = (2 K2'² - s' K3')/s'⁵, s' = 1 - k' (physics 2.3), its
+    An inverse estimate travels through K2 = -K2'/s'³, K3 = (2 K2'² - s' K3')/s'⁵, s' = 1 - k' (derivations 2.3), its
     covariance through the Jacobian; terms of fourth order in the output are left out. A forward estimate is returned as
     it is.
     """

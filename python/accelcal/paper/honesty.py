@@ -191,7 +191,7 @@ def _sensor(choice: FilterChoice) -> dict[str, float]:
 
 
 def _true_parameters(choice: FilterChoice) -> Array:
-    """k, K0[, K2, K3] of the simulated sensor in the sense of the filter (physics 2.3)."""
+    """k, K0[, K2, K3] of the simulated sensor in the sense of the filter (derivations 2.3)."""
     sensor = {**dict.fromkeys(PAPER_SENSOR, 0.0), **_sensor(choice)}
     k, K0, K2, K3 = (sensor[name] for name in ("scale_factor", "bias", "quadratic", "cubic"))
     if choice.form == "inverse":
@@ -249,7 +249,7 @@ def _known_lag_row(plan: Plan, runs: int) -> Row:
 
 
 def _noise_rows(plan: Plan, runs: int) -> list[Row]:
-    """Noise in the control is also noise in the regressor: the parameters of ACI are biased (physics 3.5)."""
+    """Noise in the control is also noise in the regressor: the parameters of ACI are biased (derivations 3.5)."""
     aci, cwpa = replace(ACI, form="inverse"), CWPA
     slow, fast = (parameter_nees(plan, aci, runs, a_rms) for a_rms in (0.5, 3.0))
     knobs = (0.1, 1.0, 10.0)

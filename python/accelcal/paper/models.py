@@ -142,7 +142,7 @@ def _harmonic_rows() -> tuple[Row, ...]:
 
 
 def _corruption_rows(plan: Plan) -> tuple[Row, ...]:
-    """The linear model on a cubic sensor: K0 gains K2 <a²>, k gains K3 <a⁴>/<a²> (physics 2.2)."""
+    """The linear model on a cubic sensor: K0 gains K2 <a²>, k gains K3 <a⁴>/<a²> (derivations 2.2)."""
     sensor = {"bias": 0.05, "scale_factor": 0.01, "quadratic": -1e-3, "cubic": 1e-4}
     runs = plan.runs(4, 16)
 

@@ -23,7 +23,7 @@ MOST_CELLS = 2**19
 
 
 def encoder_cyclic(seen: Residuals) -> NoiseTest:
-    """Error periodic in position (physics G2): a spectrum of the innovations over position, not time.
+    """Error periodic in position (derivations 7.4): a spectrum of the innovations over position, not time.
 
     The score of every period is one transform of the innovations, taken back through the filter, over cells of
     position; the best periods are taken again with exact columns of the replay. Null: twice the log-likelihood gained

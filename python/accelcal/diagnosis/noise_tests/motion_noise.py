@@ -25,7 +25,7 @@ SHAKEN = 3.0
 
 
 def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTest, NoiseTest]:
-    """Vibration (power grows with v², v⁴ in some band; physics F1) and jitter of stamps (white, with jerk²; E8).
+    """Vibration (power grows with v², v⁴ in some band) and jitter of stamps (white, with jerk²), derivations 7.2.
 
     Block spectra are summed with the weights that suit each: one band after the other for a vibration, the squared
     inverse of the noise for jitter, which is white while noise and vibration are not. The chance of each is that of

@@ -46,7 +46,7 @@ def score_gain(A: Array, b: Array, before: Array | None = None) -> tuple[float, 
 
 
 def variance_gain(A: Array, b: Array) -> tuple[float, int, Array, Array]:
-    """Gain of coefficients that are random with one unknown standard deviation s (discovery 3.4).
+    """Gain of coefficients that are random with one unknown standard deviation s (derivations D3.4).
 
     2 log L = max_s [ b'(I/s² + A)^-1 b - log det(I + s² A) ].
     """

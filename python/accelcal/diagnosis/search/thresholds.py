@@ -1,7 +1,7 @@
 """How far from nothing an effect must stand to be found: the law of its gain against what the search asks for.
 
 The gain of an effect with `dof` coefficients that stands d standard deviations from nothing is noncentral chi-square
-with noncentrality d² (discovery 3.5). It enters when that is significant over all alternatives, and worth its price.
+with noncentrality d² (derivations D3.5). It enters when that is significant over all alternatives, and worth its price.
 """
 
 from __future__ import annotations
