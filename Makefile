@@ -21,7 +21,7 @@ docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, th
 test: $(STAMP) ## Run every test: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
 	cargo build -p ekf-core --no-default-features --quiet
-	$(BIN)/python -m pytest -n auto --dist worksteal -q
+	$(BIN)/python -m pytest -n auto --dist worksteal -q $(PYTEST)
 
 test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
