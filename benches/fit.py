@@ -33,7 +33,7 @@ FIT = """
 import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
-from accelcal.fit import fit
+from accelcal.estimation.estimate import fit
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
 loaded = time.process_time()
@@ -90,10 +90,10 @@ def main() -> int:
             write_sample(record(samples), path)
             found[name] = cost(path)
             path.unlink()
-            one = found[name]
+            measured = found[name]
             print(
-                f"{name:16s} {one['samples']:9.0f} samples: load {one['load_s']:.2f} s, fit {one['fit_s']:.2f} s "
-                f"processor time, peak {one['megabytes']:.0f} MB; 1 + k = {one['scale']:.5f} +- {one['std']:.1g}",
+                f"{name:16s} {measured['samples']:9.0f} samples: load {measured['load_s']:.2f} s, fit {measured['fit_s']:.2f} s "
+                f"processor time, peak {measured['megabytes']:.0f} MB; 1 + k = {measured['scale']:.5f} +- {measured['std']:.1g}",
                 flush=True,
             )
     short, ten, hour = found.values()
