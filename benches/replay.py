@@ -140,10 +140,10 @@ def main() -> int:
     for seconds in LENGTHS:
         tries = [cost(seconds) for _ in range(REPEATS if seconds == LENGTHS[0] else 1)]
         found.append(min(tries, key=lambda run: run["seconds"]))
-        measured = found[-1]
+        last = found[-1]
         print(
-            f"{seconds:.0f} s, {COLUMNS} columns: {measured['seconds']:.3f} s processor time (filter {measured['filter']:.3f} s; "
-            f"not counted: {measured['columns']:.2f} s to make the columns), peak {measured['megabytes']:.0f} MB",
+            f"{seconds:.0f} s, {COLUMNS} columns: {last['seconds']:.3f} s processor time (filter {last['filter']:.3f} s; "
+            f"not counted: {last['columns']:.2f} s to make the columns), peak {last['megabytes']:.0f} MB",
             flush=True,
         )
     exponent = float(np.polyfit(np.log(LENGTHS), np.log([run["seconds"] for run in found]), 1)[0])

@@ -32,7 +32,7 @@ def test_another_filter_is_distinguished():
 def test_a_peer_that_disagrees_is_listed_and_has_no_time():
     text = table.markdown(found(Result("FilterPy 2", "W1", OTHER, 1e5)))
     assert "| FilterPy 2 | **disagrees by 1e-05** |" in text
-    assert "Not here: Eigen (no compiler)." in text
+    assert "Not installed: Eigen (no compiler)." in text
 
 
 def test_bars_take_the_smallest_ratio_and_say_what_is_missed():
