@@ -142,7 +142,8 @@ def main() -> int:
         found.append(min(tries, key=lambda run: run["seconds"]))
         last = found[-1]
         print(
-            f"{seconds:.0f} s, {COLUMNS} columns: {last['seconds']:.3f} s processor time (filter {last['filter']:.3f} s; "
+            f"{seconds:.0f} s, {COLUMNS} columns: {last['seconds']:.3f} s processor time "
+            f"(filter {last['filter']:.3f} s; "
             f"not counted: {last['columns']:.2f} s to make the columns), peak {last['megabytes']:.0f} MB",
             flush=True,
         )
