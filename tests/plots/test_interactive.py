@@ -17,13 +17,10 @@ from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
-from accelcal.plots.interactive.error_reduction import steps
-from accelcal.plots.interactive.ranking import classes
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
-from accelcal.plots.interactive.tiles import tiles_of
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.plots.static.comparison import normalised
+from accelcal.plots.numbers import classes, normalised, steps, tiles_of
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.consistency import cumulative_periodogram

@@ -14,7 +14,8 @@ from accelcal.estimation.estimate import fit
 from accelcal.formatting import concise
 from accelcal.model import Model
 from accelcal.plots import style
-from accelcal.plots.static.comparison import normalised, quantiles, sentence
+from accelcal.plots.numbers import normalised, quantiles
+from accelcal.plots.static.comparison import sentence
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.evaluation import compare

@@ -12,7 +12,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
 from accelcal.formatting import amount, number, probability, spoken, with_unit
 from accelcal.model import Estimate
-from accelcal.plots.interactive.ranking import classes
+from accelcal.plots.numbers import classes
 from accelcal.report.view import VERDICTS
 from accelcal.serialization.diagnosis_json import sizes
 

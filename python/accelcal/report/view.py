@@ -14,7 +14,7 @@ from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
 from accelcal.formatting import amount, grouped, label, length, number, probability, spoken, usual, with_unit
 from accelcal.model import Estimate
-from accelcal.plots.interactive.error_reduction import headline, steps
+from accelcal.plots.numbers import headline, steps
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import imposed, normalised, quantiles
+from accelcal.plots.numbers import imposed, normalised, quantiles
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import HEADLINE_HORIZON, horizons
+from accelcal.plots.numbers import HEADLINE_HORIZON, horizons
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 

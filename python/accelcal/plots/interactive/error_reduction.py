@@ -9,30 +9,12 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
+from accelcal.plots.numbers import headline, steps
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModels
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-
-def steps(nested: NestedModels) -> list[str]:
-    """What each model is called: the base, then the effect that is new, or the finer form of a shape that is there."""
-    found: list[str] = []
-    for member in nested.models:
-        name = f"+ {member.effect.replace('_', ' ')}" if member.effect else "base"
-        found.append(f"{name}, finer" if name in found else name)
-    return found
-
-
-def headline(nested: NestedModels) -> str:
-    """The fall in one sentence."""
-    errors = nested.errors
-    text = f"{formatting.length(errors[0])}"
-    if len(errors) > 1:
-        text += f" → {formatting.length(errors[-1])}"
-    measure = nested.measure[:1].upper() + nested.measure[1:]
-    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
 
 
 def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:

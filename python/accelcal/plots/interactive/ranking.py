@@ -9,27 +9,11 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
+from accelcal.plots.numbers import classes
 from accelcal.plots.style import ThemeName
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-MOST = 12
-"""Candidates that are drawn."""
-
-
-def classes(diagnosis: Diagnosis, most: int = MOST) -> list[list[Candidate]]:
-    """The best candidates, each class together, best first."""
-    left = list(diagnosis.scan.candidates[:most])
-    found: list[list[Candidate]] = []
-    while left:
-        first = left[0]
-        sure = first.p_value < diagnosis.alpha
-        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
-        group = [first, *tied]
-        found.append(group)
-        left = [c for c in left if c not in group]
-    return found
 
 
 def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:

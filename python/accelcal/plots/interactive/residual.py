@@ -9,7 +9,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import TRANSIENT, TWO_SIDED_95, imposed
+from accelcal.plots.numbers import imposed, residual_band
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -33,9 +33,7 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
     """
     look = style.theme_of(theme)
     t, e = comparison.residual
-    reach = TWO_SIDED_95 * comparison.residual_std
-    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
-    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    reach, edge = residual_band(comparison)
     factor, unit = formatting.prefixed("m", edge)
     figure = drawing.canvas()
     if previous is not None:

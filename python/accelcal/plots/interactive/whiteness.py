@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import LAGS, TWO_SIDED_95, normalised
+from accelcal.plots.numbers import LAGS, TWO_SIDED_95, normalised
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.consistency import cumulative_periodogram, whiteness

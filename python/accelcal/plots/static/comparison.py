@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from accelcal.data.arrays import Array
 from accelcal.effects import find
@@ -20,6 +19,16 @@ from accelcal.estimation.estimate import Fit
 from accelcal.formatting import concise, grouped, label, length, prefixed
 from accelcal.model import Estimate
 from accelcal.plots import style
+from accelcal.plots.numbers import (
+    HEADLINE_HORIZON,
+    LAGS,
+    TWO_SIDED_95,
+    horizons,
+    imposed,
+    normalised,
+    quantiles,
+    residual_band,
+)
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
@@ -45,19 +54,10 @@ WIDTH = 8.0
 """Inches; 1280 pixels."""
 A4_LANDSCAPE = (11.69, 8.27)
 """Inches."""
-HEADLINE_HORIZON = 10.0
-"""Unaided drift that is quoted first, s."""
-TWO_SIDED_95 = 1.96
-LAGS = 40
-"""Of the autocorrelation; fewer on short records."""
 HISTOGRAM_REACH = 5.0
 """Normalised residuals beyond this are counted in words."""
-TRANSIENT = 1.5
-"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
 LINEAR_REACH = 30.0
 """Estimates beyond this many typical sizes are drawn on a logarithmic axis, linear about zero."""
-QUANTILES = 2000
-"""Points of a Q-Q plot; as many again at each end are all drawn."""
 
 
 def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
@@ -408,21 +408,6 @@ def sentence(fit: Fit, comparison: Comparison) -> str:
     )
 
 
-def normalised(comparison: Comparison) -> Array:
-    """One-step residuals over their predicted standard deviations, (n,)."""
-    return np.asarray(comparison.residual[1] / comparison.residual_std)
-
-
-def quantiles(y: Array) -> tuple[Array, Array]:
-    """Normal quantiles beside those of `y`: all of them at the two ends, evenly chosen ones between."""
-    n = len(y)
-    rank = np.arange(n)
-    if n > 3 * QUANTILES:
-        between = np.linspace(QUANTILES, n - 1 - QUANTILES, QUANTILES).astype(np.intp)
-        rank = np.unique(np.concatenate([rank[:QUANTILES], between, rank[-QUANTILES:]]))
-    return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
-
-
 def _simulated(part: Figure | SubFigure, comparison: Comparison, look: Theme, size: float = style.LARGE) -> None:
     t, measured, position = comparison.simulated
     top, bottom = part.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -511,12 +496,6 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
         style.headline(part, text, look, size)
 
 
-def horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
-    """Horizons that the record allows, with their values, (n,) each."""
-    pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
-    return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
-
-
 def _starts(comparison: Comparison, horizon: float) -> str:
     count = comparison.coast_starts[horizon]
     return f"{count} start" + ("" if count == 1 else "s")
@@ -525,9 +504,7 @@ def _starts(comparison: Comparison, horizon: float) -> str:
 def _one_step(part: Figure | SubFigure, comparison: Comparison, look: Theme, size: float = style.LARGE) -> None:
     axes = part.subplots()
     t, e = comparison.residual
-    reach = TWO_SIDED_95 * comparison.residual_std
-    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
-    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    reach, edge = residual_band(comparison)
     factor, unit = prefixed("m", edge)
     style.dress(axes, look, x=label("time", "s"), y=label("one-step residual", unit))
     drawn = style.trace(axes, t, e, look.residual, factor=factor, name="residual")
@@ -545,11 +522,6 @@ def _one_step(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
         f"{grouped(len(e))} inside the 95 % band"
     )
     style.headline(part, text + imposed(comparison), look, size)
-
-
-def imposed(comparison: Comparison) -> str:
-    """What must be said when predicted deviations are not claimed."""
-    return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
 
 
 def _regions(

@@ -10,9 +10,7 @@ from accelcal import formatting
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
-from accelcal.plots.interactive.error_reduction import headline, steps
-from accelcal.plots.interactive.ranking import classes
-from accelcal.plots.interactive.tiles import LOUD, signed, tiles_of
+from accelcal.plots.numbers import FULL_COLOUR, classes, headline, signed, steps, tiles_of
 from accelcal.plots.static.comparison import WIDTH
 from accelcal.plots.style import OKABE_ITO, ThemeName
 from accelcal.selection.nested_models import NestedModels
@@ -171,17 +169,17 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     colours = [OKABE_ITO["blue"], look.page, OKABE_ITO["vermillion"]]
     count = seen.sigma.shape[1]
     axes.imshow(
-        np.clip(seen.sigma, -LOUD, LOUD),
+        np.clip(seen.sigma, -FULL_COLOUR, FULL_COLOUR),
         aspect="auto",
-        vmin=-LOUD,
-        vmax=LOUD,
+        vmin=-FULL_COLOUR,
+        vmax=FULL_COLOUR,
         extent=(0.5, count + 0.5, len(seen.rows) - 0.5, -0.5),
         cmap=LinearSegmentedColormap.from_list("excess", colours),
     )
     for i, row in enumerate(seen.sigma):
         for j, value in enumerate(row):
             if np.isfinite(value):
-                ink = "#FFFFFF" if abs(value) > 0.6 * LOUD else look.ink
+                ink = "#FFFFFF" if abs(value) > 0.6 * FULL_COLOUR else look.ink
                 axes.text(j + 1, i, signed(float(value)), ha="center", va="center", fontsize=style.SMALL, color=ink)
     axes.set_xticks(range(1, count + 1))
     axes.set_yticks(range(len(seen.rows)), seen.rows)
