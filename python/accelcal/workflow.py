@@ -9,8 +9,9 @@ from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.hypotheses import finer
-from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs, taken_up
@@ -33,7 +34,7 @@ def diagnose(
     recordings: Recording | Sequence[Recording],
     *,
     extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
     report: Callable[[float], None] = lambda share: None,
@@ -192,7 +193,7 @@ def improve(
     holdout: Recording | None = None,
     most: int = MOST_EFFECTS,
     extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
     report: Callable[[float], None] = lambda share: None,

@@ -12,8 +12,9 @@ import numpy as np
 
 import accelcal as ac
 from accelcal import io
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
@@ -57,7 +58,7 @@ class Pair:
         truth, unit = told(self, one, seen.contest)
         if truth.effect.port == "process":
             smallest = seen[self.effect].smallest[0]
-            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, ALPHA) * smallest)
+            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA) * smallest)
         return Sized(self, self.d / seen.contest.distance(truth, unit))
 
 

@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.estimation.gauss_newton import Solution
 
-ROUNDS = 3
-"""Times that wild readings are sought anew: the smaller ones show when the larger ones have gone."""
 CHANNEL_OF = {"accelerometer_outliers": "accel", "encoder_outliers": "position"}
 """Which channel a test takes readings from."""
 
@@ -82,7 +81,7 @@ def clean_fit(
     """
     recordings, told = list(recordings), {test.effect: test for test in before}
     solution = solve(recordings)
-    for left in reversed(range(ROUNDS + 1)):
+    for left in reversed(range(REJECTION_ROUNDS + 1)):
         several = [run_noise_tests(one) for one in solution.passes]
         tests = [test for each in several for test in each]
         loud = [outliers_found(each) for each in several]
@@ -99,7 +98,7 @@ def clean_fit(
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
     """The tests that found wild readings and know where they are."""
-    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < ALARM and test.at]
+    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < NOISE_TEST_ALPHA and test.at]
 
 
 def without(recording: Recording, test: NoiseTest) -> Recording:

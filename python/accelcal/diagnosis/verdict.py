@@ -14,10 +14,17 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
 from accelcal.diagnosis.faults import faults
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
-from accelcal.diagnosis.search.confounding import THIN
-from accelcal.diagnosis.search.scan import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
+from accelcal.diagnosis.policy import (
+    CLEAR_LOG_EVIDENCE,
+    DATA_SHEET_NOISE_RATIO,
+    FAMILYWISE_ALPHA,
+    NOISE_TEST_ALPHA,
+    VERDICT_LEAST_BLOCKS,
+    VIBRATION_LINE_SHARE,
+)
+from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, judge, result
 from accelcal.estimation.gauss_newton import Solution, estimated
@@ -27,8 +34,6 @@ from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
 
-NOISE_LIMIT = 1.5
-"""A fit whose noise density exceeds the declared one by more than this is never adequate."""
 GROUPS = (
     (
         ("bias", "tilt", "misalignment"),
@@ -81,7 +86,7 @@ class Diagnosis:
     """Largest contribution of each coefficient over the used range, m/s² (m at the encoder)."""
     sizes: Mapping[str, Size]
     """The same of every effect: of the model, of the candidates, and of what the tests found."""
-    alpha: float = ALPHA
+    alpha: float = FAMILYWISE_ALPHA
     breaks: tuple[float, ...] = ()
     """When the model breaks for good, s."""
     dropped: tuple[RejectedReadings, ...] = ()
@@ -133,7 +138,7 @@ def verdict_on(
     state: CleanFit,
     stretch: TimeSpan,
     extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
     report: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
     """Verdict on a model that has just been fitted; the solution is used up."""
@@ -151,14 +156,14 @@ def verdict_on(
     delay = delay and delayed(completed(solution, profiled, found), found, alpha)
     for one in solution.passes:  # what follows predicts anew: one set of signals at a time
         one.release()
-    if found.blocks < LEAST_BLOCKS:
+    if found.blocks < VERDICT_LEAST_BLOCKS:
         loud = ()
-    ties = [Confounded(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
+    ties = [Confounded(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= VERDICT_LEAST_BLOCKS]
     chances: dict[str, float] = {}
     for test in loud:
         chances[test.effect] = min(test.p_value, chances.get(test.effect, 1.0))
     chances.pop("whiteness", None)
-    unsure = level * math.exp(-THIN)
+    unsure = level * math.exp(-CLEAR_LOG_EVIDENCE)
     ties += [
         Confounded(name, (name, *(find(name).confused if p > unsure else ())), find(name).experiment.rstrip("."))
         for name, p in chances.items()
@@ -191,17 +196,13 @@ def lines_apart(state: CleanFit) -> list[Term]:
     if "tone" in state.solution.model.effects:
         return []
     fastest = 0.4 / max(signals_of(one).step for one in state.solution.passes)
-    lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < ALARM]
+    lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < NOISE_TEST_ALPHA]
     return [
         term
         for parts in lines
         if not parts["made_by_motion"] and parts["frequency"] < fastest
         for term in terms_of(find("tone"), {"frequency": parts["frequency"]})
     ]
-
-
-SAME_LINE = 0.25
-"""A line within this share of the frequency of a vibration belongs to it."""
 
 
 EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whiteness",)}
@@ -226,7 +227,8 @@ def independent_tests(loud: Sequence[NoiseTest], *, alone: bool) -> tuple[NoiseT
             return True
         f = test.parts["frequency"]
         shaken = any(
-            abs(f - part["frequency"]) < SAME_LINE * part["frequency"] or part["lowest"] < f < part["highest"]
+            abs(f - part["frequency"]) < VIBRATION_LINE_SHARE * part["frequency"]
+            or part["lowest"] < f < part["highest"]
             for part in shaking
         )
         free = not test.parts.get("within_motion") or (alone and not test.parts.get("made_by_motion"))
@@ -251,8 +253,11 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[NoiseTest], ties: Sequen
     """The verdict and the sentence that opens every output."""
     named = [test for test in loud if test.effect != "whiteness"]
     looked = f"{found.examined} candidates examined"
-    if found.blocks < LEAST_BLOCKS:
-        return "too_short", f"The record is too short for a verdict: {found.blocks} blocks, {LEAST_BLOCKS} are needed."
+    if found.blocks < VERDICT_LEAST_BLOCKS:
+        return (
+            "too_short",
+            f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed.",
+        )
     ratios = [run.noise.ratio for run in profiled.runs if run.noise.ratio is not None]
     ratio = max(ratios, default=None)
     tie_of = {tie.effect: tie for tie in reversed(ties)}
@@ -268,7 +273,7 @@ def conclude(profiled: Fit, found: Scan, loud: Sequence[NoiseTest], ties: Sequen
         )
     if named:
         return sentence_with_rivals(tie_of[named[0].effect], f"{named[0].sentence} ({looked}).")
-    if ratio is not None and ratio > NOISE_LIMIT:
+    if ratio is not None and ratio > DATA_SHEET_NOISE_RATIO:
         return "unexplained", (
             f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "
             f"({looked})."

@@ -16,10 +16,9 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
-from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION
+from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
 from accelcal.diagnosis.search.detection_limits import sizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
-from accelcal.diagnosis.search.scan import ALPHA
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.run_state import RunState
@@ -53,8 +52,6 @@ SHARES = (0.2, 0.5)
 """Shares of the time that are tried for moves."""
 SEEDS = 12
 """Draws of tones that are tried once everything else is chosen."""
-BELOW_TIE = RIVAL_CORRELATION - 0.002
-"""Correlation that a plan stays below, so that the noise of a real record does not tie what the plan told apart."""
 LEAST_SECONDS = 5.0
 """Shorter motions are not planned."""
 
@@ -150,7 +147,7 @@ class Plan:
     @property
     def separated(self) -> bool:
         """Whether every pair could be told apart, each of them seen."""
-        return all(rho < RIVAL_CORRELATION for *_, rho in self.correlations) and all(s.seen for s in self.sights)
+        return all(rho < CONFOUNDED_CORRELATION for *_, rho in self.correlations) and all(s.seen for s in self.sights)
 
     def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
         """Times (n,) s and positions (n,) m to drive the stage through."""
@@ -194,7 +191,7 @@ def plan(
     seconds: float,
     rig: Rig,
     encoder_noise: float | None = None,
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
 ) -> Plan:
     """Search for a motion that separates effects within the limits of a stage.
 
@@ -295,7 +292,7 @@ class Trial:
     def score(self) -> tuple[float, float]:
         """How far the worst pair is from being told apart, then the distance of the effect that is seen worst."""
         worst = max((rho for *_, rho in self.correlations), default=0.0)
-        return -max(0.0, worst - BELOW_TIE), min(self.typical)
+        return -max(0.0, worst - PLAN_CORRELATION), min(self.typical)
 
 
 def evidence_of_best(one: RunState, wanted: tuple[str, ...]) -> CandidateScores:
@@ -303,7 +300,7 @@ def evidence_of_best(one: RunState, wanted: tuple[str, ...]) -> CandidateScores:
     model = Model.linear()
     items = [item for item in candidates_for(one, model) if item.effect.name in wanted]
     if any(item.shape for item in items):
-        evidence, rules = evidence_of(one, model, items), rules_for(one, len(items), ALPHA)
+        evidence, rules = evidence_of(one, model, items), rules_for(one, len(items), FAMILYWISE_ALPHA)
         smallest = [min(sizes(evidence, i, rules)[1]) for i in range(len(items))]
     else:
         smallest = [0.0] * len(items)

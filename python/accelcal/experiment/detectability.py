@@ -16,14 +16,15 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.beam import Search
-from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION, shared
+from accelcal.diagnosis.search.confounding import shared
 from accelcal.diagnosis.search.detection_limits import sizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import scale_of, variance_gain
-from accelcal.diagnosis.search.scan import ALPHA, largest
+from accelcal.diagnosis.search.scan import largest
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.diagnosis.search.thresholds import SURE, entry_gains
+from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.effects import Effect
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
@@ -129,7 +130,7 @@ class Power:
             "candidates_examined": self.examined,
             "blocks": self.blocks,
             "alpha": self.alpha,
-            "probability": SURE,
+            "probability": DETECTION_PROBABILITY,
             "effects": [sight_to_dict(s) for s in self.sights],
             "ties": [
                 {"members": list(g.members), "correlation": g.correlation, "experiment": g.experiment}
@@ -164,7 +165,7 @@ def power(
     model: Model | None = None,
     *,
     extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
 ) -> Power:
@@ -202,7 +203,9 @@ def power(
     return detectability_of(solution.passes[0], model, extra, alpha)
 
 
-def detectability_of(one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
+def detectability_of(
+    one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = FAMILYWISE_ALPHA
+) -> Power:
     """What the motion and the noise of one run can see."""
     contest = DetectionModel.of(one, model, extra, alpha)
     items, rules, evidence = contest.items, contest.rules, contest.evidence
@@ -258,7 +261,7 @@ def intensity(evidence: CandidateScores, i: int, rules: Search) -> float:
     def short(log_s: float) -> bool:
         spread = np.sqrt(values + math.exp(2.0 * log_s) * values**2)
         roots = [math.sqrt(variance_gain(A, vectors @ (spread * one))[0]) for one in z]
-        return float(np.quantile(roots, 1.0 - SURE)) < needed
+        return float(np.quantile(roots, 1.0 - DETECTION_PROBABILITY)) < needed
 
     low = -0.5 * math.log(float(np.max(values, initial=1e-300)))
     high = low + math.log(1e3)  # a thousand standard deviations of the mode that is seen best
@@ -292,7 +295,7 @@ def rivals(evidence: CandidateScores, i: int, firsts: Mapping[str, int]) -> dict
         if name == item.effect.name or name not in firsts or rival.effect.family:
             continue
         rho = shared(evidence, evidence.G, i, j, direction)
-        if rho > max(RIVAL_CORRELATION, found.get(name, 0.0)):
+        if rho > max(CONFOUNDED_CORRELATION, found.get(name, 0.0)):
             found[name] = min(rho, 1.0)
     return dict(sorted(found.items(), key=lambda pair: -pair[1]))
 

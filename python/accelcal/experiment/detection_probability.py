@@ -16,11 +16,10 @@ from itertools import product
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
 from accelcal.diagnosis.search.beam import Search, block_length, tempered
 from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of
-from accelcal.diagnosis.search.refine import FINALISTS
-from accelcal.diagnosis.search.scan import ALPHA
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect
 from accelcal.estimation.run_state import RunState
@@ -46,7 +45,9 @@ class DetectionModel:
     rules: Search
 
     @classmethod
-    def of(cls, one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> DetectionModel:
+    def of(
+        cls, one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = FAMILYWISE_ALPHA
+    ) -> DetectionModel:
         """All that `diagnose` would look at on a run."""
         offered = candidates_for(one, model, extra)
         items = anywhere([item for item in offered if item.leading is None], one)

@@ -12,7 +12,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
-from accelcal.diagnosis.search.scan import ALPHA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.estimate import require_motion
@@ -83,7 +83,7 @@ def power_of_motion(
     accel_rate: float = ACCEL_RATE,
     position_rate: float = POSITION_RATE,
     encoder_noise: float | None = None,
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
 ) -> Power:
     """What a planned motion would see: smallest detectable size of every effect, and the ties.
 
@@ -120,7 +120,9 @@ def power_of_motion(
     )
 
 
-def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
+def power_of_set_points(
+    recording: Recording, *, extra: Sequence[Effect] = (), alpha: float = FAMILYWISE_ALPHA
+) -> Power:
     """What a file of set-points would see, with a reading at each of them and two outputs between readings.
 
     Parameters

@@ -7,15 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal.diagnosis.policy import COLLINEAR_CORRELATION, FAMILY_REMAINDER_ALPHA
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import Fit
-
-ALIKE = 0.9
-"""Correlation of two coefficients from which one does little but bend the other's function."""
-BESIDE = 0.02
-"""Chance below which a shape that explains something beside names of its variable makes one unsure, several wrong."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +47,9 @@ def family_replacing(fit: Fit, entering: str, members: Sequence[str] = ()) -> Re
         worn = [name for name in fit.model.effects if name in family.covers]
         if entering in worn and family.name not in fit.model.effects:
             same = {name for bend in family.bends if entering in bend for name in bend}
-            worn = [n for n in worn if n == entering or n in same or correlated(fit, n, entering) > ALIKE]
+            worn = [
+                n for n in worn if n == entering or n in same or correlated(fit, n, entering) > COLLINEAR_CORRELATION
+            ]
             if len(worn) > 1:
                 return Replacement(family, tuple(worn))
         elif entering == family.name and worn:
@@ -72,7 +70,7 @@ def family_replacing_sum(model: Sequence[str], left: Sequence[Candidate]) -> Rep
     for one in left:
         family = find(one.effect)
         worn = tuple(name for name in model if name in family.covers)
-        if len(worn) > 1 and one.chance < BESIDE:
+        if len(worn) > 1 and one.chance < FAMILY_REMAINDER_ALPHA:
             return Replacement(family, worn)
     return None
 
@@ -165,4 +163,4 @@ def of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
 
 def not_the_whole(name: str, left: Sequence[Candidate]) -> tuple[str, ...]:
     """Shapes that explain something beside a named effect of their variable, among what a model leaves over."""
-    return tuple(one.effect for one in left if name in find(one.effect).covers and one.chance < BESIDE)
+    return tuple(one.effect for one in left if name in find(one.effect).covers and one.chance < FAMILY_REMAINDER_ALPHA)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
+from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.verdict import (
@@ -34,9 +35,6 @@ from accelcal.selection.collinearity import (
     significance,
     sum_families,
 )
-
-MOST_NAMED = 2
-"""Named effects that are tried in the place of a shape without a name."""
 
 
 @dataclass(slots=True)
@@ -196,7 +194,7 @@ class StepwiseSelection:
         """
         found = self.at.verdict.scan
         first = found.found[0]
-        for finding in (*found.named[:MOST_NAMED], first):
+        for finding in (*found.named[:NAMED_ALTERNATIVES], first):
             try:
                 # readings beside a jump that is not in the model look wild: they are judged anew once it is
                 grown = self.judged(self.refitted(finding.enter(self.at.model), anew="instant" in finding.shape))

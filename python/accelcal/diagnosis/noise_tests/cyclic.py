@@ -8,9 +8,10 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import carried, local_level, pair_fit
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.estimation.adjoint import asked_of_readings
 
 SHORTEST, LONGEST = 2e-6, 5e-3
@@ -52,7 +53,7 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
             best = max(best, cyclic_fit(seen, trial), key=lambda f: f[0])
     gained, amplitude, std, at = best
     p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
-    found = p_value < ALARM
+    found = p_value < NOISE_TEST_ALPHA
     text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     return NoiseTest("encoder_cyclic", gained, p_value, amplitude, "m", std, text, parts)

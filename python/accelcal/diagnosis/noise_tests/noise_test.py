@@ -5,11 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-LEAST_BLOCKS = 40
-"""Fewer blocks than this show no correlation that could be told from chance at 1e-4."""
-ALARM = 1e-4
-"""Level at which one test changes what another one says (a line that follows the motion is vibration)."""
-
 
 @dataclass(frozen=True, slots=True)
 class NoiseTest:

@@ -9,28 +9,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import (
+    BEAM_WIDTH,
+    BLOCK_SECONDS,
+    DEFERRED_GAIN_SHARE,
+    FAMILY_DISCOUNT,
+    MODEL_NOISE_BLOCKS,
+    RANDOM_BIAS_DISCOUNT,
+    SEARCH_DEPTH,
+)
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import log_survival, scale_of
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.estimation.run_state import RunState
 
-DEPTH = 3
-"""Effects that are searched for together."""
-WIDTH = 5
-"""Sets that are kept at each depth."""
-NAMELESS = 0.95
-"""Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
-SHAPELESS = 0.9
-"""The same for a bias that wanders: it takes any course, which a function of something recorded does not."""
-SHADOW = 0.1
-"""An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
 NOTHING_LEFT = 1e-9
 """Share of an item's power below which those before it contain it."""
-TRUSTED = 8.0
-"""Blocks that would have to scatter otherwise before they are believed over the noise of the model."""
-SECONDS_PER_BLOCK = 0.25
-"""Length of a block, at least two periods of the crossover."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,17 +47,17 @@ class Search:
 
     def price(self, gain: float, dof: int, item: Hypothesis) -> float:
         """Gain less what an effect pays for its freedom, for having been picked, and for having no name or course."""
-        return self.evidence(gain * (SHAPELESS if item.effect.port == "process" else 1.0), dof, item)
+        return self.evidence(gain * (RANDOM_BIAS_DISCOUNT if item.effect.port == "process" else 1.0), dof, item)
 
     def evidence(self, gain: float, dof: int, item: Hypothesis) -> float:
         """The same of a bias that wanders as if it had a course: who follows any course cannot be told from it."""
-        told = gain * (NAMELESS if item.effect.family else 1.0)
+        told = gain * (FAMILY_DISCOUNT if item.effect.family else 1.0)
         looks = max(self.examined, 2) * item.looks
         return told - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
 
     def needed(self, dof: int, item: Hypothesis) -> tuple[float, float]:
         """Gain of an item that is significant, and gain that is worth its price."""
-        share = NAMELESS if item.effect.family else 1.0
+        share = FAMILY_DISCOUNT if item.effect.family else 1.0
         return entry_gains(
             self.examined, self.blocks, self.alpha, dof=dof, looks=item.looks, share=share, further=item.further
         )
@@ -105,7 +100,7 @@ class Search:
         beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
         best: tuple[float, tuple[int, ...]] = (0.0, ())
         seen: list[tuple[int, ...]] = []
-        for _ in range(DEPTH):
+        for _ in range(SEARCH_DEPTH):
             grown: dict[frozenset[int], tuple[float, tuple[int, ...]]] = {}
             for total, chosen in beam:
                 for value, i in self.options(evidence, chosen, robust):
@@ -131,7 +126,7 @@ class Search:
             if item.effect.name in taken:
                 continue
             gain, dof = float(gains[i]), int(dofs[i])
-            if gain < SHADOW * first or not self.significant(gain, dof, item):
+            if gain < DEFERRED_GAIN_SHARE * first or not self.significant(gain, dof, item):
                 continue
             if robust is not None and not self.significant(gain / robust.inflation(i, chosen), dof, item):
                 continue
@@ -147,7 +142,7 @@ class Search:
             names = frozenset(evidence.items[i].effect.name for i in chosen)
             if names not in kept:
                 kept[names] = (value, chosen)
-            if len(kept) == WIDTH:
+            if len(kept) == BEAM_WIDTH:
                 break
         return list(kept.values())
 
@@ -161,7 +156,7 @@ def block_length(one: RunState) -> float:
     """Stretch of a record whose scores are independent of the next, s: two periods of the crossover, or 0.25 s."""
     periods = 2.0 / one.run.crossover(one.noise)
     span = float(one.run.t[-1] - one.run.t[0])
-    return max(periods, min(SECONDS_PER_BLOCK, span / 80.0))
+    return max(periods, min(BLOCK_SECONDS, span / 80.0))
 
 
 class Robust:
@@ -215,7 +210,7 @@ def tempered(ratio: float | Array, shares: Array) -> Array:
     """What is believed of a ratio of block scatter to model variance, at least 1, where the blocks hold these shares of
     an effect's power: as if eight more had scattered as the model says."""
     blocks = float(np.sum(shares)) ** 2 / float(shares @ shares)
-    return np.maximum(1.0, (blocks * np.asarray(ratio) + TRUSTED) / (blocks + TRUSTED))
+    return np.maximum(1.0, (blocks * np.asarray(ratio) + MODEL_NOISE_BLOCKS) / (blocks + MODEL_NOISE_BLOCKS))
 
 
 def block_sums(rows: Array, t: Array, length: float) -> tuple[Array, Array]:

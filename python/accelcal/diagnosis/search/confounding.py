@@ -9,6 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import (
+    CLEAR_LOG_EVIDENCE,
+    CONFOUNDED_CORRELATION,
+    CONFOUNDED_LOG_EVIDENCE,
+    RESOLVED_WAVE_PERIODS,
+)
 from accelcal.diagnosis.search.beam import Robust, Search
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
@@ -17,16 +23,8 @@ from accelcal.effects import HOUSE
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
-RIVAL_EVIDENCE = 4.5
-"""A rival within this log-evidence cannot be told apart."""
-THIN = 6.0
-"""An effect with less log-evidence may have come first by chance: by what it lacks, its rivals may be further off."""
-RIVAL_CORRELATION = 0.95
-"""Nor can one whose signature is this correlated."""
 EMPTY = 1e-8
 """Share of the power of an item's strongest column below which another is taken for empty."""
-SEVERAL = 2.0
-"""Periods on the rail from which a wave is seen to repeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +62,7 @@ def members(evidence: CandidateScores, robust: Robust, i: int, others: Sequence[
     item = evidence.items[i]
     inflation = robust.inflation(i, others)
     own = rules.price(gain / inflation, dof, item)
-    reach = RIVAL_EVIDENCE + max(0.0, THIN - own / 2.0)
+    reach = CONFOUNDED_LOG_EVIDENCE + max(0.0, CLEAR_LOG_EVIDENCE - own / 2.0)
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         vague = item.effect.family or item.effect.port == "process"
@@ -74,7 +72,7 @@ def members(evidence: CandidateScores, robust: Robust, i: int, others: Sequence[
         if their_dof == 0:
             continue
         gap = (own - rules.evidence(theirs / inflation, their_dof, rival)) / 2.0
-        if gap < reach or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
+        if gap < reach or shared(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *(name for _, name in sorted(rivals)))
 
@@ -112,7 +110,7 @@ def describe(
 def smooth_alike(item: Hypothesis, s: Signals) -> tuple[str, ...]:
     """Shapes without a name that a wave cannot be told from as long as less than two of its periods fit on the rail:
     a part of a wave is any smooth function."""
-    if SEVERAL * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
+    if RESOLVED_WAVE_PERIODS * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
         return ()
     return tuple(family.name for family in HOUSE if item.effect.name in family.covers)
 

@@ -7,16 +7,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_LOOKS
 from accelcal.diagnosis.search.initial_shapes import PICKS, InitialShape
 from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised, signals_of
 from accelcal.model import Model, Term, terms_of
-
-FREE_SHAPES = 1
-"""Shape parameters that the trials of an effect pay for already; each further one costs as much as a coefficient."""
-WANDERED = 100
-"""Looks at a course of time beside a bias that wanders: what is left of any wandering drifts and steps a little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +36,7 @@ class Hypothesis:
     @property
     def further(self) -> int:
         """Shape parameters that it pays for like coefficients."""
-        return max(0, sum(shape.refined for shape in self.effect.shapes.values()) - FREE_SHAPES)
+        return max(0, sum(shape.refined for shape in self.effect.shapes.values()) - FREE_SHAPE_PARAMETERS)
 
     @property
     def held(self) -> tuple[Term, ...]:
@@ -73,7 +69,7 @@ def candidates_for(one: RunState, model: Model, extra: Sequence[Effect] = ()) ->
         for picks in itertools.product(*tried.values()):
             chosen = dict(zip(tried, picks, strict=True))
             near = {name: pick.near for name, pick in chosen.items() if pick.near}
-            looks = math.prod(pick.looks for pick in picks) * (WANDERED if effect.name in courses else 1)
+            looks = math.prod(pick.looks for pick in picks) * (RANDOM_BIAS_LOOKS if effect.name in courses else 1)
             items.append(Hypothesis(effect, {name: pick.value for name, pick in chosen.items()}, looks, near))
         if effect.coarse:
             items.append(replace(items[first], leading=effect.coarse))

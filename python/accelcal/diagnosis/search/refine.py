@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import BETWEEN_TRIALS_GAIN_SHARE, FINALISTS
 from accelcal.diagnosis.search.beam import Search, chance
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import variance_gain
@@ -17,10 +18,6 @@ from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.estimation.proportional_columns import sizes
 from accelcal.signals.signals import Signals
 
-FINALISTS = 8
-"""Effects whose shapes are refined and whose scores are checked block by block."""
-BESIDE = 0.5
-"""Share of the largest gain from which an effect is looked at beside its trial shapes as well."""
 EVALUATIONS = 14
 """Trials of each shape parameter."""
 
@@ -57,7 +54,7 @@ def starts(evidence: CandidateScores, finalists: Sequence[int], rules: Search) -
     for i in finalists:
         together.setdefault(evidence.items[i].effect.name, evidence.items[i])
     most = max((evidence.gain(i)[0] for i in finalists), default=0.0)
-    more = [item for name in together for item in between_trials(evidence, name, BESIDE * most)]
+    more = [item for name in together for item in between_trials(evidence, name, BETWEEN_TRIALS_GAIN_SHARE * most)]
     looked = [evidence, CandidateScores(evidence.runs, more)] if more else [evidence]
     worth: dict[str, float] = {}
     alone: dict[str, Hypothesis] = {}

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS
 from accelcal.diagnosis.search.beam import Robust, Search, block_length
 from accelcal.diagnosis.search.confounding import DetectedEffect, describe, members
 from accelcal.diagnosis.search.detection_limits import limits
@@ -23,12 +24,6 @@ from accelcal.model import Model, Term
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
 
-ALPHA = 0.005
-"""Family-wise false-alarm rate of a record."""
-FORMS = 2
-"""Forms of a shape, coarse and fine, of which the one that is least by chance is told."""
-LEAST_BLOCKS = 20
-"""Fewer effective blocks than this are too short a record for any verdict."""
 STRETCH = 1 << 18
 """Times at which an effect without memory is evaluated at once."""
 
@@ -95,7 +90,7 @@ def scan(
     extra: Sequence[Effect] = (),
     only: Sequence[Effect] = (),
     apart: Sequence[Term] = (),
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
     report: Callable[[float], None] = lambda share: None,
 ) -> Scan:
     """Rank every effect that could be missing, and find the set that explains most.
@@ -198,7 +193,7 @@ def rank(
                 log_evidence=rules.price(gain, dof, item) / 2.0,
                 largest=max(largest(item, estimate, one) for one in passes),
                 members=members(evidence, robust, i, others, rules),
-                looks=item.looks * (FORMS if item.effect.coarse else 1),
+                looks=item.looks * (SHAPE_FORMS if item.effect.coarse else 1),
             )
         )
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))

@@ -10,8 +10,7 @@ import math
 
 from scipy import special
 
-SURE = 0.95
-"""Probability with which the smallest detectable size is detected."""
+from accelcal.diagnosis.policy import DETECTION_PROBABILITY
 
 
 def entry_gains(
@@ -68,7 +67,7 @@ def predicted_detection(
 def least_distance(
     examined: int, blocks: int, alpha: float, *, dof: int = 1, looks: int = 1, share: float = 1.0
 ) -> float:
-    """Standard deviations at which an effect enters on its own with probability `SURE`.
+    """Standard deviations at which an effect enters on its own with probability `DETECTION_PROBABILITY`.
 
     Examples
     --------
@@ -80,5 +79,6 @@ def least_distance(
 
 
 def surely_beyond(gain: float, dof: int) -> float:
-    """Standard deviations at which an effect of `dof` coefficients gains at least `gain` with probability `SURE`."""
-    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - SURE)))
+    """Standard deviations at which an effect of `dof` coefficients gains `gain` or more with
+    probability `DETECTION_PROBABILITY`."""
+    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - DETECTION_PROBABILITY)))
