@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.effects import find
+from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_state import RunState
 from accelcal.model import evaluate
@@ -77,18 +77,9 @@ def sizes_of(
 
 
 def of_test(test: NoiseTest, passes: Sequence[RunState]) -> Size | None:
-    """Largest contribution of an effect that the mean cannot see; None where it has no size."""
-    if test.effect in ("vibration", "tone"):
-        return Size(test.estimate)
-    if test.effect == "accelerometer_outliers":
-        return Size(test.parts["largest"])
-    if test.effect == "encoder_outliers":
-        return Size(test.parts["largest"], at_encoder=True)
-    if test.effect == "encoder_cyclic":
-        return Size(test.estimate, at_encoder=True)
-    if test.effect == "quantisation" and test.estimate > 0.0:
-        return Size(0.5 * test.estimate)  # rounding errs by half a step
-    if test.effect == "timing_jitter":
-        jerk = max(one.values.scale * float(np.max(np.abs(one.signals.jerk))) for one in passes if one.signals)
-        return Size(test.estimate * jerk)
-    return None
+    """Largest contribution of an effect that has no mean; None where the test gives no size."""
+    effect = CATALOGUE.get(test.effect)
+    if effect is None or effect.traits.noise is None:
+        return None
+    value = effect.traits.noise.size_of(test.estimate, test.parts, [s.signals for s in passes if s.signals])
+    return None if value is None else Size(value, at_encoder=effect.owner == "encoder")

@@ -97,8 +97,8 @@ REJECTION_ROUNDS = 3
 """Rounds of outlier rejection, each followed by a fit. Smaller outliers show once the larger ones are gone. [rounds;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""
 NOISE_TEST_ALPHA = 1e-4
-"""Significance at which one noise test changes what another one says. A line whose power follows speed is
-vibration.probability. Guard: tests/diagnosis/noise_tests/test_noise_tests.py]"""
+"""Significance at which one noise test changes what another one says. A line whose power follows speed is vibration.
+[probability; tests/diagnosis/noise_tests/test_noise_tests.py]"""
 NOISE_TEST_LEAST_BLOCKS = 40
 """Blocks below which no noise test looks for a correlation with the motion. Fewer show none that is significant at
 1e-4. [blocks; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -127,8 +127,8 @@ REPORTED_LINES = 5
 """Most spectral lines that are reported. More are a comb, which is vibration of a machine. [lines;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COMB_HALF_WIDTH = 25.0
-"""Distance on either side of a line within which other lines count as its comb. Mains and its sidebands lie
-closer.Hz. Guard: tests/diagnosis/noise_tests/test_noise_tests.py]"""
+"""Distance on either side of a line within which other lines count as its comb. Mains and its sidebands lie closer.
+[Hz; tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COMB_POWER_RATIO = 3.0
 """Power of the neighbours over that of a line above which the line is a tooth of a comb. A band of noise or a comb
 of lines is vibration. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -145,8 +145,8 @@ DRIVEN_LINE_SHARE = 1e-3
 """Share of a function's power below which its line does not count. It would be lost among far stronger ones. [share;
 tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COARSE_STEP_RATIO = 1.2
-"""Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the
-motion.ratio. Guard: tests/diagnosis/noise_tests/test_noise_tests.py]"""
+"""Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the motion.
+[ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
 HELD_SHARE = 0.02
 """Share of repeated readings above which the logger is faster than the sensor. Readings off a grid hardly ever
 repeat by chance. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -166,8 +166,8 @@ BREAK_EXPLAINED = 0.80
 """Share of the encoder's power that no relation may explain after a break. A relation with another scale factor is
 no break. [share; tests/diagnosis/test_change_points.py]"""
 BREAK_POWER_RATIO = 9.0
-"""Residual power after a break over that before it. Effects, vibration and a change from rest to motion stay
-below.ratio. Guard: tests/diagnosis/test_change_points.py]"""
+"""Residual power after a break over that before it. Effects, vibration and a change from rest to motion stay below.
+[ratio; tests/diagnosis/test_change_points.py]"""
 BREAK_LOG_LIKELIHOOD = 30.0
 """Log-likelihood that a break must gain. The search over instants and bands is included. [nat;
 tests/diagnosis/test_change_points.py]"""

@@ -14,7 +14,7 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
 from accelcal.diagnosis.faults import faults
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import LINE, STEPS, VIBRATION, NoiseTest
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
@@ -25,7 +25,7 @@ from accelcal.diagnosis.policy import (
     VIBRATION_LINE_SHARE,
 )
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
-from accelcal.effects import Effect, find
+from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import Fit, judge, result
 from accelcal.estimation.gauss_newton import Solution, estimated
 from accelcal.estimation.run import PreparedRun
@@ -34,18 +34,7 @@ from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
 
-GROUPS = (
-    (
-        ("bias", "tilt", "misalignment"),
-        "turn the sensor by 180 degrees about the vertical axis and fit both runs together; roll it for misalignment",
-    ),
-    (
-        ("scale_factor", "encoder_scale", "cross_axis_gravity"),
-        "roll the sensor by 180 degrees about its input axis; check the encoder by interferometer or tumble in gravity",
-    ),
-)
-"""What a level, untouched rig can never tell apart, and the experiment that can."""
-DELAY_CLASS = ("time_offset", "sensor_lag", "sensor_resonance")
+DELAY_CLASS = tuple(effect.name for effect in HOUSE if effect.traits.delay_class)
 DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
 
 
@@ -193,20 +182,21 @@ def verdict_on(
 def lines_apart(state: CleanFit) -> list[Term]:
     """Lines that stand in the spectrum and that the motion does not make: they are told of on their own, and no effect
     of the motion is paid for explaining them."""
-    if "tone" in state.solution.model.effects:
+    if LINE in state.solution.model.effects:
         return []
     fastest = 0.4 / max(signals_of(one).step for one in state.solution.passes)
-    lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < NOISE_TEST_ALPHA]
+    lines = [test.parts for test in state.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
     return [
         term
         for parts in lines
         if not parts["made_by_motion"] and parts["frequency"] < fastest
-        for term in terms_of(find("tone"), {"frequency": parts["frequency"]})
+        for term in terms_of(find(LINE), {"frequency": parts["frequency"]})
     ]
 
 
-EXPLAINED_BY = {"quantisation": ("tone", "whiteness"), "encoder_outliers": ("whiteness",)}
-"""What a coarse converter or wild readings raise besides themselves; no step makes a line larger than it is."""
+EXPLAINED_BY = {e.name: e.traits.noise.raises for e in HOUSE if e.traits.noise}
+"""Tests that a coarse converter or outliers make significant besides their own; no step makes a line larger than it
+is."""
 
 
 def independent_tests(loud: Sequence[NoiseTest], *, alone: bool) -> tuple[NoiseTest, ...]:
@@ -216,14 +206,14 @@ def independent_tests(loud: Sequence[NoiseTest], *, alone: bool) -> tuple[NoiseT
     missing nonlinearity, which is judged elsewhere: it counts only `alone`, when no effect of the motion was found, and
     where the motion makes no lines.
     """
-    shaking = [test.parts for test in loud if test.effect == "vibration" and "frequency" in test.parts]
+    shaking = [test.parts for test in loud if test.effect == VIBRATION and "frequency" in test.parts]
     raised = {other for test in loud if test.parts.get("coarse", 1.0) for other in EXPLAINED_BY.get(test.effect, ())}
-    step = max((test.parts["step"] for test in loud if test.effect == "quantisation"), default=math.inf)
+    step = max((test.parts["step"] for test in loud if test.effect == STEPS), default=math.inf)
 
     def own(test: NoiseTest) -> bool:
-        if test.effect in raised and not (test.effect == "tone" and test.estimate > step):
+        if test.effect in raised and not (test.effect == LINE and test.estimate > step):
             return False
-        if test.effect != "tone":
+        if test.effect != LINE:
             return True
         f = test.parts["frequency"]
         shaken = any(
@@ -336,8 +326,9 @@ def delayed(fit: Fit, found: Scan, alpha: float) -> bool:
 
 def inseparable(model: Model) -> tuple[Confounded, ...]:
     """Groups that no motion of this rig can separate, as long as the model holds one of each."""
+    groups = [(base.name, base.traits.lumped) for base in HOUSE if base.traits.lumped]
     return tuple(
-        Confounded(members[0], members, experiment)
-        for members, experiment in GROUPS
-        if not any(name in model.effects for name in members[1:])
+        Confounded(name, (name, *group.members), group.experiment)
+        for name, group in groups
+        if not any(find(member).traits.visible or member in model.effects for member in group.members)
     )

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import carried, local_level, pair_fit
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
@@ -32,7 +32,7 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
     """
     travel = float(np.ptp(seen.smooth_position[seen.state.counts]))
     shortest = max(SHORTEST, 3.0 * seen.run.least_step, 12.0 * travel / MOST_CELLS)
-    nothing = NoiseTest("encoder_cyclic", 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
+    nothing = NoiseTest(POSITION_WAVE, 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
     if travel < 8.0 * shortest or len(seen.readings) < 256:
         return nothing
     cell = shortest / 6.0
@@ -56,7 +56,7 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
     found = p_value < NOISE_TEST_ALPHA
     text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
-    return NoiseTest("encoder_cyclic", gained, p_value, amplitude, "m", std, text, parts)
+    return NoiseTest(POSITION_WAVE, gained, p_value, amplitude, "m", std, text, parts)
 
 
 def over_position(seen: Residuals, cell: float, travel: float) -> Array:

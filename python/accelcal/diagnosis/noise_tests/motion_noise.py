@@ -9,7 +9,7 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
 from accelcal.diagnosis.policy import (
     NOISE_TEST_ALPHA,
@@ -40,8 +40,8 @@ def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTe
     if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
-            NoiseTest("vibration", nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
-            NoiseTest("timing_jitter", nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
+            NoiseTest(VIBRATION, nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
+            NoiseTest(JITTER, nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
         )
     floor = 0.3 * seen.lsb**2 if coarse(seen) else 0.0  # below it power says how the motion crosses the steps
     everything = np.column_stack([np.ones_like(v2), v2, v4, j2])
@@ -68,7 +68,7 @@ def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTe
     c, covariance = power_fit(white, beside)
     jitter, spread = rooted(c[-1], covariance[-1, -1], 1.0)
     stamps = NoiseTest(
-        "timing_jitter",
+        JITTER,
         z_jerk,
         p_jitter,
         jitter,
@@ -150,7 +150,7 @@ def vibration_found(
     gain = top**2 / seen.rc_gain(frequency)
     amplitude, spread = rooted(2.0 * c[1], 4.0 * covariance[1, 1], gain)
     return NoiseTest(
-        "vibration",
+        VIBRATION,
         score,
         p_value,
         amplitude,

@@ -5,6 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from accelcal.effects import found_by
+
+LINE = found_by("line").name
+VIBRATION = found_by("noise over speed").name
+JITTER = found_by("noise over jerk").name
+OUTPUT_OUTLIERS = found_by("output outliers").name
+READING_OUTLIERS = found_by("reading outliers").name
+STEPS = found_by("output steps").name
+POSITION_WAVE = found_by("wave over position").name
+"""The effects that the tests find, by name."""
+
 
 @dataclass(frozen=True, slots=True)
 class NoiseTest:

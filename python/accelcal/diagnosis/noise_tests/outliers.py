@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
@@ -56,9 +56,7 @@ def accelerometer_outliers(seen: Residuals) -> NoiseTest:
     n = len(seen.u)
     at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
-    return NoiseTest(
-        "accelerometer_outliers", found.score, found.p_value, found.count / n, "", std, text, found.parts, at
-    )
+    return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
 
 
 def encoder_outliers(seen: Residuals) -> NoiseTest:
@@ -76,4 +74,4 @@ def encoder_outliers(seen: Residuals) -> NoiseTest:
     )
     parts = {**found.parts, "count": count, "left_out": float(left_out)}
     std = math.sqrt(max(count, 1.0)) / max(1, n)
-    return NoiseTest("encoder_outliers", found.score, p, count / max(1, n), "", std, text, parts, at)
+    return NoiseTest(READING_OUTLIERS, found.score, p, count / max(1, n), "", std, text, parts, at)

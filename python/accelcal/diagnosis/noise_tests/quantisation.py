@@ -7,7 +7,7 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import STEPS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
 from accelcal.diagnosis.policy import COARSE_STEP_RATIO, HELD_SHARE, NOISE_TEST_ALPHA, WHOLE_BITS_TOLERANCE
 
@@ -36,7 +36,7 @@ def quantisation(seen: Residuals) -> NoiseTest:
         text = "readings of the output are written several times: the logger is faster than the sensor"
     parts = {"step": seen.lsb, "noise": noise, "held": max(repeats, float(held))}
     parts["coarse"] = float(ratio > COARSE_STEP_RATIO or held)
-    return NoiseTest("quantisation", ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
+    return NoiseTest(STEPS, ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
 
 
 def rounding_gain(seen: Residuals, noise: float) -> float:

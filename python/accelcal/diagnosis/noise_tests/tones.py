@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
 from accelcal.diagnosis.policy import (
     COMB_HALF_WIDTH,
@@ -173,7 +173,7 @@ def line(
     text = (
         f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < NOISE_TEST_ALPHA else "no line stands out"
     )
-    return NoiseTest("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
+    return NoiseTest(LINE, ratio, p_value, amplitude, "m/s²", std, text, parts)
 
 
 def driven(s: Signals, frequency: float, amplitude: float) -> bool:

@@ -51,14 +51,14 @@ def candidates_for(one: RunState, model: Model, extra: Sequence[Effect] = ()) ->
     recorded = [(name, channel.unit) for name, channel in one.run.recording.side.items()]
     offered = (*HOUSE, *side_channels(recorded), *extra)
     wanders = any(find(name).port == "process" for name in model.effects)
-    courses = find("shape_of_time").covers if wanders else ()
+    courses = {name for e in HOUSE if e.function_of == "t" for name in e.covers} if wanders else set()
     items: list[Hypothesis] = []
     for effect in offered:
         if finer(model, effect):
             items.append(Hypothesis(effect, model.shapes[effect.name]))
             continue
-        taken = effect.name in model.effects or not effect.visible or effect.port == "noise"
-        early = effect.beside and effect.beside not in model.effects
+        taken = effect.name in model.effects or not effect.traits.visible or effect.port == "noise"
+        early = effect.search.beside and effect.search.beside not in model.effects
         if taken or early or any(name not in s.side for name in effect.needs):
             continue
         tried = {

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.effects import find
+from accelcal.effects.building_blocks import periods
 from accelcal.estimation.adjoint import asked_of_output
 from accelcal.estimation.run_state import RunState
 
@@ -89,7 +89,7 @@ def waves(one: RunState) -> list[InitialShape]:
     """
     s = one.signals
     assert s is not None
-    low, _ = find("rail_wave").shapes["period"].span(s)
+    low, _ = periods(s)
     stroke = float(np.ptp(s.p))
     always = [stroke * share for share in LONG_WAVES if stroke * share > low]
     edges = [8.0 * stroke, *always, 0.5 * stroke]

@@ -122,7 +122,7 @@ class CandidateScores:
         self.G[swallowed], self.G[:, swallowed], self.c[swallowed] = 0.0, 0.0, 0.0
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
-        self._positive: NDArray[np.bool_] = np.array([item.effect.positive for item in items], dtype=np.bool_)
+        self._positive: NDArray[np.bool_] = np.array([item.effect.traits.positive for item in items], dtype=np.bool_)
         self._after: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
 
@@ -172,7 +172,7 @@ class CandidateScores:
         if self.items[i].effect.port == "process":
             return variance_gain(A, b)
         gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
-        if self.items[i].effect.positive and estimate[0] < 0.0:
+        if self.items[i].effect.traits.positive and estimate[0] < 0.0:
             return 0.0, 0, estimate, covariance
         return gain, dof, estimate, covariance
 
