@@ -92,7 +92,7 @@ def summary(content: Content) -> list[str]:
 def found(content: Content) -> list[dict[str, Any]]:
     """Effects of the model beyond its base, and those that the record asks for."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
-    for name in (n for n in content.fit.model.added if find(n).visible):
+    for name in (n for n in content.fit.model.added if find(n).traits.visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
         size = contribution(content, d.sizes.get(name))
         rows.append({"effect": name, "state": "in the model", "estimate": several(mine), "contribution": size})

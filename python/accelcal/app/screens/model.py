@@ -106,7 +106,7 @@ def added(page: Page) -> None:
                 lambda name=name: page.improve(bench.drop, name),
                 label=f"Remove {spelled(name)}",
             )
-    known = [e.name for e in HOUSE if e.visible and e.port != "noise" and e.name not in step.fit.model.effects]
+    known = [e.name for e in HOUSE if e.traits.visible and e.port != "noise" and e.name not in step.fit.model.effects]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(

@@ -54,14 +54,8 @@ def linked(
     rows = 2 + int(residual) + len(first)
     figure = drawing.canvas(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
 
-    def inside(t: Array, y: Array) -> tuple[Array, Array]:
-        if window is None:
-            return t, y
-        a, b = np.searchsorted(t, window)
-        return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
-
     def draw(row: int, channel: Channel, name: str, chosen: style.Look) -> style.Thinned:
-        t, y = inside(channel.t, channel.y)
+        t, y = _inside(channel.t, channel.y, window)
         factor, unit = formatting.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
         figure.update_yaxes(title_text=drawing.axis_title(name, unit), row=row, col=1)
         return drawing.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
@@ -71,10 +65,10 @@ def linked(
         draw(2, Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", look.measured),
     ]
     if comparison is not None and residual:
-        t, y = inside(*comparison.accel_residual)
+        t, y = _inside(*comparison.accel_residual, window)
         factor, unit = formatting.prefixed("m/s²", y)
         if previous is not None and len(previous.accel_residual[0]):
-            old = inside(*previous.accel_residual)
+            old = _inside(*previous.accel_residual, window)
             drawing.trace(figure, *old, look.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
         drawn.append(drawing.trace(figure, t, y, look.residual, "residual", factor=factor, unit=unit, row=3))
         figure.update_yaxes(title_text=drawing.axis_title("residual", unit), row=3, col=1)
@@ -94,6 +88,14 @@ def linked(
     figure.update_xaxes(range=[float(low), float(high)])
     figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=rows, col=1)
     return figure
+
+
+def _inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Array, Array]:
+    """A series (n,) within a window of time, one sample more at either end; whole without a window."""
+    if window is None:
+        return t, y
+    a, b = np.searchsorted(t, window)
+    return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
 
 
 def mark(figure: Figure, begin: float, end: float, label: str, look: style.Theme) -> None:

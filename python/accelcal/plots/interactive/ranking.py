@@ -10,7 +10,7 @@ from accelcal.effects import spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.numbers import classes
-from accelcal.plots.style import ThemeName
+from accelcal.plots.style import Theme, ThemeName
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -36,50 +36,10 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
         return drawing.message(figure, look, "Candidates", "No candidate could be tested on this record.")
     flat = [c for group in groups for c in group]
     names = [drawing.plain(spelled(c.effect)) for c in flat]
-    for said, chosen, filled in (("significant", look.model, True), ("no evidence", look.floor, False)):
-        rows = [i for i, c in enumerate(flat) if (c.p_value < diagnosis.alpha) == filled]
-        if not rows:
-            continue
-        figure.add_bar(
-            y=rows,
-            x=[flat[i].snr for i in rows],
-            orientation="h",
-            name=said,
-            width=0.62,
-            marker={
-                "color": chosen.colour if filled else drawing.faded(chosen.colour, 0.15),
-                "line": {"color": chosen.colour, "width": 1.5},
-                "pattern": {"shape": "" if filled else "/", "size": 5},
-            },
-            text=[f"{flat[i].snr:.1f} σ" for i in rows],
-            textposition="outside",
-            cliponaxis=False,
-            customdata=[[_amount(flat[i]), f"{flat[i].p_value:.2g}"] for i in rows],
-            hovertemplate="%{x:.1f} σ, family-wise p %{customdata[1]}<br>%{customdata[0]}<extra></extra>",
-        )
-    top, begin = max(c.snr for c in flat), 0
-    for group in groups:
-        end = begin + len(group) - 1
-        if len(group) > 1:
-            x = 1.2 * top
-            figure.add_scatter(
-                x=[x * 0.985, x, x, x * 0.985],
-                y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
-                mode="lines",
-                line={"color": look.other.colour, "width": 2},
-                hoverinfo="skip",
-                showlegend=False,
-            )
-            figure.add_annotation(
-                x=x,
-                y=0.5 * (begin + end),
-                text="cannot be<br>told apart",
-                showarrow=False,
-                xanchor="left",
-                xshift=6,
-                align="left",
-            )
-        begin = end + 1
+    for filled in (True, False):
+        _bars(figure, flat, [c.p_value < diagnosis.alpha for c in flat], filled=filled, look=look)
+    top = max(c.snr for c in flat)
+    _brackets(figure, groups, 1.2 * top, look)
     drawing.dress(
         figure,
         look,
@@ -99,6 +59,56 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
         ticks="",
     )
     return figure
+
+
+def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, filled: bool, look: Theme) -> None:
+    """Bars of the candidates that are significant, or of those that are not."""
+    rows = [i for i, found in enumerate(significant) if found == filled]
+    chosen = look.model if filled else look.floor
+    if rows:
+        figure.add_bar(
+            y=rows,
+            x=[flat[i].snr for i in rows],
+            orientation="h",
+            name="significant" if filled else "no evidence",
+            width=0.62,
+            marker={
+                "color": chosen.colour if filled else drawing.faded(chosen.colour, 0.15),
+                "line": {"color": chosen.colour, "width": 1.5},
+                "pattern": {"shape": "" if filled else "/", "size": 5},
+            },
+            text=[f"{flat[i].snr:.1f} σ" for i in rows],
+            textposition="outside",
+            cliponaxis=False,
+            customdata=[[_amount(flat[i]), f"{flat[i].p_value:.2g}"] for i in rows],
+            hovertemplate="%{x:.1f} σ, family-wise p %{customdata[1]}<br>%{customdata[0]}<extra></extra>",
+        )
+
+
+def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, look: Theme) -> None:
+    """A bracket at `x` around each class of several candidates."""
+    begin = 0
+    for group in groups:
+        end = begin + len(group) - 1
+        if len(group) > 1:
+            figure.add_scatter(
+                x=[x * 0.985, x, x, x * 0.985],
+                y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
+                mode="lines",
+                line={"color": look.other.colour, "width": 2},
+                hoverinfo="skip",
+                showlegend=False,
+            )
+            figure.add_annotation(
+                x=x,
+                y=0.5 * (begin + end),
+                text="cannot be<br>told apart",
+                showarrow=False,
+                xanchor="left",
+                xshift=6,
+                align="left",
+            )
+        begin = end + 1
 
 
 def _amount(c: Candidate) -> str:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.numbers import LAGS, TWO_SIDED_95, normalised
-from accelcal.plots.style import ThemeName
+from accelcal.plots.style import Theme, ThemeName, Thinned
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.consistency import cumulative_periodogram, whiteness
+from accelcal.validation.consistency import CumulativePeriodogram, cumulative_periodogram, whiteness
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -37,14 +38,36 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         return drawing.message(drawing.canvas(), look, "Whiteness", "The record has too few readings for a test.")
     found, power = whiteness(y, lags), cumulative_periodogram(y)
     limit = TWO_SIDED_95 / float(np.sqrt(found.samples))
-    lag = np.arange(1, lags + 1).astype(float)
     titles = ["autocorrelation", "cumulative periodogram: share of power below, less that of white residuals"]
     figure = drawing.canvas(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
+    _autocorrelation(figure, found.autocorrelation, limit, look)
+    drawn = _periodogram(figure, power, look)
+    beyond = int(np.count_nonzero(np.abs(found.autocorrelation) > limit))
+    drawing.dress(
+        figure,
+        look,
+        f"Whiteness: {beyond} of {lags} lags outside, {0.05 * lags:.2g} by chance; cumulative periodogram "
+        f"{power.distance / power.limit:.2g} times its 95 % limit",
+        note=drawn.note,
+        height=320,
+        titled=True,
+    )
+    figure.update_xaxes(title_text=drawing.axis_title("lag", "readings"), row=1, col=1)
+    figure.update_yaxes(title_text=drawing.axis_title("autocorrelation", "1"), row=1, col=1)
+    figure.update_xaxes(title_text=drawing.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
+    figure.update_yaxes(title_text=drawing.axis_title("distance from a straight line", "1"), row=1, col=2)
+    return figure
+
+
+def _autocorrelation(figure: Figure, rho: Array, limit: float, look: Theme) -> None:
+    """Autocorrelation at each lag, (lags,), with the limits of white residuals."""
+    lags = len(rho)
+    lag = np.arange(1, lags + 1).astype(float)
     ends = np.array([0.5, lags + 0.5])
     drawing.band(figure, ends, np.full(2, -limit), np.full(2, limit), "95 % of white residuals", look, group="band")
     figure.add_scatter(
         x=np.repeat(lag, 3),
-        y=np.column_stack([np.zeros(lags), found.autocorrelation, np.full(lags, np.nan)]).ravel(),
+        y=np.column_stack([np.zeros(lags), rho, np.full(lags, np.nan)]).ravel(),
         mode="lines",
         line={"color": look.model.colour, "width": 1.4},
         showlegend=False,
@@ -54,7 +77,7 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     )
     figure.add_scatter(
         x=lag,
-        y=found.autocorrelation,
+        y=rho,
         mode="markers",
         name="residuals",
         legendgroup="residuals",
@@ -63,6 +86,10 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         col=1,
         hovertemplate="lag %{x}: %{y:.3f}<extra></extra>",
     )
+
+
+def _periodogram(figure: Figure, power: CumulativePeriodogram, look: Theme) -> Thinned:
+    """Cumulative periodogram less that of white residuals; returns what is drawn."""
     ends = np.array([0.0, 0.5])
     drawing.band(
         figure,
@@ -80,18 +107,4 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     drawing.curve(
         figure, drawn.t, drawn.y, look.residual, "residuals", column=2, showlegend=False, legendgroup="residuals"
     )
-    beyond = int(np.count_nonzero(np.abs(found.autocorrelation) > limit))
-    drawing.dress(
-        figure,
-        look,
-        f"Whiteness: {beyond} of {lags} lags outside, {0.05 * lags:.2g} by chance; cumulative periodogram "
-        f"{power.distance / power.limit:.2g} times its 95 % limit",
-        note=drawn.note,
-        height=320,
-        titled=True,
-    )
-    figure.update_xaxes(title_text=drawing.axis_title("lag", "readings"), row=1, col=1)
-    figure.update_yaxes(title_text=drawing.axis_title("autocorrelation", "1"), row=1, col=1)
-    figure.update_xaxes(title_text=drawing.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
-    figure.update_yaxes(title_text=drawing.axis_title("distance from a straight line", "1"), row=1, col=2)
-    return figure
+    return drawn
