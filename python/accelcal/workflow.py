@@ -149,8 +149,8 @@ def add(
             why = "this record does not excite it; `accelcal power` says what it can see"
             if lacking:
                 why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
-            if effect.beside and effect.beside not in model.effects:
-                why = f"it is sought beside {effect.beside}; add that first"
+            if effect.search.beside and effect.search.beside not in model.effects:
+                why = f"it is sought beside {effect.search.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = alone.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))

@@ -38,7 +38,7 @@ def test_a_family_covers_named_effects_of_its_own_port_only(family):
     covered = [find(name) for name in family.covers]
     assert not any(one.family for one in covered)
     assert {one.port for one in covered} <= {family.port}
-    assert {name for bend in family.bends for name in bend} <= set(family.covers)
+    assert {name for group in family.groups for name in group} <= set(family.covers)
 
 
 @pytest.mark.parametrize(("gain", "expected"), [(800.0, ("shape_of_acceleration",)), (1000.0, ())])

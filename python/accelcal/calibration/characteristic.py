@@ -137,7 +137,7 @@ def _left_out(term: Term) -> LeftOut:
     told = f" ({equation})" if equation else ""
     if effect not in HOUSE:
         return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
-    if effect.memory:
+    if effect.traits.memory:
         return LeftOut(effect.name, effect.owner, f"has a memory that one reading does not know{told}", True)
     if effect.name in PECULIAR:
         return LeftOut(effect.name, effect.owner, f"{PECULIAR[effect.name]}{told}", True)

@@ -256,7 +256,7 @@ def require_plannable(names: Sequence[str]) -> None:
         effect = find(name)
         if name in Model.linear().effects:
             raise ValueError(f"{name!r} is in every model; name an effect beyond the base")
-        if not effect.visible:
+        if not effect.traits.visible:
             raise ValueError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
         if effect.needs:
             raise ValueError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")

@@ -233,7 +233,7 @@ def gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
         if A[0, 0] <= 0.0:
             return np.zeros(len(b)), 0
         gain = b[:, 0] ** 2 / A[0, 0]
-        return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.positive else gain), 1
+        return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.traits.positive else gain), 1
     values, vectors = np.linalg.eigh(unit(A))
     good = values > DEGENERATE_MIX
     size = scale_of(np.diag(A))

@@ -12,9 +12,9 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import amount, grouped, label, length, number, probability, spoken, usual, with_unit
+from accelcal.formatting import amount, grouped, label, length, number, probability, readable, usual, with_unit
 from accelcal.model import Estimate
-from accelcal.plots.numbers import headline, steps
+from accelcal.plots.numbers import error_reduction_sentence, model_names
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
 
@@ -49,7 +49,7 @@ def view(content: Content) -> dict[str, Any]:
         "title": f"Accelerometer report: {content.recording.name or 'recording'}",
         "verdict": d.verdict,
         "badge": VERDICTS[d.verdict],
-        "sentence": spoken(d.sentence),
+        "sentence": readable(d.sentence),
         "suspect": list(d.suspect),
         "summary": summary(content),
         "found": found(content),
@@ -187,7 +187,7 @@ def falling(content: Content) -> dict[str, Any] | None:
     if nested is None:
         return None
     return {
-        "sentence": headline(nested),
+        "sentence": error_reduction_sentence(nested),
         "same_run": nested.same_run,
         "floor": nested.floor,
         "rows": [
@@ -199,7 +199,7 @@ def falling(content: Content) -> dict[str, Any] | None:
                 "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
             }
             for name, member, error, share in zip(
-                steps(nested), nested.models, nested.errors, nested.shares, strict=True
+                model_names(nested), nested.models, nested.errors, nested.shares, strict=True
             )
         ],
     }

@@ -46,7 +46,7 @@ def family_replacing(fit: Fit, entering: str, members: Sequence[str] = ()) -> Re
     for family in HOUSE:
         worn = [name for name in fit.model.effects if name in family.covers]
         if entering in worn and family.name not in fit.model.effects:
-            same = {name for bend in family.bends if entering in bend for name in bend}
+            same = {name for bend in family.groups if entering in bend for name in bend}
             worn = [
                 n for n in worn if n == entering or n in same or correlated(fit, n, entering) > COLLINEAR_CORRELATION
             ]
@@ -110,7 +110,7 @@ def explained(fit: Fit, name: str) -> tuple[float, int]:
     own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in own])
     information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
-    if find(name).belief:
+    if find(name).search.prior:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
     return max(0.0, float(x @ information @ x)), len(own)
 
@@ -138,7 +138,7 @@ def confounding_families(name: str, told: Mapping[str, float]) -> tuple[str, ...
     """
     shapes = {other: gain for other, gain in told.items() if find(other).family}
     for family in HOUSE:
-        for bend in family.bends:
+        for bend in family.groups:
             parts = [told[one] for one in bend if one in told]
             if len(parts) > 1:
                 shapes[family.name] = sum(parts)
@@ -157,7 +157,7 @@ def sum_families(name: str, model: Sequence[str]) -> tuple[str, ...]:
 
 def of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
     """Effects of a model that are functions of a family's variable alone, itself included."""
-    course_of_time = {e.name for e in HOUSE if e.port == "process"} if family.name == "shape_of_time" else set()
+    course_of_time = {e.name for e in HOUSE if e.port == "process"} if family.function_of == "t" else set()
     return tuple(name for name in model if name == family.name or name in family.covers or name in course_of_time)
 
 

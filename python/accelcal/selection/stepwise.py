@@ -233,7 +233,7 @@ class StepwiseSelection:
         """Whether an effect may have stood for those that entered after it: a shape may, a name if it lost its size."""
         effect = find(name)
         if effect.family or effect.port == "process":
-            return effect.family
+            return effect.family is not None
         verdict = self.at.verdict
         return significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
 

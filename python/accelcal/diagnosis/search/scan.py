@@ -11,12 +11,12 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS
-from accelcal.diagnosis.search.beam import Robust, Search, block_length
-from accelcal.diagnosis.search.confounding import DetectedEffect, describe, members
+from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
+from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect
 from accelcal.diagnosis.search.detection_limits import limits
-from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
-from accelcal.diagnosis.search.refine import refine, shortlist, starts
+from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run_state import RunState
@@ -49,13 +49,13 @@ class Candidate:
     """Largest contribution over the used range, m/s² (m at the encoder)."""
     members: tuple[str, ...] = ()
     """Effects that cannot be told from it on this record, itself included."""
-    looks: int = 1
+    comparisons: int = 1
     """Values of a shape parameter that the record was searched for this one."""
 
     @property
     def chance(self) -> float:
         """Of a gain as large where the effect is not there, had it been the only one that was looked at."""
-        return min(1.0, self.p_raw * self.looks)
+        return min(1.0, self.p_raw * self.comparisons)
 
     @property
     def snr(self) -> float:
@@ -110,7 +110,7 @@ def scan(
     Scores through the filter (Friedland's two stages): no refit is needed to rank. Shape parameters of the finalists
     are refined by likelihood before effects are compared; scores of the finalists are checked block by block.
     """
-    items = candidates_for(passes[0], model, extra)
+    items = hypotheses_for(passes[0], model, extra)
     if only:
         names = {effect.name for effect in only}
         items = [item for item in items if item.effect.name in names]
@@ -118,40 +118,42 @@ def scan(
             return Scan((), (), 0, 0)
     length = max(block_length(one) for one in passes)
     blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
-    search_in = Search(len(items), blocks, alpha)
+    rules = SearchRules(len(items), blocks, alpha)
     runs = [BaseProjection(one, model, apart) for one in passes]
     report(0.1)
     evidence = CandidateScores(runs, items, report=lambda share: report(0.1 + 0.5 * share))
-    finalists = shortlist(evidence, search_in.beam(evidence), search_in)
+    finalists = shortlist(evidence, rules.beam(evidence), rules)
     report(0.65)
-    several = refine(runs, starts(evidence, finalists, search_in))
+    several = refine(runs, starting_points(evidence, finalists, rules))
     report(0.85)
-    finals = [final_of(CandidateScores(runs, some), length, search_in) for some in several]
-    final, robust, chosen = max(finals, key=lambda one: search_in.worth(one[0], one[2]))
+    finals = [finalist_scores(CandidateScores(runs, some), length, rules) for some in several]
+    final, scatter, chosen = max(finals, key=lambda one: rules.net_gain_of_set(one[0], one[2]))
     report(1.0)
     return Scan(
-        rank(final, robust, chosen, search_in, passes),
-        tuple(describe(final, robust, chosen, position, search_in) for position in range(len(chosen))),
+        rank(final, scatter, chosen, rules, passes),
+        tuple(detected_effect(final, scatter, chosen, position, rules) for position in range(len(chosen))),
         len(items),
         blocks,
-        limits(evidence, search_in),
+        limits(evidence, rules),
         tuple(
-            describe(final, robust, (i,), 0, search_in) for i in range(len(final.items)) if only and final.gain(i)[1]
+            detected_effect(final, scatter, (i,), 0, rules)
+            for i in range(len(final.items))
+            if only and final.gain(i)[1]
         ),
-        named_members(final, robust, chosen, search_in),
+        named_members(final, scatter, chosen, rules),
     )
 
 
-def final_of(
-    evidence: CandidateScores, length: float, rules: Search
-) -> tuple[CandidateScores, Robust, tuple[int, ...]]:
+def finalist_scores(
+    evidence: CandidateScores, length: float, rules: SearchRules
+) -> tuple[CandidateScores, BlockScatter, tuple[int, ...]]:
     """Refined items with the scatter of their scores, and the best set of them."""
-    robust = Robust(evidence, length)
-    return evidence, robust, rules.best(evidence, robust)
+    scatter = BlockScatter(evidence, length)
+    return evidence, scatter, rules.best_set(evidence, scatter)
 
 
 def named_members(
-    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search
+    evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[DetectedEffect, ...]:
     """Named effects in the class of a shape without a name that comes first, nearest rival first.
 
@@ -161,12 +163,16 @@ def named_members(
         return ()
     able = {i: item.effect for i, item in enumerate(evidence.items) if item.effect.port != "process"}
     place = {effect.name: i for i, effect in able.items() if not effect.family}
-    rivals = [place[name] for name in members(evidence, robust, chosen[0], chosen[1:], rules) if name in place]
-    return tuple(describe(evidence, robust, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
+    rivals = [place[name] for name in members(evidence, scatter, chosen[0], chosen[1:], rules) if name in place]
+    return tuple(detected_effect(evidence, scatter, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
 
 
 def rank(
-    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[RunState]
+    evidence: CandidateScores,
+    scatter: BlockScatter,
+    chosen: tuple[int, ...],
+    rules: SearchRules,
+    passes: Sequence[RunState],
 ) -> tuple[Candidate, ...]:
     """Every finalist as it stands in the first place, best evidence first."""
     others = chosen[1:]
@@ -177,7 +183,7 @@ def rank(
         gain, dof, estimate, covariance = evidence.gain(i, others)
         if dof == 0:
             continue
-        gain /= robust.inflation(i, others)
+        gain /= scatter.inflation(i, others)
         log_p = log_survival(gain, dof)
         found.append(
             Candidate(
@@ -189,11 +195,11 @@ def rank(
                 gain=gain,
                 dof=dof,
                 p_raw=math.exp(log_p),
-                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.looks))),
-                log_evidence=rules.price(gain, dof, item) / 2.0,
+                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.comparisons))),
+                log_evidence=rules.net_gain(gain, dof, item) / 2.0,
                 largest=max(largest(item, estimate, one) for one in passes),
-                members=members(evidence, robust, i, others, rules),
-                looks=item.looks * (SHAPE_FORMS if item.effect.coarse else 1),
+                members=members(evidence, scatter, i, others, rules),
+                comparisons=item.comparisons * (SHAPE_FORMS if item.effect.coarse else 1),
             )
         )
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
