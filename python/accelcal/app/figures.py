@@ -99,7 +99,7 @@ def nested_of(state: State) -> NestedModels:
 def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path."""
     nested = nested_of(state)
-    figure = interactive.falling(nested, theme=theme)
+    figure = interactive.error_reduction(nested, theme=theme)
     names = [html.escape(spelled(s.label)) for s in state.path]
     sizes = [formatting.length(error) for error in nested.errors]
     shares = [f"<br>{told(share)}" if share is not None else "" for share in nested.shares]
@@ -120,7 +120,7 @@ def told(share: float) -> str:
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:
     """What is left over on held-out data, what was left over before, in the same band, faintly behind."""
     assert state.step is not None
-    return picture(faint(interactive.accel_side(state.step.heldout, previous=before, theme=theme)))
+    return picture(faint(interactive.accel_residual(state.step.heldout, previous=before, theme=theme)))
 
 
 def faint(figure: Figure) -> Figure:
@@ -148,6 +148,6 @@ def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:
         picture(interactive.tiles(seen, theme=theme), displayModeBar=False),
         picture(interactive.regions(seen, theme=theme)),
         picture(interactive.spectrum(found.fit, seen, found.channels, theme=theme)),
-        picture(interactive.white(seen, theme=theme)),
+        picture(interactive.whiteness_plot(seen, theme=theme)),
         picture(interactive.quantile_plot(seen, theme=theme)),
     ]

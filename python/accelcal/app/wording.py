@@ -10,9 +10,9 @@ from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.formatting import amount, number, probability, spoken, with_unit
+from accelcal.formatting import amount, number, probability, readable, with_unit
 from accelcal.model import Estimate
-from accelcal.plots.numbers import classes
+from accelcal.plots.numbers import candidate_groups
 from accelcal.report.view import VERDICTS
 from accelcal.serialization.diagnosis_json import sizes
 
@@ -47,13 +47,13 @@ def badge(found: Diagnosis) -> str:
 
 def sentence(found: Diagnosis) -> str:
     """The verdict in a sentence, without the identifiers of the catalogue."""
-    return spoken(found.sentence)
+    return readable(found.sentence)
 
 
 def cards(found: Diagnosis, most: int = 8) -> list[Card]:
     """Candidates, best first, each class together."""
     named = [f.effect for f in found.scan.found]
-    flat = [c for group in classes(found, most) for c in group]
+    flat = [c for group in candidate_groups(found, most) for c in group]
     return [card(found, c, named) for c in flat]
 
 

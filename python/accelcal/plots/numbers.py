@@ -31,12 +31,12 @@ FULL_COLOUR = 8.0
 """Standard deviations at which a tile has its full colour."""
 
 
-def normalised(comparison: Comparison) -> Array:
+def normalised_residuals(comparison: Comparison) -> Array:
     """One-step residuals over their predicted standard deviations, (n,)."""
     return np.asarray(comparison.residual[1] / comparison.residual_std)
 
 
-def quantiles(y: Array) -> tuple[Array, Array]:
+def normal_quantiles(y: Array) -> tuple[Array, Array]:
     """Normal quantiles and those of `y` (n,): all of them at the two ends, evenly chosen ones between."""
     n = len(y)
     rank = np.arange(n)
@@ -46,7 +46,7 @@ def quantiles(y: Array) -> tuple[Array, Array]:
     return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
 
 
-def horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
+def allowed_horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
     """Horizons that the record allows, s, with their values, (n,) each."""
     pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
     return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
@@ -59,12 +59,12 @@ def residual_band(comparison: Comparison) -> tuple[Array, float]:
     return reach, 1.15 * float(max(np.abs(comparison.residual[1][settled]).max(), reach[settled].max()))
 
 
-def imposed(comparison: Comparison) -> str:
+def imposed_band_note(comparison: Comparison) -> str:
     """What must be said when predicted deviations are not claimed."""
     return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
 
 
-def steps(nested: NestedModels) -> list[str]:
+def model_names(nested: NestedModels) -> list[str]:
     """Name of each model: the base, then the effect that is new, or the finer form of a curve that it holds already."""
     found: list[str] = []
     for member in nested.models:
@@ -73,7 +73,7 @@ def steps(nested: NestedModels) -> list[str]:
     return found
 
 
-def headline(nested: NestedModels) -> str:
+def error_reduction_sentence(nested: NestedModels) -> str:
     """The error of the first and of the last model in one sentence."""
     errors = nested.errors
     text = f"{formatting.length(errors[0])}"
@@ -83,7 +83,7 @@ def headline(nested: NestedModels) -> str:
     return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
 
 
-def classes(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
+def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
     """The best candidates, each class of confounded ones together, best first."""
     left = list(diagnosis.scan.candidates[:most])
     found: list[list[Candidate]] = []

@@ -49,7 +49,7 @@ def _found(c: Content) -> Iterator[Entry]:
             "shape",
             "found",
             "A function that was fitted, with its pointwise uncertainty.",
-            lambda theme: interactive.shape(several, theme=theme),
+            lambda theme: interactive.fitted_curve(several, theme=theme),
         )
 
 
@@ -64,8 +64,8 @@ def _falling(c: Content) -> Iterator[Entry]:
             "falling",
             "falling",
             "Hatched: an effect that the model does not hold yet.",
-            lambda theme: interactive.falling(nested, theme=theme),
-            lambda theme: diagnosis.falling(nested, theme=theme),
+            lambda theme: interactive.error_reduction(nested, theme=theme),
+            lambda theme: diagnosis.error_reduction(nested, theme=theme),
         )
     yield Entry(
         "coasting",
@@ -101,7 +101,7 @@ def _where(c: Content) -> Iterator[Entry]:
         lambda theme: interactive.regions(where, theme=theme),
         lambda theme: still.regions(where, theme=theme),
     )
-    yield Entry("residual", "where", caption, lambda theme: interactive.accel_side(where, theme=theme))
+    yield Entry("residual", "where", caption, lambda theme: interactive.accel_residual(where, theme=theme))
     yield Entry(
         "one_step",
         "where",
@@ -114,7 +114,7 @@ def _where(c: Content) -> Iterator[Entry]:
         "whiteness",
         "where",
         caption,
-        lambda theme: interactive.white(where, theme=theme),
+        lambda theme: interactive.whiteness_plot(where, theme=theme),
         lambda theme: still.autocorrelation(where, theme=theme),
     )
     yield Entry("quantiles", "where", caption, lambda theme: interactive.quantile_plot(where, theme=theme))
@@ -145,7 +145,10 @@ def _data(c: Content) -> Iterator[Entry]:
         return
     first = [candidate.effect for candidate in c.diagnosis.scan.candidates[:6]]
     yield Entry(
-        "power", "data", "Beyond what the model holds already.", lambda theme: interactive.power_of(seen, theme=theme)
+        "power",
+        "data",
+        "Beyond what the model holds already.",
+        lambda theme: interactive.detectable_sizes(seen, theme=theme),
     )
     yield Entry(
         "signatures",

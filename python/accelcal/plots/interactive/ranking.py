@@ -9,7 +9,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import classes
+from accelcal.plots.numbers import candidate_groups
 from accelcal.plots.style import Theme, ThemeName
 
 if TYPE_CHECKING:
@@ -29,24 +29,24 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    figure = drawing.canvas()
-    groups = classes(diagnosis)
+    palette = style.theme_of(theme)
+    figure = drawing.new_figure()
+    groups = candidate_groups(diagnosis)
     if not groups:
-        return drawing.message(figure, look, "Candidates", "No candidate could be tested on this record.")
+        return drawing.message(figure, palette, "Candidates", "No candidate could be tested on this record.")
     flat = [c for group in groups for c in group]
-    names = [drawing.plain(spelled(c.effect)) for c in flat]
+    names = [drawing.escaped(spelled(c.effect)) for c in flat]
     for filled in (True, False):
-        _bars(figure, flat, [c.p_value < diagnosis.alpha for c in flat], filled=filled, look=look)
+        _bars(figure, flat, [c.p_value < diagnosis.alpha for c in flat], filled=filled, palette=palette)
     top = max(c.snr for c in flat)
-    _brackets(figure, groups, 1.2 * top, look)
-    drawing.dress(
+    _brackets(figure, groups, 1.2 * top, palette)
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"What the model lacks: {diagnosis.scan.examined} candidates examined",
         note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
         height=drawing.BOTTOM + 20 + 30 * len(flat),
-        left=drawing.labels(names),
+        left=drawing.label_margin(names),
     )
     figure.update_xaxes(
         title_text=drawing.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
@@ -61,10 +61,10 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     return figure
 
 
-def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, filled: bool, look: Theme) -> None:
+def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, filled: bool, palette: Theme) -> None:
     """Bars of the candidates that are significant, or of those that are not."""
     rows = [i for i, found in enumerate(significant) if found == filled]
-    chosen = look.model if filled else look.floor
+    chosen = palette.model if filled else palette.floor
     if rows:
         figure.add_bar(
             y=rows,
@@ -73,7 +73,7 @@ def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, fil
             name="significant" if filled else "no evidence",
             width=0.62,
             marker={
-                "color": chosen.colour if filled else drawing.faded(chosen.colour, 0.15),
+                "color": chosen.colour if filled else drawing.translucent(chosen.colour, 0.15),
                 "line": {"color": chosen.colour, "width": 1.5},
                 "pattern": {"shape": "" if filled else "/", "size": 5},
             },
@@ -85,7 +85,7 @@ def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, fil
         )
 
 
-def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, look: Theme) -> None:
+def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, palette: Theme) -> None:
     """A bracket at `x` around each class of several candidates."""
     begin = 0
     for group in groups:
@@ -95,7 +95,7 @@ def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, look: The
                 x=[x * 0.985, x, x, x * 0.985],
                 y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
                 mode="lines",
-                line={"color": look.other.colour, "width": 2},
+                line={"color": palette.other.colour, "width": 2},
                 hoverinfo="skip",
                 showlegend=False,
             )
@@ -113,5 +113,5 @@ def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, look: The
 
 def _amount(c: Candidate) -> str:
     if len(c.estimate) == 1:
-        return drawing.plain(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
-    return drawing.plain(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")
+        return drawing.escaped(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
+    return drawing.escaped(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")

@@ -42,24 +42,24 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     chosen = ordered(comparison)
     if not chosen:
         return drawing.message(
-            drawing.canvas(), look, "Mean residual", "The record is too short to say where it fails."
+            drawing.new_figure(), palette, "Mean residual", "The record is too short to say where it fails."
         )
     rows = math.ceil(len(chosen) / COLUMNS)
-    titles = [drawing.plain(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
-    figure = drawing.canvas(
+    titles = [drawing.escaped(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
+    figure = drawing.new_figure(
         rows, COLUMNS, subplot_titles=titles, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.075
     )
     means = [np.where(b.std > 0.0, b.mean, np.nan) for b, _ in chosen]
     factor, unit = formatting.prefixed("m/s²", *means)
     for i, ((one, _), mean) in enumerate(zip(chosen, means, strict=True)):
-        _panel(figure, i, one, mean * factor, factor, unit, look)
-    drawing.dress(
+        _panel(figure, i, one, mean * factor, factor, unit, palette)
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         comparison.worst[:1].upper() + comparison.worst[1:],
         height=drawing.BOTTOM + PANEL * rows,
         titled=True,
@@ -77,7 +77,7 @@ def _scale(bins: Bins) -> tuple[float, str]:
     return (1.0, bins.unit) if bins.unit == "s" else formatting.prefixed(bins.unit, bins.edges)
 
 
-def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: str, look: Theme) -> None:
+def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: str, palette: Theme) -> None:
     """Mean residual against one variable; `mean` (n,) is in `unit` already, by `factor`."""
     place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
     x_factor, _ = _scale(one)
@@ -91,7 +91,7 @@ def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: 
         -reach[known],
         reach[known],
         "noise alone, ± 2 σ",
-        look,
+        palette.band,
         legend=i == 0,
         group="band",
         **place,
@@ -100,7 +100,7 @@ def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: 
         figure,
         centre,
         mean,
-        look.residual,
+        palette.residual,
         "mean residual",
         markers=True,
         width=1.2,

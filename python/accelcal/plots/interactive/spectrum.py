@@ -44,22 +44,24 @@ def spectrum(
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     panels = _panels(fit, comparison)
     if not panels:
-        return drawing.message(drawing.canvas(), look, "Spectrum", "The record is too short for a spectrum.")
-    figure = drawing.canvas(1, len(panels), subplot_titles=[panel.title for panel in panels], horizontal_spacing=0.11)
+        return drawing.message(drawing.new_figure(), palette, "Spectrum", "The record is too short for a spectrum.")
+    figure = drawing.new_figure(
+        1, len(panels), subplot_titles=[panel.title for panel in panels], horizontal_spacing=0.11
+    )
     for column, panel in enumerate(panels, 1):
-        _draw(figure, panel, column, look)
+        _draw(figure, panel, column, palette)
         f = panel.spectrum.frequency
         for at, name in lines(findings):
             if f[0] <= at <= f[-1]:
-                _mark(figure, at, name, look, column)
+                _mark(figure, at, name, palette, column)
     outside = max(panel.outside for panel in panels)
     named = "; ".join(f"{name} at {at:.4g} Hz" for at, name in lines(findings))
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Spectrum of the residual: up to {100.0 * outside:.0f} % of frequencies outside the band, 5 % by chance",
         note=f"lines found: {named}" if named else "no line stands out",
         height=360,
@@ -102,7 +104,7 @@ def _panels(fit: Fit, comparison: Comparison) -> list[Panel]:
     return found
 
 
-def _draw(figure: Figure, panel: Panel, column: int, look: style.Theme) -> None:
+def _draw(figure: Figure, panel: Panel, column: int, palette: style.Theme) -> None:
     """Residual and predicted noise of one panel; the legend is that of the first."""
     seen, expected = panel.spectrum, np.sqrt(panel.spectrum.predicted)
     first = column == 1
@@ -112,7 +114,7 @@ def _draw(figure: Figure, panel: Panel, column: int, look: style.Theme) -> None:
         expected * seen.low**0.5,
         expected * seen.high**0.5,
         "95 % of noise alone",
-        look,
+        palette.band,
         legend=first,
         group="band",
         row=1,
@@ -120,8 +122,8 @@ def _draw(figure: Figure, panel: Panel, column: int, look: style.Theme) -> None:
     )
     drawn = drawing.thin(seen.frequency, np.sqrt(seen.density))
     common: dict[str, Any] = {"unit": panel.unit, "showlegend": first, "row": 1, "column": column}
-    drawing.curve(figure, drawn.t, drawn.y, look.residual, "residual", width=1.1, legendgroup="residual", **common)
-    drawing.curve(figure, seen.frequency, expected, look.floor, "predicted noise", legendgroup="floor", **common)
+    drawing.curve(figure, drawn.t, drawn.y, palette.residual, "residual", width=1.1, legendgroup="residual", **common)
+    drawing.curve(figure, seen.frequency, expected, palette.floor, "predicted noise", legendgroup="floor", **common)
 
 
 def _reach(seen: Spectrum) -> tuple[float, float]:
@@ -132,10 +134,10 @@ def _reach(seen: Spectrum) -> tuple[float, float]:
     return min(low, 0.1 * middle), max(high, 10.0 * middle)
 
 
-def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) -> None:
+def _mark(figure: Figure, at: float, name: str, palette: style.Theme, column: int) -> None:
     """A dash-dotted line at a frequency, with its name; annotations on a logarithmic axis are placed by logarithm."""
     place = {"row": 1, "col": column, "yref": "y domain" if column == 1 else f"y{column} domain"}
-    line = {"color": look.other.colour, "dash": "dashdot", "width": 1.4}
+    line = {"color": palette.other.colour, "dash": "dashdot", "width": 1.4}
     figure.add_shape(type="line", x0=at, x1=at, y0=0.0, y1=1.0, line=line, **place)
     figure.add_annotation(
         x=math.log10(at),
@@ -144,6 +146,6 @@ def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) 
         xanchor="right",
         showarrow=False,
         textangle=-90,
-        text=drawing.plain(f"{name} {at:.4g} Hz"),
+        text=drawing.escaped(f"{name} {at:.4g} Hz"),
         **place,
     )
