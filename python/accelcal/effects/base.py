@@ -17,7 +17,7 @@ from accelcal.signals.signals import Signals
     scale=0.1,
     source="IIS2ICLX: ±8 mg; LIS3DH: ±40 mg; ADXL105: up to ±2.5 g",
     traits=Traits(
-        static=Static(0),
+        static=Static(0, "K0"),
         lumped=Lumped(
             ("tilt", "misalignment"),
             "turn the sensor by 180 degrees about the vertical axis and fit both runs together; "
@@ -44,7 +44,7 @@ def bias(s: Signals) -> Array:
     scale=0.01,
     source="IIS2ICLX: ±2 %",
     traits=Traits(
-        static=Static(1, odd=True),
+        static=Static(1, "(1 + k) a", odd=True),
         lumped=Lumped(
             ("encoder_scale", "cross_axis_gravity"),
             "roll the sensor by 180 degrees about its input axis; "
@@ -91,7 +91,7 @@ def time_offset(s: Signals) -> Array:
     symbol="theta",
     scale=1e-3,
     source="level instrument: 0.05 degrees (paper)",
-    traits=Traits(visible=False, summand="g0 tilt", separated_by="turning"),
+    traits=Traits(visible=False, summand="g0 tilt", separated_by="turning", uncertainty="level"),
 )
 def tilt(s: Signals) -> Array:
     """The stage is not level: gravity adds g0 sin(theta) along the stage axis.
@@ -111,7 +111,7 @@ def tilt(s: Signals) -> Array:
     symbol="delta",
     scale=2e-3,
     source="inter-axis 0.1 degrees: ADXL203",
-    traits=Traits(visible=False, summand="g0 misalignment", separated_by="rolling"),
+    traits=Traits(visible=False, summand="g0 misalignment", separated_by="rolling", uncertainty="misalignment"),
 )
 def misalignment(s: Signals) -> Array:
     """The input axis leans by delta towards the vertical: gravity adds delta g0.

@@ -131,7 +131,7 @@ def encoder_step(s: Signals, instant: float) -> Array:
     symbol="eps",
     scale=1e-4,
     source="10 µm over 0.1 m (paper)",
-    traits=Traits(visible=False, summand="encoder scale"),
+    traits=Traits(visible=False, summand="encoder scale", uncertainty="encoder_scale"),
 )
 def encoder_scale(s: Signals) -> Array:
     """The scale of the encoder is too long or too short.

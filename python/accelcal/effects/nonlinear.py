@@ -19,7 +19,7 @@ OUT_OF_LEVEL = 0.02
     symbol="K2",
     scale=1e-4,
     source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
-    traits=Traits(common=True, static=Static(2)),
+    traits=Traits(common=True, static=Static(2, "K2 a^2")),
 )
 def quadratic(s: Signals) -> Array:
     """Second-order nonlinearity (IEEE 1293 K2).
@@ -38,7 +38,7 @@ def quadratic(s: Signals) -> Array:
     symbol="K3",
     scale=1e-5,
     source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
-    traits=Traits(common=True, static=Static(3, odd=True)),
+    traits=Traits(common=True, static=Static(3, "K3 a^3", odd=True)),
 )
 def cubic(s: Signals) -> Array:
     """Third-order nonlinearity (IEEE 1293 K3).
@@ -57,7 +57,7 @@ def cubic(s: Signals) -> Array:
     symbol="Koq",
     scale=1e-4,
     source="no published figure; taken as K2",
-    traits=Traits(common=True, static=Static(2, odd=True)),
+    traits=Traits(common=True, static=Static(2, "Koq a|a|", odd=True)),
 )
 def odd_quadratic(s: Signals) -> Array:
     """Odd second-order nonlinearity (IEEE 1293 Koq).
@@ -76,7 +76,7 @@ def odd_quadratic(s: Signals) -> Array:
     symbol="K1'/2",
     scale=1e-4,
     source="small in open-loop MEMS; no published figure",
-    traits=Traits(static=Static(1)),
+    traits=Traits(static=Static(1, "(K1'/2)|a|")),
 )
 def scale_asymmetry(s: Signals) -> Array:
     """Scale factor that differs between the two directions (IEEE 1293 K1'/2).

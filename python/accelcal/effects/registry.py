@@ -57,6 +57,8 @@ class Static:
     """A term of the sensor's static characteristic: |a|^power, even or odd in a, times the temperature if thermal."""
 
     power: int
+    text: str
+    """As it is written in the forward model, in ASCII."""
     odd: bool = False
     thermal: bool = False
 
@@ -177,6 +179,8 @@ class Traits:
     """How it is written in such a sum."""
     separated_by: Literal["", "turning", "rolling"] = ""
     """Second mount with which a joint fit separates it from the base parameter."""
+    uncertainty: Literal["", "level", "misalignment", "encoder_scale"] = ""
+    """Key of the uncertainty that a rig declares where no joint fit separates it."""
     delay_class: bool = False
     """Whether it delays the output, so that only fast motion separates it from the other effects of its class."""
     noise: NoiseSource | None = None

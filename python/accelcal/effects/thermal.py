@@ -20,7 +20,7 @@ RATE_SPAN = 1.0
     scale=1e-3,
     source="typical 0.02 mg/K: IIS2ICLX; at most 0.2 mg/K: ADXL358; 0.5 mg/K: LIS3DH",
     needs=("temperature",),
-    traits=Traits(common=True, static=Static(0, thermal=True)),
+    traits=Traits(common=True, static=Static(0, "c1 T", thermal=True)),
     search=Search(includes=("bias",)),
 )
 def temperature_bias(s: Signals) -> Array:
@@ -41,7 +41,7 @@ def temperature_bias(s: Signals) -> Array:
     scale=1e-4,
     source="0.01 %/K: LIS3DH, IIS2ICLX; 0.02 %/K: ADXL358",
     needs=("temperature",),
-    traits=Traits(common=True, static=Static(1, odd=True, thermal=True)),
+    traits=Traits(common=True, static=Static(1, "kT T a", odd=True, thermal=True)),
     search=Search(includes=("scale_factor",)),
 )
 def temperature_scale(s: Signals) -> Array:
