@@ -14,9 +14,11 @@ from .pages import DOCS
 
 ROOT = DOCS.parent
 PAGES = ("README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/decisions.md", "docs/method.md", "docs/measured.md")
-BASES = ("", "python/accelcal", "docs", "crates", "crates/ekf-core/src", "crates/ekf-simd/src")
+BASES = ("", "python", "python/accelcal", "tests", "docs", "crates", "crates/ekf-core/src", "crates/ekf-simd/src")
 """Folders that paths on these pages are relative to."""
-PATH = re.compile(r"(?<![\w./<-])((?:[\w-]+/)+(?:[\w-]+\.(?:py|rs|md|toml|txt|sh|png|c|ipynb))?|[\w-]+/[\w/-]+)(?![\w/*<{])")
+PATH = re.compile(
+    r"(?<![\w./<-])((?:[\w-]+/)+(?:[\w-]+\.(?:py|rs|md|toml|txt|sh|png|c|ipynb))?|[\w-]+/[\w/-]+)(?![\w/*<{])"
+)
 """A path with at least one folder in it."""
 TEST = re.compile(r"`(tests/[\w/]+\.py)::(\w+)`")
 
@@ -33,7 +35,9 @@ def quoted(text: str) -> Iterator[str]:
 def paths(text: str) -> set[str]:
     """Paths that a page names, in code or in a link."""
     found = {p for part in quoted(text) for p in PATH.findall(part.partition("::")[0])}
-    return {p for p in found if re.search(r"\.(py|rs|md|toml|txt|sh|png|c|ipynb)$|^(tests|docs|crates|python|benches)/", p)}
+    return {
+        p for p in found if re.search(r"\.(py|rs|md|toml|txt|sh|png|c|ipynb)$|^(tests|docs|crates|python|benches)/", p)
+    }
 
 
 def absent(text: str) -> list[str]:
@@ -66,7 +70,16 @@ def test_the_maps_name_files_that_exist_and_leave_none_out():
     assert len(named) > 100
     assert not sorted(f"{folder}/{name}" for folder, name in named if not (ROOT / folder / name).is_file())
     # One kind of figure, of physics, of screen, of statement a file: these folders are described, not listed.
-    described = {"effects", "plots", "plots/static", "plots/interactive", "paper", "app", "app/screens", "calibration/export"}
+    described = {
+        "effects",
+        "plots",
+        "plots/static",
+        "plots/interactive",
+        "paper",
+        "app",
+        "app/screens",
+        "calibration/export",
+    }
     package = ROOT / "python" / "accelcal"
     for path in package.rglob("*.py"):
         folder = path.parent.relative_to(package).as_posix()
@@ -108,8 +121,41 @@ def test_every_question_is_answered_by_a_path():
         assert paths(answer), question
 
 
+FOLDERS = {path.parent for path in (ROOT / "python" / "accelcal").rglob("*.py")} - {ROOT / "python" / "accelcal"}
+MOST_UNDESCRIBED = 6
+"""Files that a folder of the package may hold without a README."""
+
+
+@pytest.mark.parametrize("folder", sorted(FOLDERS), ids=lambda path: path.name)
+def test_a_large_folder_has_a_readme_whose_files_exist(folder):
+    readme = folder / "README.md"
+    files = [path for path in folder.glob("*.py") if not path.name.startswith("__")]
+    assert readme.is_file() or len(files) <= MOST_UNDESCRIBED
+    if readme.is_file():
+        text = readme.read_text(encoding="utf-8")
+        named = set(re.findall(r"`([\w]+\.(?:py|html|css|js|typ))`", text))
+        assert named
+        assert not sorted(name for name in named if not (folder / name).is_file())
+        assert not absent(text)
+
+
+@pytest.mark.parametrize("folder", ["tests", "benches"])
+def test_programs_and_folders_of_a_readme_exist(folder):
+    text = (ROOT / folder / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", text, flags=re.MULTILINE)
+    named = [name for row in rows for name in re.findall(r"`(\w+)`", row)]
+    assert len(named) > 5
+    assert not [n for n in named if not (ROOT / folder / n).exists() and not (ROOT / folder / f"{n}.py").is_file()]
+    assert not absent(text)
+
+
 def test_a_path_or_a_test_that_is_not_there_is_found():
-    assert absent("see `estimation/no_such.py` and [this](docs/absent.md)") == ["docs/absent.md", "estimation/no_such.py"]
+    assert absent("see `estimation/no_such.py` and [this](docs/absent.md)") == [
+        "docs/absent.md",
+        "estimation/no_such.py",
+    ]
     assert absent("see `estimation/noise.py` and [this](docs/index.md)") == []
-    text = "`tests/docs/test_paths.py::test_no_such` and `tests/docs/test_paths.py::test_the_layers_are_those_of_the_test`"
+    text = (
+        "`tests/docs/test_paths.py::test_no_such` and `tests/docs/test_paths.py::test_the_layers_are_those_of_the_test`"
+    )
     assert missing_tests(text) == ["tests/docs/test_paths.py::test_no_such"]
