@@ -406,10 +406,13 @@ def test_a_band_below_every_frequency_leaves_no_spectrum(example):
 
 
 def test_power_of_few_effects_is_drawn(example):
-    few = replace(example.power, sights=tuple(s for s in example.power.sights if s.effect in ("cubic", "quadratic")))
+    few = replace(
+        example.power,
+        detectabilities=tuple(s for s in example.power.detectabilities if s.effect in ("cubic", "quadratic")),
+    )
     figure = interactive.detectable_sizes(few)
     assert [sorted(t.y) for t in figure.data] == [["cubic", "quadratic"]]
-    none = interactive.detectable_sizes(replace(example.power, sights=()))
+    none = interactive.detectable_sizes(replace(example.power, detectabilities=()))
     assert "No effect can be seen" in none.to_json()
 
 

@@ -161,8 +161,10 @@ def limits(content: Content) -> list[str]:
     """Nothing missing larger than ...: only where that is the verdict."""
     if content.diagnosis.verdict != "adequate" or content.power is None:
         return []
-    sights = [s for s in content.power.sights if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"]
-    mine = [s for s in sights if find(s.effect).owner == "sensor"]
+    detectabilities = [
+        s for s in content.power.detectabilities if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"
+    ]
+    mine = [s for s in detectabilities if find(s.effect).owner == "sensor"]
     return [f"{s.effect} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
 
 

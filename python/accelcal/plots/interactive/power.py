@@ -22,7 +22,7 @@ ROW, GAP = 20, 90
 def detectable_at(power: Power, port: str) -> list[Detectability]:
     """Effects that are seen at the sensor ("output") or at the encoder ("position"), the smallest first."""
     return sorted(
-        (s for s in power.sights if s.seen and (find(s.effect).port == "position") == (port == "position")),
+        (s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (port == "position")),
         key=lambda s: s.largest,
     )
 
@@ -75,7 +75,7 @@ def detectable_sizes(power: Power, *, theme: ThemeName = "light") -> Figure:
         title = drawing.axis_title("largest contribution at the smallest size that is found", unit)
         figure.update_xaxes(**scale, title_text=title, row=row, col=1)
         figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
-    blind = [spelled(s.effect) for s in power.sights if not s.seen]
+    blind = [spelled(s.effect) for s in power.detectabilities if not s.seen]
     drawing.format_figure(
         figure,
         palette,
