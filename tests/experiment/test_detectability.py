@@ -15,7 +15,7 @@ from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.experiment import power, power_of_motion, predicted_detection, through
-from accelcal.experiment.planned_motion import planned_noise, planned_pass
+from accelcal.experiment.planned_motion import planned_noise, planned_state
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones, motion
 from accelcal.simulation.sensor import PARAMETERS, Truth
@@ -52,7 +52,7 @@ def test_detection_falls_with_alternatives_and_with_freedom():
     assert few > predicted_detection(4.0, 100, FAMILYWISE_ALPHA) > many
     by_freedom = [predicted_detection(5.0, 100, FAMILYWISE_ALPHA, dof=dof) for dof in (1, 2, 8)]
     assert by_freedom == sorted(by_freedom, reverse=True)
-    assert predicted_detection(5.0, 100, FAMILYWISE_ALPHA, looks=100) < by_freedom[0]
+    assert predicted_detection(5.0, 100, FAMILYWISE_ALPHA, comparisons=100) < by_freedom[0]
 
 
 def test_the_price_of_freedom_binds_where_it_exceeds_significance():
@@ -123,7 +123,7 @@ def test_d_is_inversely_proportional_to_the_noise_of_sensor_and_encoder():
 
 def test_what_the_model_contains_is_no_candidate():
     seen = power_of_motion(TONES, PLAIN, model=Model.cubic())
-    names = {sight.effect for sight in seen.sights}
+    names = {sight.effect for sight in seen.detectabilities}
     assert "quadratic" not in names
     assert "odd_quadratic" in names
     with pytest.raises(KeyError, match="in the model"):
@@ -215,7 +215,7 @@ def test_as_many_are_found_as_were_predicted_and_not_as_for_twice_the_size(pair)
 def test_limits_of_a_diagnosis_are_those_of_power():
     one = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
     told, seen = scan([one], Model.linear()).detection_limits, power(one)
-    sizes = {sight.effect: min(sight.smallest) for sight in seen.sights}
+    sizes = {sight.effect: min(sight.smallest) for sight in seen.detectabilities}
     wandering = {"bias_random_walk", "bias_gauss_markov"}
     # Where readings may have jumped, and the period of a wave, are read off the record by one and spread by the other.
     assert set(told) == set(sizes) - wandering
@@ -227,7 +227,7 @@ def test_limits_of_a_diagnosis_are_those_of_power():
 @pytest.mark.parametrize(("moving", "visible"), [(single_tone(), False), (motion("moves", 20.0, RNG(3)), True)])
 def test_what_the_base_swallows_has_no_limit(moving, visible):
     # On one tone p is a times a constant, so a sloping rail is a scale factor; moves tell the two apart.
-    one = planned_pass(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
+    one = planned_state(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
     limit = scan([one], Model.linear()).detection_limits["rail_slope"]
     assert math.isfinite(limit) == visible
     assert power_of_motion(moving, PLAIN)["rail_slope"].seen == visible

@@ -51,15 +51,15 @@ preferred. [share; tests/hidden/test_hidden.py]"""
 RANDOM_BIAS_DISCOUNT = 0.9
 """Share of its gain with which a random-walk or Gauss-Markov bias competes. It follows any function of time, which a
 function of a recorded variable does not. [share; tests/hidden/test_hidden.py]"""
-RANDOM_BIAS_LOOKS = 100
-"""Looks that a function of time pays for once the model has a random-walk or Gauss-Markov bias. What is left of any
-random bias drifts and steps a little. [looks; tests/diagnosis/search/test_hypotheses.py]"""
+RANDOM_BIAS_COMPARISONS = 100
+"""Comparisons that a function of time pays for once the model has a random bias. What is left of any
+random bias drifts and steps a little. [comparisons; tests/diagnosis/search/test_hypotheses.py]"""
 FREE_SHAPE_PARAMETERS = 1
 """Shape parameters that the trials of an effect have paid for already. Each further one costs as much as a
 coefficient. [parameters; tests/experiment/test_detectability.py]"""
 SHAPE_FORMS = 2
 """Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
-choice between them is one more look. [forms; tests/diagnosis/search/test_hypotheses.py]"""
+choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
 
 # ---- confounding: which effects one record does not separate ----
 

@@ -10,8 +10,8 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import Robust
-from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
+from accelcal.diagnosis.search.beam import BlockScatter
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
@@ -30,7 +30,7 @@ def test_the_scatter_of_a_few_blocks_is_not_believed_over_the_noise_of_the_model
     loud = np.sqrt(1.0 + 3.0 * (np.arange(rows) // length % 2))  # noise of twice the size in every other block
 
     class Rows:
-        """What `Robust` asks of the evidence: two columns and noise that is louder than the model says."""
+        """What `BlockScatter` asks of the evidence: two columns and noise that is louder than the model says."""
 
         G = np.diag([float(everywhere @ everywhere), float(once @ once)])
         c = np.zeros(2)
@@ -43,7 +43,7 @@ def test_the_scatter_of_a_few_blocks_is_not_believed_over_the_noise_of_the_model
         def gain(self, i: int, chosen: tuple[int, ...] = ()) -> tuple[float, int, Array, Array]:
             return 0.0, 1, np.ones(1), np.ones((1, 1))
 
-    inflations = np.array([[Robust(Rows(), 1.0).inflation(i, ()) for i in (0, 1)] for _ in range(20)])
+    inflations = np.array([[BlockScatter(Rows(), 1.0).inflation(i, ()) for i in (0, 1)] for _ in range(20)])
     assert np.all(np.abs(inflations[:, 0] - 2.5) < 1.0)
     assert np.all(inflations[:, 1] < 2.0)
     assert inflations[:, 1].mean() < 1.4
@@ -70,13 +70,13 @@ def test_a_step_between_two_trials_is_not_left_to_a_smooth_rival(tmp_path: Path)
 
 def test_what_lies_between_two_trials_is_looked_at_where_it_may_come_first(plain: Simulated) -> None:
     one = fitted(plain, lambda t: np.where(t > 17.0, 2e-4, 0.0))
-    items = [item for item in candidates_for(one, Model.linear()) if item.effect.name in ("bias_step", "warm_up")]
+    items = [item for item in hypotheses_for(one, Model.linear()) if item.effect.name in ("bias_step", "warm_up")]
     evidence = CandidateScores([BaseProjection(one, Model.linear())], items)
     between = between_trials(evidence, "bias_step", 0.5 * max(evidence.gain(i)[0] for i in range(len(items))))
     known = sorted(item.shape["instant"] for item in items if "instant" in item.shape)
     assert between
     for item in between:
-        low, high = item.near["instant"]
+        low, high = item.brackets["instant"]
         assert known[known.index(low) + 1] == high
         assert item.shape["instant"] == pytest.approx(0.5 * (low + high))
     assert between_trials(evidence, "bias_step", math.inf) == []

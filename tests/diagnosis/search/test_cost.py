@@ -13,7 +13,7 @@ import pytest
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.search.hypotheses import candidates_for
+from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import HOUSE, Effect, find, is_local
 from accelcal.estimation.column_filter import ColumnFilter
@@ -29,13 +29,14 @@ from tests.effects.motions import sines
 PEAK = """
 import json, sys
 import numpy as np
-from accelcal.diagnose import carry, scan
-from accelcal.fit import solve_runs
+from accelcal.diagnosis.search.scan import scan
+from accelcal.estimation import column_filter
+from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from benches.fit import record
 from benches.peak import megabytes
 if sys.argv[2] == "unbounded":
-    carry.MOST_SUMS = carry.MOST_READINGS = 1 << 40
+    column_filter.MOST_SUMS = column_filter.MOST_READINGS = 1 << 40
 made = record(int(sys.argv[1]))
 solution = solve_runs(Model.linear(), [made])
 before = megabytes()
@@ -75,7 +76,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
 ):
     monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
-    items = candidates_for(fitted, Model.linear())
+    items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
     carrier = ColumnFilter(fitted)
     found, expected = carrier.whole(terms), plain_sums(fitted, terms, carrier.group)

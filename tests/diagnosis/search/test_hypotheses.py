@@ -9,7 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.hypotheses import candidates_for
+from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
@@ -24,8 +24,8 @@ INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}
 def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:
     one = fitted(plain, np.zeros_like)
     held = Model.linear().add("rail_wave", shapes={"rail_wave": {"period": 0.03}})
-    assert "rail_second_wave" not in {item.effect.name for item in candidates_for(one, Model.linear())}
-    assert "rail_second_wave" in {item.effect.name for item in candidates_for(one, held)}
+    assert "rail_second_wave" not in {item.effect.name for item in hypotheses_for(one, Model.linear())}
+    assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(one, held)}
     with pytest.raises(ValueError, match="add that first"):
         add(ac.fit(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
 
@@ -35,7 +35,7 @@ def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_of
     wandering = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
     for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
         alone, beside = (
-            next(item.looks for item in candidates_for(one, model) if item.effect.name == name)
+            next(item.comparisons for item in hypotheses_for(one, model) if item.effect.name == name)
             for model in (Model.linear(), wandering)
         )
         assert (alone, beside) == (1, more)
@@ -60,7 +60,7 @@ def test_a_curve_is_as_fine_as_the_record_pays_for(
 
 def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:
     one = fitted(plain, np.zeros_like)
-    offered = [item for item in candidates_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
+    offered = [item for item in hypotheses_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
     fine, coarse = offered
     runs = [BaseProjection(one, Model.linear())]
     both, alone = CandidateScores(runs, [coarse, fine]), CandidateScores(runs, [coarse])

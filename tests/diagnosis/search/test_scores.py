@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from accelcal.diagnosis.search.hypotheses import candidates_for
+from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import score_gain
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.estimation.estimate import solve_runs
@@ -18,7 +18,7 @@ def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Si
     """Of a shape's columns one is what `known` is already: nothing of it is left, and nothing else suffers."""
     model = Model.linear().add(known)
     one = solve_runs(model, [plain.recording]).passes[0]
-    items = [item for item in candidates_for(one, model) if item.effect.family and item.leading is None]
+    items = [item for item in hypotheses_for(one, model) if item.effect.family and item.leading is None]
     evidence = CandidateScores([BaseProjection(one, model)], items)
     for i, item in enumerate(items):
         gain, _, estimate, covariance = evidence.gain(i)

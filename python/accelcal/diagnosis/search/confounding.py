@@ -65,7 +65,7 @@ def confounding_class(
     more than `CONFOUNDED_CORRELATION`. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
     what it lacks is added to the distance within which rivals count.
     """
-    G, _ = evidence.after(others)
+    G, _ = evidence.given(others)
     gains, dofs = evidence.gains(others)
     gain, dof, estimate, _ = evidence.gain(i, others)
     item = evidence.items[i]
@@ -103,7 +103,7 @@ def detected_effect(
     i = chosen[position]
     others = tuple(j for k, j in enumerate(chosen) if k != position)
     item = evidence.items[i]
-    G, _ = evidence.after(others)
+    G, _ = evidence.given(others)
     _, _, estimate, _ = evidence.gain(i, others)
     process = item.effect.port == "process"
     return DetectedEffect(
@@ -111,7 +111,7 @@ def detected_effect(
         shape=dict(item.shape),
         members=(
             *confounding_class(evidence, scatter, i, others, rules),
-            *smooth_rivals(item, evidence.runs[0].carrier.signals),
+            *smooth_rivals(item, evidence.runs[0].column_filter.signals),
         ),
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,

@@ -9,7 +9,7 @@ import numpy as np
 from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.diagnosis.search.thresholds import surely_beyond
+from accelcal.diagnosis.search.thresholds import distance_for_gain
 
 
 def detectable_sizes(
@@ -30,7 +30,7 @@ def detectable_sizes(
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
-    distance = surely_beyond(max(rules.required_gains(dof, item)), dof)
+    distance = distance_for_gain(max(rules.required_gains(dof, item)), dof)
     beyond_motion = distance**2 * own > d**2 * (evidence.motion or math.inf)
     invisible = (information <= DEGENERATE * own) | beyond_motion
     return tuple(d.tolist()), tuple(

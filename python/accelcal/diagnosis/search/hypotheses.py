@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
-from accelcal.effects import HOUSE, Effect, find, side_channels
+from accelcal.effects import HOUSE, Effect, find, side_channels, users_own
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised, signals_of
 from accelcal.model import Model, Term, terms_of
@@ -44,19 +44,19 @@ class Hypothesis:
         return terms_of(self.effect, self.shape)[len(self.terms) :]
 
 
-def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] = ()) -> list[Hypothesis]:
+def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None = None) -> list[Hypothesis]:
     """Every effect that may be missing from a model on this record, at each of its trial shapes.
 
     Parameters
     ----------
     state : a fitted run.
     model : effects that it has are not offered again, but for the fine form of a coarse curve.
-    extra : effects of the user's own.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered.
     """
     s = state.signals
     assert s is not None
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items()]
-    offered = (*HOUSE, *side_channels(recorded), *extra)
+    offered = (*HOUSE, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
     time_functions = {name for e in HOUSE if e.function_of == "t" for name in e.covers} if random_bias else set()
     hypotheses: list[Hypothesis] = []

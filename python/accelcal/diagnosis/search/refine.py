@@ -65,12 +65,12 @@ def starting_points(
             name, value = item.effect.name, rules.net_gain(float(gain), int(dof), item)
             if name in as_in_set and value > net_gain.get(name, 0.0):
                 net_gain[name], best_alone[name] = value, item
-    s = evidence.runs[0].carrier.signals
+    s = evidence.runs[0].column_filter.signals
     separate = {
         name: item if name not in best_alone or covers(item, best_alone[name].shape, s) else best_alone[name]
         for name, item in as_in_set.items()
     }
-    return [tuple(table.values()) for table in ([as_in_set] if separate == as_in_set else [as_in_set, separate])]
+    return [tuple(chosen.values()) for chosen in ([as_in_set] if separate == as_in_set else [as_in_set, separate])]
 
 
 def covers(item: Hypothesis, shape: Mapping[str, float], s: Signals) -> bool:
@@ -91,7 +91,7 @@ def bounds_of(item: Hypothesis, name: str, s: Signals) -> tuple[float, float]:
 def between_trials(evidence: CandidateScores, name: str, least: float) -> list[Hypothesis]:
     """Hypotheses midway between the trial shapes of an effect, next to trials that gain more than `least`."""
     trials = [(evidence.gain(j)[0], item) for j, item in enumerate(evidence.items) if item.effect.name == name]
-    s = evidence.runs[0].carrier.signals
+    s = evidence.runs[0].column_filter.signals
     found: dict[tuple[float | None, ...], Hypothesis] = {}
     for gain, item in trials:
         shapes = item.effect.shapes.items() if gain > least and item.effect.port != "process" else ()
@@ -121,7 +121,7 @@ def refine(runs: Sequence[BaseProjection], lists: Sequence[Sequence[Hypothesis]]
 
 def refined(runs: Sequence[BaseProjection], item: Hypothesis) -> Hypothesis:
     """A hypothesis whose shape parameters maximise the likelihood, each between its neighbours on the grid."""
-    s = runs[0].carrier.signals
+    s = runs[0].column_filter.signals
     shape, gain = dict(item.shape), math.nan
     for name, declared in item.effect.shapes.items():
         bounds = bounds_of(item, name, s)
@@ -145,7 +145,7 @@ def profile_loss(
     """
     if not (item.effect.basis and item.effect.port == "process"):
         return lambda value: -CandidateScores(runs, [replace(item, shape={**shape, name: value})]).gain(0)[0]
-    s = runs[0].carrier.signals
+    s = runs[0].column_filter.signals
     first, size = CandidateScores(runs, [replace(item, shape=dict(shape))]), sizes(item.effect, shape, s)
 
     def resized(value: float) -> float:
