@@ -1,13 +1,24 @@
-"""Debian's Chromium, driven by Playwright: one fixture for every test that opens a page."""
+"""Fixtures of all tests: a catalogue without the effects of other tests, and Debian's Chromium for pages."""
 
 import os
 import shutil
 
 import pytest
 
+from accelcal.effects import CATALOGUE
+
 CHROMIUM = shutil.which("chromium")
 REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def own_catalogue():
+    """Forget, after each module, the effects that its tests registered: every later diagnosis would consider them."""
+    before = dict(CATALOGUE)
+    yield
+    CATALOGUE.clear()
+    CATALOGUE.update(before)
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,13 @@ Examples
 True
 """
 
+from typing import TYPE_CHECKING, Any
+
 from accelcal._core import __version__
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.effects import effect, load_effects
+from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
@@ -30,16 +33,25 @@ from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.comparison import Coast, Comparison
 from accelcal.validation.evaluation import coast, compare
 
+if TYPE_CHECKING:
+    from accelcal.diagnosis.verdict import Diagnosis
+    from accelcal.experiment import plan, power
+    from accelcal.selection.improvement import History, Improvement
+    from accelcal.workflow import add, diagnose, drop, fit, history, improve
+
 __all__ = [
     "ADXL105_RIG",
     "CXL02_RIG",
     "Channel",
     "Coast",
     "Comparison",
+    "Diagnosis",
     "Estimate",
     "FilterChoice",
     "FilterRun",
     "Fit",
+    "History",
+    "Improvement",
     "LiveFilter",
     "LiveModel",
     "LowPass",
@@ -51,12 +63,35 @@ __all__ = [
     "Rig",
     "Sensor",
     "__version__",
+    "add",
     "coast",
     "compare",
+    "diagnose",
+    "drop",
+    "effect",
     "fit",
     "fit_recursive",
+    "history",
+    "improve",
     "load",
+    "load_effects",
     "load_model",
+    "plan",
+    "power",
     "save_model",
     "simulate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the verbs of the workflow and of experiment design on first use, since SciPy's statistics load slowly."""
+    if name not in __all__:
+        raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
+    from accelcal import experiment, workflow
+
+    home = experiment if name in ("plan", "power") else workflow
+    return globals().setdefault(name, getattr(home, name))
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -249,7 +249,8 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is not fitted.
+    holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is
+        not fitted.
     most : most effects to add.
     extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.

@@ -7,12 +7,12 @@ from starlette.responses import RedirectResponse, Response
 
 from accelcal.app import widgets
 from accelcal.app.page import Page, Screen
-from accelcal.app.screens import data, download, improve, model, residuals
+from accelcal.app.screens import data, download, improvement, model, residuals
 from accelcal.app.sessions import Workbenches
 
 SCREENS: dict[str, Screen] = {
     "data": ("Data", "insert_chart", data.show),
-    "improve": ("Improve", "trending_down", improve.show),
+    "improve": ("Improve", "trending_down", improvement.show),
     "where": ("Residuals", "troubleshoot", residuals.show),
     "model": ("Model", "tune", model.show),
     "take": ("Download", "download", download.show),

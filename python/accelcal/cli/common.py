@@ -1,4 +1,4 @@
-"""What all commands share: the application, its options, errors as sentences, progress."""
+"""Shared by all commands: the application, common options, error messages with exit codes, progress."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     pass
 
 WRITTEN = ("output", "c", "rust", "dcc")
-"""Parameters that name a file to write."""
+"""Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
-"""What a recording is written as, with a sidecar beside it."""
+"""Endings of recordings that are written, each with a sidecar next to it."""
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERRUPTED = 2, 3, 4, 130
 app = typer.Typer(
     name="accelcal",
@@ -29,44 +29,44 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Estimate an accelerometer from position, see where the model fails, learn which physical effect is missing.",
+    help="Calibrate an accelerometer against position, see where the model fails, find the physical effect it lacks.",
 )
 Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
 Band = Annotated[str | None, typer.Option("--band", help='Trust the encoder up to this frequency, e.g. "300 Hz".')]
-From = Annotated[str | None, typer.Option("--from", help="Begin here on the position clock, s.")]
-To = Annotated[str | None, typer.Option("--to", help="End here on the position clock, s.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of everything random; stored in what is written.")]
+From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
+To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.")]
 
 
-def new_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
-    """Refuse a place where no file can be written before any work is done."""
+def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse a path where no file can be written, before any work is done."""
     if path is None:
         return None
     name = f"--{option.name} {path}"
     if path.is_dir():
-        fail(f"{name}: this is a folder; give the name of a file", USAGE)
+        exit_with(f"{name}: this is a folder; give a file name", USAGE)
     if not path.parent.is_dir():
-        fail(f"{name}: there is no folder {path.parent}; make it first, or write elsewhere", USAGE)
+        exit_with(f"{name}: there is no folder {path.parent}; create it first, or write elsewhere", USAGE)
     if not os.access(path.parent, os.W_OK):
-        fail(f"{name}: the folder {path.parent.absolute()} may not be written to; write elsewhere", USAGE)
+        exit_with(f"{name}: no permission to write to the folder {path.parent.absolute()}; write elsewhere", USAGE)
     return path
 
 
-def folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
-    """Refuse a folder that is none, or lies in a file, before any work is done."""
+def writable_folder(option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Refuse a path that is a file or leads through one, before any work is done."""
     if path is not None:
         for part in (path, *path.parents):
             if part.exists() and not part.is_dir():
-                fail(f"--{option.name} {path}: {part} is a file; give the name of a folder", USAGE)
+                exit_with(f"--{option.name} {path}: {part} is a file; give a folder name", USAGE)
     return path
 
 
-Output = Annotated[Path | None, typer.Option("-o", "--output", help="Write the result here.", callback=new_file)]
-Holdout = Annotated[Path | None, typer.Option("--holdout", help="Recording that is not fitted.")]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.", callback=writable_file)]
+Holdout = Annotated[Path | None, typer.Option("--holdout", help="Held-out recording.")]
 EffectsFile = Annotated[
     list[Path] | None,
-    typer.Option("--effects-file", help="Python file with effects of your own; may be given several times."),
+    typer.Option("--effects-file", help="Python file with your own effects; may be given several times."),
 ]
 RunFile = Annotated[Path, typer.Argument(help="Recording: CSV, Parquet, MAT, npz or HDF5.", show_default=False)]
 ModelFile = Annotated[Path, typer.Argument(help="Model file written by fit.", show_default=False)]
@@ -77,18 +77,18 @@ def main() -> None:
     app()
 
 
-def reported(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn what the library raises into one sentence and an exit code."""
+def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
+    """Turn exceptions of the library into one sentence and an exit code."""
 
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
-            require_apart(kwargs)
+            refuse_overwriting(kwargs)
             command(*args, **kwargs)
         except KeyboardInterrupt:
-            fail("interrupted; nothing was left half-written", INTERRUPTED)
+            exit_with("interrupted; no file was left half-written", INTERRUPTED)
         except (ValueError, OSError, ImportError) as error:
-            fail(told(error), code_of(error))
+            exit_with(error_text(error), code_of(error))
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
@@ -97,7 +97,7 @@ def reported(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def require_apart(given: Mapping[str, Any]) -> None:
+def refuse_overwriting(given: Mapping[str, Any]) -> None:
     """Refuse to write over a recording or a sidecar that the command reads; a model may be replaced by the next one.
 
     Raises
@@ -114,53 +114,55 @@ def require_apart(given: Mapping[str, Any]) -> None:
     read = {
         path for value in values for path in (value if isinstance(value, list) else [value]) if isinstance(path, Path)
     }
-    kept = {path.resolve() for one in read for path in (one, sidecar_of(one))}
+    kept = {path.resolve() for source in read for path in (source, sidecar_of(source))}
     for name, path in written.items():
         for made in (path, sidecar_of(path)) if path.suffix in RECORDINGS else (path,):
             if made.resolve() in kept:
-                raise Usage(f"--{name} {path}: {made} is read by this command and would be lost; give another name")
+                raise UsageError(
+                    f"--{name} {path}: {made} is an input of this command and would be overwritten; give another name"
+                )
 
 
-def told(error: Exception) -> str:
-    """What an error says; one of the operating system in the order that the others have, the file first."""
+def error_text(error: Exception) -> str:
+    """Message of an error; those of the operating system reordered to name the file first."""
     if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror.lower()}; check the path and who may write there"
+        return f"{error.filename}: {error.strerror.lower()}; check the path and its permissions"
     return str(error)
 
 
 def code_of(error: Exception) -> int:
-    """Exit code that suits an error."""
+    """Exit code of an error."""
     from accelcal.estimation.gauss_newton import NotIdentifiable
 
     if isinstance(error, NotIdentifiable):
         return NOT_IDENTIFIABLE
-    return USAGE if isinstance(error, Usage) else BAD_DATA
+    return USAGE if isinstance(error, UsageError) else BAD_DATA
 
 
-class Usage(ValueError):
-    """An option whose text cannot be understood."""
+class UsageError(ValueError):
+    """An option with an invalid value."""
 
 
-def fail(text: str, code: int) -> NoReturn:
-    """Say what is wrong and leave."""
+def exit_with(text: str, code: int) -> NoReturn:
+    """Print an error on stderr and exit."""
     print(f"accelcal: {text}", file=sys.stderr)
     raise SystemExit(code)
 
 
-def say(text: str) -> None:
-    """Talk, on stderr."""
+def print_status(text: str) -> None:
+    """Print a line on stderr, which keeps stdout free for data."""
     print(text, file=sys.stderr)
 
 
-def emit(content: dict[str, Any]) -> None:
+def print_json(content: dict[str, Any]) -> None:
     """Print JSON on stdout."""
     from accelcal.serialization import model_file
 
     print(model_file.dumps(content), end="")
 
 
-def amount(text: str | None, kind: str, option: str) -> float | None:
-    """Read an option with a unit; a bare number is taken in SI."""
+def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
+    """Parse an option with a unit; a bare number is in SI."""
     from accelcal.data.units import UnitError, quantity
 
     if text is None:
@@ -171,15 +173,15 @@ def amount(text: str | None, kind: str, option: str) -> float | None:
         try:
             found = quantity(text, kind)
         except UnitError as error:
-            raise Usage(f"{option} {text!r}: {error}") from None
+            raise UsageError(f"{option} {text!r}: {error}") from None
     if not math.isfinite(found):
-        raise Usage(f"{option} {text!r}: expected a finite {kind}")
+        raise UsageError(f"{option} {text!r}: expected a finite {kind}")
     return found
 
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[float], None]]:
-    """A bar with the time left on stderr; silent when stderr is not a terminal."""
+    """A progress bar with the remaining time on stderr; nothing when stderr is not a terminal."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -193,16 +195,16 @@ def progress(title: str) -> Iterator[Callable[[float], None]]:
         yield lambda share: bar.update(task, completed=share)
 
 
-def stretch(text: str, option: str) -> tuple[float, float]:
-    """Read FROM:TO."""
+def time_range(text: str, option: str) -> tuple[float, float]:
+    """Parse FROM:TO."""
     try:
         start, end = (float(part) for part in text.split(":"))
     except ValueError:
-        raise Usage(f"{option} {text!r}: expected two times in s with a colon between, such as 42:60") from None
+        raise UsageError(f"{option} {text!r}: expected two times in s separated by a colon, such as 42:60") from None
     return start, end
 
 
-def own_effects(paths: Sequence[Path] | None) -> None:
+def load_own_effects(paths: Sequence[Path] | None) -> None:
     """Register the effects of the user's files, in the order given; every verb then takes them."""
     from accelcal.effects import load_effects
 

@@ -8,28 +8,38 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from accelcal.cli.common import Json, Rig, RunFile, Usage, app, emit, reported, say, stretch
+from accelcal.cli.common import (
+    Json,
+    Rig,
+    RunFile,
+    UsageError,
+    app,
+    print_json,
+    print_status,
+    time_range,
+    with_exit_codes,
+)
 
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
 
 
 @app.command()
-@reported
+@with_exit_codes
 def init(run: RunFile) -> None:
-    """Write a commented sidecar for a recording from what can be read in it.
+    """Write a commented sidecar template for a recording, filled in as far as the file allows.
 
     Example: [bold]accelcal init run12.csv[/bold] writes run12.toml.
     """
     from accelcal import io
 
-    say(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
+    print_status(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
 
 
 @app.command()
-@reported
+@with_exit_codes
 def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
-    """Say what was understood of a recording: rates, spans, gaps, ranges, findings.
+    """Check a recording: rates, spans, gaps, ranges, warnings.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
@@ -38,21 +48,21 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
 
     recording = io.load(run, rig)
     if json:
-        emit(summary.describe(recording))
+        print_json(summary.describe(recording))
     else:
         print(summary.summarise(recording))
 
 
 @app.command()
-@reported
+@with_exit_codes
 def cut(
     run: RunFile,
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
     only: Annotated[list[str] | None, typer.Option("--only", help="Keep FROM:TO in s.")] = None,
-    without: Annotated[list[str] | None, typer.Option("--without", help="Leave out FROM:TO in s.")] = None,
+    without: Annotated[list[str] | None, typer.Option("--without", help="Exclude FROM:TO in s.")] = None,
     rig: Rig = None,
 ) -> None:
-    """Write a part of a recording, or all but some stretches of it, with its sidecar.
+    """Write a part of a recording, or all of it without some stretches, with its sidecar.
 
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
@@ -60,13 +70,13 @@ def cut(
 
     recording = io.load(run, rig)
     for text in only or ():
-        recording = recording.part(*stretch(text, "--only"))
-    recording = recording.without(*(stretch(text, "--without") for text in without or ()))
-    say(f"wrote {output} and {write_recording(recording, output)}")
+        recording = recording.part(*time_range(text, "--only"))
+    recording = recording.without(*(time_range(text, "--without") for text in without or ()))
+    print_status(f"wrote {output} and {write_recording(recording, output)}")
 
 
 @app.command()
-@reported
+@with_exit_codes
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
     motion: Annotated[str, typer.Option("--motion", help="tones, interleaved, moves, bursts, fast, chirp, rests.")] = (
@@ -77,11 +87,11 @@ def simulate(
     a_rms: Annotated[float | None, typer.Option("--a-rms", help="Rms acceleration, m/s².")] = None,
     bias: Annotated[float, typer.Option("--bias", help="K0, m/s².")] = 0.05,
     scale_factor: Annotated[float, typer.Option("--scale-factor", help="k.")] = 0.01,
-    time_offset: Annotated[float, typer.Option("--time-offset", help="s, positive = output late.")] = 0.0,
+    time_offset: Annotated[float, typer.Option("--time-offset", help="s, positive = output lags.")] = 0.0,
     quadratic: Annotated[float, typer.Option("--quadratic", help="K2, (m/s²)⁻¹.")] = 0.0,
     cubic: Annotated[float, typer.Option("--cubic", help="K3, (m/s²)⁻².")] = 0.0,
     missing: Annotated[float, typer.Option("--missing", help="Share of samples lost.")] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 1,
     json: Json = False,
 ) -> None:
     """Simulate a recording of the paper's rig, with its sidecar.
@@ -95,7 +105,7 @@ def simulate(
 
     rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
     if sensor not in rigs:
-        raise Usage(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+        raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     truth = {
         "bias": bias,
         "scale_factor": scale_factor,
@@ -114,17 +124,17 @@ def simulate(
     )
     sidecar = write_recording(made.recording, output)
     if json:
-        emit({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
+        print_json({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
     else:
-        say(f"wrote {output} and {sidecar}; the truth is {values_of(truth)}")
+        print_status(f"wrote {output} and {sidecar}; true values: {truth_text(truth)}")
 
 
-def values_of(truth: Mapping[str, float]) -> str:
+def truth_text(truth: Mapping[str, float]) -> str:
     """True parameters that are not zero, each with its unit."""
     from accelcal.effects import find
 
-    told = [f"{name} {value:g} {find(name).unit}".removesuffix(" 1") for name, value in truth.items() if value]
-    return ", ".join(told) or "a perfect sensor"
+    values = [f"{name} {value:g} {find(name).unit}".removesuffix(" 1") for name, value in truth.items() if value]
+    return ", ".join(values) or "a perfect sensor"
 
 
 def write_recording(recording: Recording, path: Path) -> Path:
@@ -133,7 +143,7 @@ def write_recording(recording: Recording, path: Path) -> Path:
 
     write = {".csv": io.write_csv, ".parquet": io.write_parquet}.get(path.suffix)
     if write is None:
-        raise Usage(f"--output {path}: expected a name that ends in .csv or .parquet")
+        raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = write(recording, path)
     sidecar = io.sidecar_of(path)

@@ -1,4 +1,4 @@
-"""Commands that show accelcal itself: demo, paper, doctor."""
+"""Commands about accelcal itself: demo, paper, doctor."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from typing import Annotated
 
 import typer
 
-from accelcal.cli.common import Json, app, emit, folder, progress, reported, say
-from accelcal.cli.data import values_of, write_recording
+from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
+from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.printing import show_comparison, show_fit, show_improvement
 
 
 @app.command()
-@reported
+@with_exit_codes
 def demo(
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write into.", callback=folder)] = Path(
-        "demo"
-    ),
-    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 1,
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder to write into.", callback=writable_folder)
+    ] = Path("demo"),
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 1,
     effect: Annotated[
-        str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and walk the loop.")
+        str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and let improve find it.")
     ] = None,
 ) -> None:
-    """Walk the main job: simulate two recordings, fit the first, compare the second, draw.
+    """Show the main steps: simulate two recordings, fit the first, compare with the second, plot.
 
-    With --effect, hide an effect, seal the answer, and walk the loop that finds it.
+    With --effect, hide an effect, store the answer in a file, and find the effect from the data.
 
     Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
     """
@@ -52,7 +52,7 @@ def demo(
         rng = np.random.default_rng(each)
         made = simulate_rig("interleaved", seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, path)
-        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples; the truth is {values_of(truth)}")
+        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples; true values: {truth_text(truth)}")
     print(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     found = fit_replay(Model.linear(), first)
@@ -63,11 +63,11 @@ def demo(
     show_comparison(model_file.comparison_to_dict(seen))
     for path in write(found, seen, output):
         print(f"wrote {path}")
-    print(f"\nThe main job took {time.perf_counter() - began:.1f} s.")
+    print(f"\nThis took {time.perf_counter() - began:.1f} s.")
 
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
-    """Hide an effect in two recordings and walk the loop."""
+    """Hide an effect in two recordings and find it with `improve`."""
     from accelcal.demo import hide, seal
     from accelcal.effects import find
     from accelcal.serialization import diagnosis_json, model_file
@@ -78,7 +78,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     for path, recording in zip(paths, (hidden.train, hidden.holdout), strict=True):
         write_recording(recording, path)
     seal(hidden, output / "answer.json")
-    print(f"Something may be hidden in {paths[0]} and {paths[1]}; the answer is sealed in {output / 'answer.json'}.")
+    print(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
     print(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
         found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
@@ -86,20 +86,20 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     show_improvement(found, diagnosis_json.improvement_to_dict(found))
     unit = "" if hidden.effect is None else find(hidden.effect).unit
     truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g} {unit}".removesuffix(" 1")
-    print(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden was: {truth}.")
+    print(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {truth}.")
 
 
 @app.command()
-@reported
+@with_exit_codes
 def paper(
     full: Annotated[bool, typer.Option("--full", help="All runs of the paper; minutes instead of seconds.")] = False,
     output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=folder)
+        Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=writable_folder)
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of everything random.")] = 2007,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 2007,
     json: Json = False,
 ) -> None:
-    """Reproduce the paper and print measured beside expected.
+    """Reproduce the paper and print measured next to expected values.
 
     Example: [bold]accelcal paper -o figures[/bold]
     """
@@ -108,17 +108,17 @@ def paper(
     with progress("paper") as report:
         found = reproduce(quick=not full, seed=seed, out=output, progress=lambda name, share: report(share))
     if json:
-        emit(found.to_dict())
+        print_json(found.to_dict())
     else:
         print(found.to_text())
     for path in found.figures:
-        say(f"wrote {path}")
+        print_status(f"wrote {path}")
 
 
 @app.command()
-@reported
+@with_exit_codes
 def doctor(json: Json = False) -> None:
-    """Say which versions, extras and processors are at hand.
+    """Print versions, installed extras and the number of processors.
 
     Example: [bold]accelcal doctor[/bold]
     """
@@ -155,7 +155,7 @@ def doctor(json: Json = False) -> None:
         "chromium": shutil.which("chromium"),
     }
     if json:
-        emit(content)
+        print_json(content)
         return
     print(f"accelcal {content['accelcal']}, Python {content['python']}, {content['platform']}")
     print(f"processors: {content['processors']}")

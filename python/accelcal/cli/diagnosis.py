@@ -1,4 +1,4 @@
-"""Commands that look for what a model lacks, and say what a motion can see."""
+"""Commands that find missing effects, and compute what a motion can detect."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from accelcal.cli.common import (
     Rig,
     RunFile,
     To,
-    Usage,
-    amount,
+    UsageError,
     app,
-    emit,
-    own_effects,
+    load_own_effects,
+    parse_quantity,
+    print_json,
+    print_status,
     progress,
-    reported,
-    say,
+    with_exit_codes,
 )
 from accelcal.cli.models import load_like
 from accelcal.cli.printing import limit, show_diagnosis, show_improvement, show_plan, show_power, show_steps
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @app.command()
-@reported
+@with_exit_codes
 def diagnose(
     model: ModelFile,
     run: RunFile,
@@ -45,7 +45,7 @@ def diagnose(
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Say which physical effect a model lacks on a recording: ranked candidates, ties, a verdict.
+    """Find the physical effect that a model lacks on a recording: a verdict, ranked candidates, confounded effects.
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
@@ -54,21 +54,23 @@ def diagnose(
     from accelcal.validation.evaluation import compare as compare_with
     from accelcal.workflow import diagnose as diagnose_with
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     found = diagnose_with(fitted, recording)
     content = diagnosis_json.diagnosis_to_dict(found)
-    if recording.digest not in {one.digest for one in fitted.runs}:
-        say(f"{run} is not the recording of {model}: all coefficients were profiled anew on it")
+    if recording.digest not in {fitted_run.digest for fitted_run in fitted.runs}:
+        print_status(
+            f"{run} is not the recording that {model} was fitted to: all coefficients were estimated again on it"
+        )
     if holdout is not None:
         seen = compare_with(found.fit, load_like(fitted, holdout, rig))
         content["heldout"] = model_file.comparison_to_dict(seen)
     if output is not None:
         atomic_write(output, model_file.dumps(content))
-        say(f"wrote {output}")
+        print_status(f"wrote {output}")
     if json:
-        emit(content)
+        print_json(content)
         return
     show_diagnosis(content)
     if holdout is not None:
@@ -76,19 +78,19 @@ def diagnose(
 
 
 @app.command()
-@reported
+@with_exit_codes
 def improve(
-    runs: Annotated[list[Path], typer.Argument(help="One or several recordings to learn from.", metavar="RUN...")],
+    runs: Annotated[list[Path], typer.Argument(help="One or several recordings to fit.", metavar="RUN...")],
     holdout: Holdout = None,
     rig: Rig = None,
-    most: Annotated[int, typer.Option("--max-effects", help="Most effects to add.", min=0)] = 3,
+    most: Annotated[int, typer.Option("--max-effects", help="Largest number of effects to add.", min=0)] = 3,
     effects_file: EffectsFile = None,
     start: From = None,
     end: To = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Fit the base model, diagnose, add the effect that is missing, refit, until nothing is missing.
+    """Fit the base model, then diagnose, add the missing effect and refit, until no effect is missing.
 
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
@@ -97,7 +99,7 @@ def improve(
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     recordings = [io.load(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
@@ -107,27 +109,27 @@ def improve(
             recordings,
             holdout=unseen,
             most=most,
-            start=amount(start, "time", "--from"),
-            end=amount(end, "time", "--to"),
+            start=parse_quantity(start, "time", "--from"),
+            end=parse_quantity(end, "time", "--to"),
             report=report,
         )
     if output is not None:
         model_file.save(found.diagnosis.fit, output)
-        say(f"wrote {output}")
+        print_status(f"wrote {output}")
     content = diagnosis_json.improvement_to_dict(found)
     if json:
-        emit(content)
+        print_json(content)
     else:
         show_improvement(found, content)
 
 
 @app.command()
-@reported
+@with_exit_codes
 def effects(
-    name: Annotated[str | None, typer.Argument(help="Show the card of this effect.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Describe this effect.")] = None,
     effects_file: EffectsFile = None,
 ) -> None:
-    """List the catalogue, or show the card of one effect.
+    """List all effects, or describe one of them.
 
     Example: [bold]accelcal effects cubic[/bold]
     """
@@ -136,29 +138,30 @@ def effects(
 
     from accelcal.effects import CATALOGUE, card, find
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     if name is not None:
         print(card(find(name)))
         return
-    table = Table("effect", "unit", "port", "owner", "what it is", box=None)
+    table = Table("effect", "unit", "port", "owner", "description", box=None)
     for each in CATALOGUE.values():
         table.add_row(each.name, each.unit, each.port, each.owner, each.card.split("\n", maxsplit=1)[0])
     Console().print(table)
 
 
 @app.command()
-@reported
+@with_exit_codes
 def power(
-    run: Annotated[Path, typer.Argument(help="Recording, or a planned motion: time and position alone.")],
+    run: Annotated[Path, typer.Argument(help="Recording, or a planned motion: time and position only.")],
     rig: Rig = None,
     effects_file: EffectsFile = None,
     start: From = None,
     end: To = None,
     json: Json = False,
 ) -> None:
-    """Say what a recording, or a planned motion, can see: smallest detectable size of every effect, and the ties.
+    """Compute what a recording or a planned motion can detect: the smallest detectable size of every effect.
 
-    A planned motion is judged by the noise density and resolution of its sidecar, its readings at its own set-points.
+    Confounded effects are listed. For a planned motion, noise density and resolution come from its sidecar, and the
+    readings are at its set-points.
 
     Example: [bold]accelcal power run12.csv[/bold]
     """
@@ -166,35 +169,35 @@ def power(
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     recording = io.load(run, rig, need_accel=False)
     if len(recording.accel):
-        begin, stop = amount(start, "time", "--from"), amount(end, "time", "--to")
+        begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
         seen = power_of(recording, start=begin, end=stop)
     elif start is not None or end is not None:
-        raise Usage("--from and --to are for recordings; a planned motion is judged as a whole")
+        raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
     else:
         seen = power_of_set_points(recording)
     if json:
-        emit(seen.to_dict())
+        print_json(seen.to_dict())
     else:
         show_power(seen.to_dict())
 
 
 @app.command()
-@reported
+@with_exit_codes
 def plan(
-    effects: Annotated[str, typer.Option("--effects", help="Effects to separate, with commas between.")],
+    effects: Annotated[str, typer.Option("--effects", help="Effects to separate, separated by commas.")],
     stroke: Annotated[str, typer.Option("--stroke", help='Travel from end to end, e.g. "0.2 m".')],
     vmax: Annotated[str, typer.Option("--vmax", help='Largest speed, e.g. "0.1 m/s".')],
     amax: Annotated[str, typer.Option("--amax", help='Largest acceleration, e.g. "20 m/s^2".')],
     seconds: Annotated[float, typer.Option("--seconds", help="Length, s.")] = 60.0,
     sensor: Annotated[str, typer.Option("--sensor", help="ADXL105 or CXL02.")] = "ADXL105",
-    rig: Annotated[Path | None, typer.Option("--rig", help="Sidecar of your own rig, in place of --sensor.")] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Sidecar of your own rig, instead of --sensor.")] = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Plan a motion that separates effects within the limits of a stage, and say what it would see.
+    """Plan a motion that separates effects within the limits of a stage, and compute what it would detect.
 
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
@@ -204,7 +207,7 @@ def plan(
 
     rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
     if rig is None and sensor not in rigs:
-        raise Usage(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+        raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
     found = plan_for(
         [name.strip() for name in effects.split(",") if name.strip()],
@@ -216,15 +219,15 @@ def plan(
     )
     if output is not None:
         for path in write_set_points(found, used, output):
-            say(f"wrote {path}")
+            print_status(f"wrote {path}")
     if json:
-        emit(found.to_dict())
+        print_json(found.to_dict())
     else:
         show_plan(found.to_dict())
 
 
 def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
-    """Write time and position of a planned motion, and a sidecar that says how it was judged."""
+    """Write time and position of a planned motion, and a sidecar with the rig that it was planned for."""
     from accelcal import io
     from accelcal.io.sidecar import Clock, Source
 
@@ -233,7 +236,7 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     io.atomic_write(path, f"t_s,position_m\n{rows}\n")
     sidecar = io.sidecar_of(path)
-    # The output that is still to be recorded is declared too, or its low-pass would be lost.
+    # The output, still to be recorded, is declared too: otherwise its low-pass would be lost.
     columns: dict[str, Clock | Source] = {
         "time": Clock("t_s", unit="s"),
         "position": Source("position_m", "m"),

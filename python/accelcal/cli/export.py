@@ -1,11 +1,11 @@
-"""Commands that hand results on: report, export, workbench."""
+"""Commands that deliver results: report, export, workbench."""
 
 from __future__ import annotations
 
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -17,37 +17,34 @@ from accelcal.cli.common import (
     Output,
     Rig,
     RunFile,
-    Usage,
+    UsageError,
     app,
-    emit,
-    new_file,
-    own_effects,
+    load_own_effects,
+    print_json,
+    print_status,
     progress,
-    reported,
-    say,
+    with_exit_codes,
+    writable_file,
 )
 from accelcal.cli.models import load_like
 from accelcal.cli.printing import show_export
 
-if TYPE_CHECKING:
-    pass
-
 
 @app.command()
-@reported
+@with_exit_codes
 def report(
     model: ModelFile,
     run: RunFile,
     holdout: Holdout = None,
     rig: Rig = None,
-    light: Annotated[bool, typer.Option("--light", help="Pictures and no script: small enough to mail.")] = False,
-    pdf: Annotated[bool, typer.Option("--pdf", help="PDF as well; PDF alone where --output ends in .pdf.")] = False,
+    light: Annotated[bool, typer.Option("--light", help="Static figures, no script: small enough to mail.")] = False,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write a PDF too; only a PDF if --output ends in .pdf.")] = False,
     effects_file: EffectsFile = None,
     output: Output = None,
 ) -> None:
-    """Write one page on a model and a recording: verdict, falling error, parameters, budget, where it fails.
+    """Write a report on a model and a recording: diagnosis, error reduction, residuals, parameters, uncertainty budget.
 
-    The page opens offline. RUN.html unless --output says otherwise.
+    One HTML page that opens offline; RUN.html by default.
 
     Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
     """
@@ -56,8 +53,8 @@ def report(
 
     target = output if output is not None else run.with_suffix(".html")
     if target.suffix not in (".html", ".pdf"):
-        raise Usage(f"--output {target}: expected a name that ends in .html or .pdf")
-    own_effects(effects_file)
+        raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     with progress("report") as share:
         content = page.gather(
@@ -69,32 +66,32 @@ def report(
         )
     if target.suffix == ".html":
         page.write(page.light(content) if light else page.html(content), target)
-        say(f"wrote {target}")
+        print_status(f"wrote {target}")
     if pdf or target.suffix == ".pdf":
         page.pdf(content, target.with_suffix(".pdf"))
-        say(f"wrote {target.with_suffix('.pdf')}")
+        print_status(f"wrote {target.with_suffix('.pdf')}")
 
 
 @app.command()
-@reported
+@with_exit_codes
 def export(
     model: ModelFile,
-    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.", callback=new_file)] = None,
-    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.", callback=new_file)] = None,
+    c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.", callback=writable_file)] = None,
+    rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.", callback=writable_file)] = None,
     dcc: Annotated[
-        Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=new_file)
+        Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=writable_file)
     ] = None,
     lab: Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")] = None,
-    schema: Annotated[Path | None, typer.Option("--schema", help="Hold --dcc against this dcc.xsd.")] = None,
+    schema: Annotated[Path | None, typer.Option("--schema", help="Validate --dcc against this dcc.xsd.")] = None,
     without: Annotated[
-        list[str] | None, typer.Option("--without", help="Leave out an effect that cannot be exported.")
+        list[str] | None, typer.Option("--without", help="Omit an effect that cannot be exported.")
     ] = None,
     effects_file: EffectsFile = None,
     json: Json = False,
 ) -> None:
-    """Write the sensor's own calibration as code for firmware, as JSON, as a draft certificate.
+    """Export the sensor's own calibration as code for firmware, as JSON, or as a draft certificate.
 
-    From a reading in V, counts or m/s² to acceleration, with a proven bound on its error.
+    The code converts a reading in V, counts or m/s² to acceleration, with a proven error bound.
 
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
     """
@@ -103,13 +100,13 @@ def export(
     from accelcal.serialization import model_file
 
     if not (c or rust or dcc or json):
-        raise Usage("say what to write: --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
+        raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
     if dcc is None and (lab or schema):
-        raise Usage("--lab and --schema belong to a certificate; add --dcc draft.xml")
+        raise UsageError("--lab and --schema apply to a certificate; add --dcc draft.xml")
     for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",)), ("--dcc", dcc, (".xml",))):
         if path is not None and path.suffix not in endings:
-            raise Usage(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
-    own_effects(effects_file)
+            raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
+    load_own_effects(effects_file)
     made = exports.calibrate(model_file.load(model), without=without or (), source=model.name)
     files: dict[Path, str] = {}
     if c is not None:
@@ -124,31 +121,32 @@ def export(
     for path, text in files.items():
         atomic_write(path, text)
     if json:
-        emit(exports.to_dict(made))
+        print_json(exports.to_dict(made))
     else:
         show_export(exports.to_dict(made))
     for path in files:
-        say(f"wrote {path}")
+        print_status(f"wrote {path}")
     if dcc is not None:
-        say(f"{dcc} is a draft; missing: {', '.join(certificate.missing) or 'nothing'}")
-        say("it was not checked; give --schema dcc.xsd" if schema is None else f"it follows {schema}")
+        print_status(f"{dcc} is a draft; missing: {', '.join(certificate.missing) or 'nothing'}")
+        checked = "not validated; give --schema dcc.xsd" if schema is None else f"valid against {schema}"
+        print_status(f"{dcc} is {checked}")
 
 
 @app.command("app")
-@reported
+@with_exit_codes
 def workbench(
-    run: Annotated[Path | None, typer.Argument(help="Recording to begin with.", show_default=False)] = None,
+    run: Annotated[Path | None, typer.Argument(help="Recording to load first.", show_default=False)] = None,
     port: Annotated[
-        int | None, typer.Option("--port", help="Port on 127.0.0.1; the first free one by default.")
+        int | None, typer.Option("--port", help="Port on 127.0.0.1; by default the first free one.")
     ] = None,
     show: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
 ) -> None:
-    """Open the workbench: the same loop in a browser, on this machine only.
+    """Open the workbench: fit, diagnose and improve in a browser, on this machine only.
 
     Example: [bold]accelcal app run12.csv[/bold]
     """
     from accelcal.app import serve
 
     if run is not None and not run.is_file():
-        raise Usage(f"{run}: there is no such file; check the path")
+        raise UsageError(f"{run}: there is no such file; check the path")
     serve(None if run is None else run.absolute(), port=port, show=show)

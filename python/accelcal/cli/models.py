@@ -19,15 +19,15 @@ from accelcal.cli.common import (
     RunFile,
     Seed,
     To,
-    Usage,
-    amount,
+    UsageError,
     app,
-    emit,
-    folder,
-    own_effects,
+    load_own_effects,
+    parse_quantity,
+    print_json,
+    print_status,
     progress,
-    reported,
-    say,
+    with_exit_codes,
+    writable_folder,
 )
 from accelcal.cli.printing import show_comparison, show_fit, show_steps
 
@@ -36,12 +36,12 @@ if TYPE_CHECKING:
     from accelcal.estimation.estimate import Fit
 
 
-OF_FILTERS = ("form", "interpolation", "integrator", "order", "carrier")
-"""Options that choose a live filter."""
+FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
+"""Options of the recursive filters."""
 
 
 @app.command()
-@reported
+@with_exit_codes
 def fit(
     context: typer.Context,
     runs: Annotated[list[Path], typer.Argument(help="One or several recordings of the same sensor.", metavar="RUN...")],
@@ -62,8 +62,8 @@ def fit(
 ) -> None:
     """Estimate bias, scale factor and time offset (and K2, K3) with their uncertainty.
 
-    Several recordings share the sensor's parameters; with a reversed or rolled mount among them, tilt or the
-    cross-axis product is separated.
+    Several recordings share the sensor's parameters; a reversed or rolled mount among them separates tilt or the
+    cross-axis product.
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
@@ -74,38 +74,40 @@ def fit(
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
-        raise Usage(f"--model {model!r}: expected linear or cubic")
-    begin, stop = amount(start, "time", "--from"), amount(end, "time", "--to")
-    width = amount(band, "frequency", "--band")
+        raise UsageError(f"--model {model!r}: expected linear or cubic")
+    begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
+    width = parse_quantity(band, "frequency", "--band")
     recordings = [io.load(path, rig) for path in runs]
     if method == "replay":
-        for name in OF_FILTERS:
+        for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
             if source is not None and source.name == "COMMANDLINE":
-                raise Usage(f"--{name} chooses a live filter; add --method aci or --method cwpa, or leave it out")
+                raise UsageError(
+                    f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
+                )
         with progress("fit") as report:
             found = fit_replay(chosen(), recordings, start=begin, end=stop, band=width, report=report)
     else:
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         if len(recordings) != 1 or band is not None:
-            raise Usage(f"--method {method} takes one recording and no --band; the replay takes several")
+            raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
         from accelcal.estimation.recursive import fit_recursive
 
         found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
     if output is not None:
         model_file.save(found, output, seed=seed)
     if json:
-        emit(model_file.to_dict(found, seed=seed))
+        print_json(model_file.to_dict(found, seed=seed))
     else:
         show_fit(found, *recordings)
     if output is not None:
-        say(f"wrote {output}")
+        print_status(f"wrote {output}")
 
 
 def filter_choice(
     method: str, model: str, form: str, interpolation: str, integrator: str, order: int, carrier: str
 ) -> Any:
-    """Check the five choices of a live filter."""
+    """Check the options of a recursive filter."""
     from accelcal.filters.choice import FilterChoice
 
     allowed: tuple[tuple[str, Any, tuple[Any, ...]], ...] = (
@@ -119,7 +121,7 @@ def filter_choice(
     for option, value, known in allowed:
         if value not in known:
             expected = ", ".join(str(k) for k in (*(("replay",) if option == "--method" else ()), *known))
-            raise Usage(f"{option} {value!r}: expected one of {expected}")
+            raise UsageError(f"{option} {value!r}: expected one of {expected}")
     return FilterChoice(
         system=method,  # type: ignore[arg-type]
         model=model,  # type: ignore[arg-type]
@@ -132,7 +134,7 @@ def filter_choice(
 
 
 @app.command()
-@reported
+@with_exit_codes
 def compare(
     model: ModelFile,
     run: RunFile,
@@ -141,13 +143,13 @@ def compare(
     start: From = None,
     end: To = None,
     plots: Annotated[
-        Path | None, typer.Option("--plots", help="Write pictures into this folder.", callback=folder)
+        Path | None, typer.Option("--plots", help="Write figures into this folder.", callback=writable_folder)
     ] = None,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Compare a fitted model with a recording: unaided drift, one-step residuals, where it fails.
+    """Compare a fitted model with a recording: unaided drift, one-step prediction errors, residuals by region.
 
     Example: [bold]accelcal compare m.json run13.csv[/bold]
     """
@@ -155,33 +157,33 @@ def compare(
     from accelcal.serialization import model_file
     from accelcal.validation.evaluation import compare as compare_with
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     seen = compare_with(
         fitted,
         recording,
-        band=amount(band, "frequency", "--band"),
-        start=amount(start, "time", "--from"),
-        end=amount(end, "time", "--to"),
+        band=parse_quantity(band, "frequency", "--band"),
+        start=parse_quantity(start, "time", "--from"),
+        end=parse_quantity(end, "time", "--to"),
     )
     content = model_file.comparison_to_dict(seen)
     if output is not None:
         atomic_write(output, model_file.dumps(content))
-        say(f"wrote {output}")
+        print_status(f"wrote {output}")
     if plots is not None:
         from accelcal.plots.static.comparison import write
 
         for path in write(fitted, seen, plots):
-            say(f"wrote {path}")
+            print_status(f"wrote {path}")
     if json:
-        emit(content)
+        print_json(content)
     else:
         show_comparison(content)
 
 
 @app.command()
-@reported
+@with_exit_codes
 def add(
     model: ModelFile,
     run: RunFile,
@@ -191,21 +193,21 @@ def add(
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Add effects to a model and fit it again; shape parameters are found by likelihood.
+    """Add effects to a model and refit it; shape parameters are estimated by likelihood.
 
     Example: [bold]accelcal add m.json run12.csv --effect cubic -o m2.json[/bold]
     """
     from accelcal.serialization import model_file
     from accelcal.workflow import add as add_to
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(add_to(fitted, recording, *effects), recording, output, json)
 
 
 @app.command()
-@reported
+@with_exit_codes
 def drop(
     model: ModelFile,
     run: RunFile,
@@ -215,70 +217,72 @@ def drop(
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Drop effects from a model and fit it again.
+    """Drop effects from a model and refit it.
 
     Example: [bold]accelcal drop m2.json run12.csv --effect cubic -o m3.json[/bold]
     """
     from accelcal.serialization import model_file
     from accelcal.workflow import drop as drop_from
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
 
 
 @app.command()
-@reported
+@with_exit_codes
 def history(
-    models: Annotated[list[Path], typer.Argument(help="Model files, in the order of the story.", metavar="MODEL...")],
-    on: Annotated[Path, typer.Option("--on", help="Recording that none of them was fitted to.")],
+    models: Annotated[
+        list[Path], typer.Argument(help="Model files, in the order in which effects were added.", metavar="MODEL...")
+    ],
+    on: Annotated[Path, typer.Option("--on", help="Recording that no model was fitted to.")],
     rig: Rig = None,
     effects_file: EffectsFile = None,
     json: Json = False,
 ) -> None:
-    """Compare several models with one recording: the falling error.
+    """Compare several models with one held-out recording.
 
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import history as history_of
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fits = [model_file.load(path) for path in models]
     content = diagnosis_json.history_to_dict(
         [str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps
     )
     if json:
-        emit(content)
+        print_json(content)
     else:
         show_steps([(step["model"], step["heldout"]) for step in content["steps"]])
 
 
 @app.command()
-@reported
+@with_exit_codes
 def freeze(
     model: ModelFile,
     run: RunFile,
     at: Annotated[list[str] | None, typer.Option("--at", help="Hold NAME=VALUE (SI).")] = None,
-    release: Annotated[list[str] | None, typer.Option("--release", help="Let NAME be estimated again.")] = None,
+    release: Annotated[list[str] | None, typer.Option("--release", help="Estimate NAME again.")] = None,
     rig: Rig = None,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Hold parameters at given values, or release them, and fit the model again.
+    """Hold parameters at given values, or release them, and refit the model.
 
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
     from accelcal.serialization import model_file
     from accelcal.workflow import fit as fit_replay
 
-    own_effects(effects_file)
+    load_own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     if not at and not release:
-        raise Usage("say what to hold or to estimate again: --at bias=0.05 or --release bias")
+        raise UsageError("name the parameters to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
     for text in at or ():
         name, _, value = text.partition("=")
@@ -287,7 +291,7 @@ def freeze(
             if not math.isfinite(held[name]):
                 raise ValueError
         except ValueError:
-            raise Usage(f"--at {text!r}: expected NAME=VALUE with a number in SI, such as bias=0.05") from None
+            raise UsageError(f"--at {text!r}: expected NAME=VALUE with a number in SI, such as bias=0.05") from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
     finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
 
@@ -298,9 +302,9 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
 
     if output is not None:
         model_file.save(found, output)
-        say(f"wrote {output}")
+        print_status(f"wrote {output}")
     if json:
-        emit(model_file.to_dict(found))
+        print_json(model_file.to_dict(found))
     else:
         show_fit(found, recording)
 
@@ -314,5 +318,5 @@ def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:
     recording = io.load(run, rig if declared else fitted.rig)
     require_same_sensor(recording, fitted.rig, "the model")
     if not declared:
-        say(f"{run}: no sidecar; the rig stored in the model is assumed")
+        print_status(f"{run}: no sidecar; the rig stored in the model is used")
     return recording

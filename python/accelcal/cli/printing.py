@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from accelcal.cli.common import Usage, amount
+from accelcal.cli.common import UsageError, parse_quantity
 from accelcal.formatting import interval, millionths, plus_minus, short
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def show_export(content: dict[str, Any]) -> None:
-    """Print what was exported: where it holds, how good it is, what is not in it."""
+    """Print what was exported: its range, its error bounds, omitted effects."""
     from accelcal.calibration.export.words import upwards
 
     low, high = content["validity"]["acceleration_m_per_s2"]
@@ -37,21 +37,21 @@ def show_export(content: dict[str, Any]) -> None:
 
 
 def limit(text: str, kind: str, option: str) -> float:
-    """A limit of the stage in SI; a bare number is refused, because 20 cm and 20 m are both stages."""
+    """A limit of the stage in SI; a bare number is refused, because both 20 cm and 20 m are plausible."""
     if text.strip().replace(".", "", 1).replace("e", "", 1).lstrip("+-").isdigit():
         example = {"length": "0.2 m", "speed": "0.1 m/s", "acceleration": "20 m/s^2"}[kind]
-        raise Usage(f'{option} {text!r} has no unit; expected a {kind} with one, as in {option} "{example}"')
-    return amount(text, kind, option) or 0.0
+        raise UsageError(f'{option} {text!r} has no unit; expected a {kind} with one, as in {option} "{example}"')
+    return parse_quantity(text, kind, option) or 0.0
 
 
 def show_power(content: dict[str, Any]) -> None:
-    """Print the smallest detectable size of every effect, then what could not be told apart."""
+    """Print the smallest detectable size of every effect, then confounded effects."""
     from rich.console import Console
 
     console = Console()
     share = f"{100 * content['probability']:.0f} %"
     console.print(
-        f"{content['name'] or 'recording'}: what would be found with {share} probability among "
+        f"{content['name'] or 'recording'}: smallest sizes detected with {share} probability among "
         f"{content['candidates_examined']} candidates, false alarms {100 * content['alpha']:.2g} % per record",
         style="bold",
         highlight=False,
@@ -61,32 +61,34 @@ def show_power(content: dict[str, Any]) -> None:
         sizes = each["smallest_detectable"]
         every = sizes if isinstance(sizes, list) else [sizes]
         known = [v for v in every if v is not None]
-        # Two parts are told one by one; of the many pieces of a shape the one that is seen best speaks for all.
+        # Two coefficients are printed one by one; of the many of a curve, the one that is detected best.
         sized = every if len(every) <= 2 else [min(known, default=None)]
         largest = each["largest_contribution"]
         rows.append(
             (
                 each["effect"],
-                " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not visible",
+                " / ".join("-" if v is None else f"{v:.3g}" for v in sized) if known else "not detectable",
                 each["unit"],
                 f"{largest:.2g} {each['largest_contribution_unit']}" if largest is not None else "",
             )
         )
     show_table(("effect", "smallest size", "unit", "largest contribution"), rows)
     if any(not each["class"][1:] and each["smallest_detectable"] is None for each in content["effects"]):
-        console.print("not visible: the base model takes it up, or it would have to be as large as the motion itself")
+        console.print(
+            "not detectable: absorbed by the base model, or it would have to be as large as the motion itself"
+        )
     for tie in content["ties"]:
-        console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
+        console.print(f"confounded: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
 
 
 def show_plan(content: dict[str, Any]) -> None:
-    """Print what a planned motion would see, and whether it separates what it should."""
+    """Print what a planned motion would detect, and whether it separates the requested effects."""
     from rich.console import Console
 
     console = Console()
     names = ", ".join(each["effect"] for each in content["effects"])
     limits = content["limits"]
-    verdict = "can be told apart" if content["separated"] else "cannot all be told apart within these limits"
+    verdict = "can be separated" if content["separated"] else "cannot all be separated within these limits"
     console.print(
         f"{names} {verdict}; {content['motions_tried']} motions of {content['seconds']:g} s tried within "
         f"{limits['stroke_m']:g} m, {limits['speed_m_per_s']:g} m/s, {limits['acceleration_m_per_s2']:g} m/s²",
@@ -96,26 +98,28 @@ def show_plan(content: dict[str, Any]) -> None:
     show_power({**content, "name": "this motion", "probability": 0.95, "ties": []})
     for each in content["effects"]:
         if each["class"][1:]:
-            console.print(f"{each['effect']} cannot be told from {', '.join(each['class'][1:])}", highlight=False)
+            console.print(f"{each['effect']} is confounded with {', '.join(each['class'][1:])}", highlight=False)
     for pair in content["correlations"]:
         console.print(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}", highlight=False)
 
 
 def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
-    """Print what was found, what the grown model still lacks, its parameters, and the falling error."""
+    """Print the effects that were found, the diagnosis of the final model, its parameters, and the held-out errors."""
     from rich.console import Console
 
     if found.effects:
-        Console().print(f"Found: {', '.join(found.effects)}. What is left:", style="bold", highlight=False)
+        Console().print(
+            f"Found: {', '.join(found.effects)}. Diagnosis of the improved model:", style="bold", highlight=False
+        )
     show_diagnosis(content)
     show_parameters(found.diagnosis.fit)
     if found.same_run:
-        print("held out: the end of the same run; it cannot show set-up or slow-drift errors")
+        print("held out: the end of the same run, which does not reveal set-up and slow-drift errors")
     show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
-    """Print a sentence first, then the candidates and what cannot be told apart."""
+    """Print the verdict, then the candidates and confounded effects."""
     from rich.console import Console
 
     console = Console()
@@ -138,21 +142,27 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         ]
         show_table(("candidate", "estimate (std)", "unit", "sigma", "p", "largest, m/s²"), rows)
         console.print(
-            f"p is family-wise over {content['candidates_examined']} candidates; largest is the largest contribution "
-            "over the used range",
+            f"p is the family-wise p-value over {content['candidates_examined']} candidates; largest is the largest "
+            "contribution over the used range",
             highlight=False,
         )
-    for text in effect_lines(content):
+    for text in contribution_lines(content):
         console.print(text, highlight=False)
     for one in content["dropped"]:
         console.print(f"note: {one['sentence']}", highlight=False)
     if "where" in content:
-        console.print(f"where it fails: {content['where']['worst']}", highlight=False)
+        console.print(f"largest residual: {content['where']['worst']}", highlight=False)
     for tie in content["classes"]:
         if len(tie["members"]) > 1:
-            console.print(f"cannot be told apart: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
+            console.print(
+                f"confounded on this record: {', '.join(tie['members'])}. To separate them: {tie['experiment']}.",
+                highlight=False,
+            )
     for tie in content["inseparable"]:
-        console.print(f"never apart on this rig: {', '.join(tie['members'])}. {tie['experiment']}.", highlight=False)
+        console.print(
+            f"confounded on this rig: {', '.join(tie['members'])}. To separate them: {tie['experiment']}.",
+            highlight=False,
+        )
 
 
 def contribution(size: dict[str, float | None]) -> str:
@@ -164,28 +174,28 @@ def contribution(size: dict[str, float | None]) -> str:
     return f"{size['m_per_s2']:.3g} m/s², {size['mg']:.3g} mg{full}"
 
 
-def effect_lines(content: dict[str, Any]) -> list[str]:
-    """One line for each effect that was named: how large it is over the used range, and whether that matters."""
+def contribution_lines(content: dict[str, Any]) -> list[str]:
+    """One line for each named effect: its largest contribution over the used range, and whether that matters."""
     from accelcal.data.rig import STANDARD_GRAVITY
 
     judged, lines = content["tolerance"], []
     for name in content["effects"]:
         size = content["largest_contributions"].get(name)
-        text = f"{name}: " + ("no size of its own" if size is None else f"at most {contribution(size)}")
+        text = f"{name}: " + ("no contribution of its own" if size is None else f"at most {contribution(size)}")
         if judged is not None:
             limit = f"{1e3 * judged['m_per_s2'] / STANDARD_GRAVITY:.3g} mg"
             kind = next(kind for kind in ("matters", "below", "not_comparable") if name in judged[kind])
             text += {
                 "matters": f"; matters (tolerance {limit})",
                 "below": f"; below tolerance ({limit})",
-                "not_comparable": "; not comparable with the tolerance, which is of the output",
+                "not_comparable": "; not comparable with the tolerance, which applies to the output",
             }[kind]
         lines.append(text)
     return lines
 
 
 def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
-    """Print the falling error on held-out data; the least floor, since a model takes what it lacks for noise."""
+    """Print the errors on held-out data; the smallest noise floor, since a missing effect is counted as noise."""
     from rich.console import Console
 
     rows = []
@@ -194,7 +204,7 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
         cells = ["-" if v is None else f"{1e3 * v:.4g}" for v in drift]
         rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}"))
     floors = [[one["coast_floor_m"][h] for _, one in steps if one["coast_floor_m"][h]] for h in ("1", "5", "10")]
-    rows.append(("noise alone", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), ""))
+    rows.append(("noise floor", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), ""))
     console = Console()
     console.print("rms unaided drift on held-out data (rezeroed) after", highlight=False)
     show_table(("model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"), rows)
@@ -203,7 +213,7 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
 
 
 def show_fit(found: Fit, *recordings: Recording) -> None:
-    """Print a fit as a table with what must be read beside it."""
+    """Print a fit as a table, with noise, warnings and remarks."""
     from rich.console import Console
 
     from accelcal.calibration.electrical import electrical
@@ -226,12 +236,12 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
 
 
 def show_parameters(found: Fit) -> None:
-    """Print every parameter with its uncertainty, and what it really is on this rig."""
+    """Print every parameter with its uncertainty, and the sum that it estimates on this rig."""
     from accelcal.data.units import display
     from accelcal.effects import find
     from accelcal.estimation.estimate import tied_sum
 
-    rows, told = [], {}
+    rows, estimated = [], {}
     without = [e for e in found.estimates if e.std <= 0.0 and e.value == 0.0 and find(e.name.partition(".")[0]).family]
     for e in (*found.estimates, *found.shapes):
         if e in without:
@@ -246,16 +256,16 @@ def show_parameters(found: Fit) -> None:
                 "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
             )
         )
-        told[e.name] = tied_sum(found, e.name)
+        estimated[e.name] = tied_sum(found, e.name)
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
-    for name, what in told.items():
-        print(f"  {name} really is {what} here")
+    for name, total in estimated.items():
+        print(f"  {name} estimates {total} on this rig")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
-        print(f"  {name} does without {number} of its columns")
+        print(f"  {name}: {number} of its columns are not needed")
 
 
 def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """Print a table whole: wider than the terminal rather than with numbers cut off."""
+    """Print a table in full: wider than the terminal rather than with truncated numbers."""
     from rich.console import Console
     from rich.measure import Measurement
     from rich.table import Column, Table
@@ -269,21 +279,21 @@ def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
 
 
 def noise_lines(report: Any) -> list[str]:
-    """Noise of one run in words: all of it, rest, motion, and the data sheet."""
+    """Noise of one run: overall, at rest, in motion, and as declared."""
     from accelcal.data.units import MICRO_G
 
     lines = []
-    for label, one in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
-        if one is not None:
-            density = plus_minus(one.density / MICRO_G, one.density_std / MICRO_G)
-            reading = plus_minus(1e6 * one.reading, 1e6 * one.reading_std)
-            lines.append(f"{label}: {density} ug/sqrt(Hz), encoder {reading} um, {one.count} readings")
+    for label, level in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
+        if level is not None:
+            density = plus_minus(level.density / MICRO_G, level.density_std / MICRO_G)
+            reading = plus_minus(1e6 * level.reading, 1e6 * level.reading_std)
+            lines.append(f"{label}: {density} ug/sqrt(Hz), encoder {reading} um, {level.count} readings")
     if report.declared is not None:
         lines.append(
-            f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); fitted is {report.ratio:.3g} times that"
+            f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); estimated is {report.ratio:.3g} times that"
         )
     edge = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
-    lines.append(f"  {edge}: below it the encoder, above it the accelerometer knows acceleration better")
+    lines.append(f"  {edge}: below it the encoder, above it the accelerometer measures acceleration more precisely")
     return lines
 
 
@@ -306,25 +316,30 @@ def show_comparison(content: dict[str, Any]) -> None:
         )
         for horizon, value in content["coast_rms_m"].items()
     ]
-    show_table(("rms unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points"), rows)
+    show_table(
+        ("rms unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points"),
+        rows,
+    )
     setup = content["setup_bias_m_per_s2"]
     if setup["std"] is not None:
-        console.print(f"set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²", highlight=False)
+        console.print(
+            f"change of set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²", highlight=False
+        )
     nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
-    console.print(f"one step ahead: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}", highlight=False)
+    console.print(f"one-step prediction error: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}", highlight=False)
     steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
-    console.print(f"readings ahead: {steps}", highlight=False)
+    console.print(f"prediction error by readings ahead: {steps}", highlight=False)
     console.print(
-        f"accelerometer side, up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
+        f"accelerometer residual up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
         highlight=False,
     )
-    console.print(f"worst: {content['worst']}", highlight=False)
+    console.print(f"largest residual: {content['worst']}", highlight=False)
     for text in outside_lines(content) or content["remarks"]:
         console.print(f"note: {text}", highlight=False)
 
 
 def outside_lines(content: dict[str, Any]) -> list[str]:
-    """One line for each variable that leaves the range which the fit has seen: how often, and the errors apart."""
+    """One line for each variable that leaves the trained range: how often, and the errors inside and outside."""
     lines = []
     for one in content["outside"]:
         if one["readings_outside"] == 0 or one["range"] is None:
@@ -336,7 +351,7 @@ def outside_lines(content: dict[str, Any]) -> list[str]:
             + ": "
         )
         one_step = [millionths(one["one_step_rms_m"][side]) for side in ("inside", "outside")]
-        text += f"one step {one_step[0]} inside, {one_step[1]} outside"
+        text += f"one-step error {one_step[0]} inside, {one_step[1]} outside"
         for horizon, drift in one["coast_rms_m"].items():
             windows = one["coast_starts"][horizon]
             if windows["outside"]:

@@ -10,7 +10,7 @@ import scipy
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
-from accelcal.diagnosis.local_spread import LOCAL
+from accelcal.diagnosis.noise_tests.robust import LOCAL
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
     BREAK_EXPLAINED,

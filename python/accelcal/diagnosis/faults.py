@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.local_spread import LOCAL, local_spread
+from accelcal.diagnosis.noise_tests.robust import LOCAL, local_spread
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,

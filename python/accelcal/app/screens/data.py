@@ -79,7 +79,8 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
             try:
                 if file.size() > MOST_BYTES:
                     raise Refused(
-                        f"{file.name}: {file.size() / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB"
+                        f"{file.name}: {file.size() / 1e6:.0f} MB; the limit of the workbench is "
+                        f"{MOST_BYTES / 1e6:.0f} MB"
                     )
                 path = bench.upload_path(file.name, upload_folder)
             except Refused as error:
@@ -256,9 +257,8 @@ def division(page: Page) -> None:
         widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
         widgets.button("Exclude", "content_cut", lambda: mark(bench.exclude), label="Exclude this stretch")
     if state.steps:
-        ui.label("Changing the division discards the models, which must be fitted again; Undo restores them.").classes(
-            "note"
-        )
+        text = "Changing the division discards the models, which must be fitted again; Undo restores them."
+        ui.label(text).classes("note")
 
 
 def fitting(page: Page) -> None:

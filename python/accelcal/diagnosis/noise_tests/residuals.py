@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.local_spread import local_spread
+from accelcal.diagnosis.noise_tests.robust import local_spread
 from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, BlockSpectra
 from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, above
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated, outliers, spread_of

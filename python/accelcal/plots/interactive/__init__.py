@@ -5,12 +5,12 @@ from accelcal.plots.interactive.drift import coasting
 from accelcal.plots.interactive.error_reduction import error_reduction
 from accelcal.plots.interactive.linked import linked
 from accelcal.plots.interactive.motion import simulated
-from accelcal.plots.interactive.power import detectable_sizes
 from accelcal.plots.interactive.ranking import ranking
 from accelcal.plots.interactive.regions import regions
 from accelcal.plots.interactive.residual import accel_residual, one_step
 from accelcal.plots.interactive.shape import fitted_curve
 from accelcal.plots.interactive.signatures import signatures
+from accelcal.plots.interactive.smallest_sizes import detectable_sizes
 from accelcal.plots.interactive.spectrum import spectrum
 from accelcal.plots.interactive.tiles import tiles
 from accelcal.plots.interactive.timeline import marks, timeline

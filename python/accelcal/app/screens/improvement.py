@@ -62,9 +62,8 @@ def error(page: Page) -> None:
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     if found is not None and found.verdict not in ("adequate", "too_short"):
-        ui.label(
-            "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
-        ).classes("note")
+        text = "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
+        ui.label(text).classes("note")
 
 
 def figure(name: str, value: float, mark: str) -> None:
