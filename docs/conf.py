@@ -53,17 +53,17 @@ pygments_style = "friendly"
 pygments_dark_style = "github-dark"
 
 for module in [m for name, m in sys.modules.items() if name.startswith("accelcal.plots")]:
-    # They name these types for type checkers alone; a type that is known makes a link that leads to the right class.
+    # They import these types for type checkers alone; with the type known, the link leads to the right class.
     vars(module).setdefault("Figure", InteractiveFigure if ".interactive" in module.__name__ else StillFigure)
 
 SYMPTOMS = "<!-- symptoms of the catalogue -->"
-"""Where a page wants the table of what every effect looks like."""
+"""Mark of a page for the table of what every effect looks like."""
 COMMANDS = "<!-- commands -->"
-"""Where a page wants the table of all commands."""
+"""Mark of a page for the table of all commands."""
 
 
 def pictures(app: Any) -> Path:
-    """Folder of the cards' pictures; beside the environment, never among the sources."""
+    """Folder of the cards' pictures, next to the doctrees and never among the sources."""
     return Path(app.doctreedir) / "pictures"
 
 
@@ -77,7 +77,7 @@ def draw(app: Any) -> None:
 
 
 def complete(app: Any, page: str, source: list[str]) -> None:
-    """Put pictures into the page of cards, and what the catalogue knows of symptoms where it is asked for."""
+    """Put pictures into the page of cards, and the tables of symptoms and commands where a page has their mark."""
     if page == "effects":
         folder = os.path.relpath(pictures(app), app.srcdir)
         by_name = {effect.name: effect for effect in HOUSE}
@@ -108,14 +108,14 @@ def commands() -> str:
 
 
 COLON = "\N{RATIO}"
-"""Stands in for a colon while napoleon would take what precedes it for the type of an attribute."""
+"""Replaces a colon while napoleon would read the text before it as the type of an attribute."""
 
 
 def described(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Let docstrings of the house be read as they are meant.
+    """Let napoleon read docstrings of this package as they are meant.
 
-    `x : what it is` is a description of a parameter, not its type; the text of an attribute may hold a colon; and |rho|
-    is a size, not a substitution.
+    `x : what it is` is a description of a parameter, not its type; the text of an attribute may contain a colon; and |rho|
+    is an absolute value, not a substitution.
     """
     section, kept = "", list[str]()
     for i, line in enumerate(lines):
@@ -131,7 +131,7 @@ def described(app: Any, what: str, name: str, thing: Any, options: Any, lines: l
 
 
 def unguarded(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
-    """Show the colons again, once napoleon has gone over them."""
+    """Restore the colons after napoleon."""
     lines[:] = [line.replace(COLON, ":") for line in lines]
 
 

@@ -1,4 +1,4 @@
-"""Every example of the pages runs as it stands: `sh` and `python` blocks in the order of the page, in one folder."""
+"""Every example of the pages runs as printed: `sh` and `python` blocks in the order of the page, in one folder."""
 
 import os
 import shlex
@@ -66,13 +66,13 @@ def run(example, folder):
 @pytest.mark.parametrize("page", PAGES)
 def test_examples_run_in_the_order_of_the_page(page, tmp_path):
     prepare(page, tmp_path)
-    ran = [example for example in examples(page) if example.language in ("sh", "python")]
-    assert ran
-    for example in ran:
+    runnable = [example for example in examples(page) if example.language in ("sh", "python")]
+    assert runnable
+    for example in runnable:
         run(example, tmp_path)
 
 
-def test_every_command_on_a_page_runs_or_is_known_to_be_for_a_person():
+def test_every_command_on_a_page_is_run_here_or_listed_as_started_by_hand():
     for path in DOCS.glob("*.md"):
         by_hand = [
             line
@@ -87,7 +87,7 @@ def test_every_command_on_a_page_runs_or_is_known_to_be_for_a_person():
         assert f"{page}.md" in (DOCS.parent / "tests" / test).read_text(encoding="utf-8")
 
 
-def test_an_example_that_fails_is_seen(tmp_path):
+def test_an_example_that_fails_is_found(tmp_path):
     broken = next(e for e in examples("loop") if e.language == "sh")
     with pytest.raises(AssertionError, match="no-such-effect"):
         run(replace(broken, text="accelcal demo --effect no-such-effect\n"), tmp_path)

@@ -1,4 +1,4 @@
-"""The page on own data explains every key that the reader of sidecars knows, and no other."""
+"""The page on the user's own data explains every key that the sidecar reader accepts, and no other."""
 
 import re
 
@@ -12,9 +12,9 @@ PAGE = "your-data"
 
 
 def known_and_given(texts, folder, monkeypatch):
-    """Keys that the reader would take and keys that it was given, by the table of checks that it held them against.
+    """Keys that the reader accepts and keys that it was given, by the table of checks that was applied.
 
-    A table inside a table is reached when the page gives one; a page without it lacks the key that holds it.
+    A nested table is reached when the page gives one; a page without it lacks the key that holds it.
     """
     known, given = {}, {}
     check = sidecar._table
@@ -43,7 +43,7 @@ def test_the_examples_give_every_key(tmp_path, monkeypatch):
     assert given == known
 
 
-def test_every_key_stands_in_a_table_of_the_page(tmp_path, monkeypatch):
+def test_every_key_is_in_a_table_of_the_page(tmp_path, monkeypatch):
     known, _ = known_and_given(sidecars(), tmp_path, monkeypatch)
     text = (DOCS / f"{PAGE}.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (`[^|]*`) \|", text, flags=re.MULTILINE)
@@ -54,7 +54,7 @@ def test_every_key_stands_in_a_table_of_the_page(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("key", ["serial", "tolerance = 0.05", "resolution", "gravity_along_axis", "misalignment"])
-def test_a_key_that_the_page_forgets_is_missed(key, tmp_path, monkeypatch):
+def test_a_key_that_the_page_omits_is_found(key, tmp_path, monkeypatch):
     texts = [re.sub(rf"^{key}.*\n|, {key}[^,}}]*", "", text, flags=re.MULTILINE) for text in sidecars()]
     assert texts != sidecars()
     known, given = known_and_given(texts, tmp_path, monkeypatch)

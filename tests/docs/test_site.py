@@ -1,4 +1,4 @@
-"""The site: built from the repository without a warning, links that hold, nothing fetched when it is read."""
+"""The site: built from the repository without a warning, with valid links, and nothing fetched when it is read."""
 
 import importlib
 import subprocess
@@ -22,7 +22,7 @@ PUBLIC = (
     "accelcal.plots.interactive",
     "accelcal.report",
 )
-"""Packages of whose `__all__` every name must stand on the pages of the Python interface."""
+"""Packages of whose `__all__` every name must be on the pages of the Python interface."""
 SEEN = ("index", "effects", "tutorial", "api/loop")
 """Pages that are opened in a browser."""
 
@@ -93,7 +93,7 @@ def check_browser(site, browser):
 
 
 def test_the_site_is_whole_and_needs_no_network(built, request):
-    """One test, for the site is built once; the browser comes last, for it may be absent."""
+    """One test, because the site is built once; the browser comes last, because it may be absent."""
     for check in (check_links, check_offline, check_pages, check_cards, check_interface, check_commands):
         check(built)
     check_browser(built, request.getfixturevalue("browser"))

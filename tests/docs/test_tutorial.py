@@ -1,4 +1,4 @@
-"""The tutorial runs from the first cell to the last, and what it claims at the end is true."""
+"""The tutorial runs from the first cell to the last, and its claims at the end are true."""
 
 import re
 from pathlib import Path
@@ -37,8 +37,8 @@ def test_the_tutorial_finds_what_was_hidden_and_the_error_falls(tmp_path):
         assert any(title in card for card in cards), title
     assert "Diagnosis: nothing is missing" in " ".join(cards)
     assert sum("image/png" in out.get("data", {}) for out in outputs(notebook)) == 3
-    said = next(out.text for out in outputs(notebook) if out.get("text", "").startswith("hidden:"))
-    hidden, found = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", said, flags=re.MULTILINE)
+    printed = next(out.text for out in outputs(notebook) if out.get("text", "").startswith("hidden:"))
+    hidden, found = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", printed, flags=re.MULTILINE)
     assert hidden[0] == found[0]
     assert float(found[1]) == pytest.approx(float(hidden[1]), rel=0.2)  # 20 sigma or more
     assert {path.name for path in tmp_path.iterdir()} == {"model.json", "report.html"}

@@ -44,7 +44,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture
 def refused(here, capsys):
-    """Run a command that must fail, say one line, and leave every file as it was; return what it said."""
+    """Run a command that must fail with one line and leave every file as it was; return that line."""
 
     def run(*arguments: str, code: int = 2) -> str:
         before = contents(here)
@@ -52,11 +52,11 @@ def refused(here, capsys):
             app(list(arguments))
         assert ended.value.code == code
         assert contents(here) == before
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err.count("\n") == 1
-        assert said.err.startswith("accelcal: ")
-        return said.err
+        printed = capsys.readouterr()
+        assert printed.out == ""
+        assert printed.err.count("\n") == 1
+        assert printed.err.startswith("accelcal: ")
+        return printed.err
 
     return run
 
@@ -141,8 +141,8 @@ def test_a_damaged_model_is_refused_by_the_key_that_is_wrong(refused, key, value
     content = json.loads(Path("m.json").read_text())
     content[key] = value
     Path("m.json").write_text(json.dumps(content))
-    said = refused("compare", "m.json", "run.csv", code=3)
-    assert f"m.json: the model file is damaged or incomplete ({key}: expected" in said
+    message = refused("compare", "m.json", "run.csv", code=3)
+    assert f"m.json: the model file is damaged or incomplete ({key}: expected" in message
     del content[key]
     Path("m.json").write_text(json.dumps(content))
     assert f"(there is no '{key}'); take a copy that is whole, or fit again" in refused(
@@ -154,18 +154,18 @@ def test_a_covariance_that_belongs_to_another_model_is_refused(refused):
     content = json.loads(Path("m.json").read_text())
     content["covariance"]["matrix"] = np.eye(2).tolist()
     Path("m.json").write_text(json.dumps(content))
-    said = refused("compare", "m.json", "run.csv", code=3)
-    assert "shape (2, 2), expected a row and a column for each of bias, scale_factor, time_offset" in said
+    message = refused("compare", "m.json", "run.csv", code=3)
+    assert "shape (2, 2), expected a row and a column for each of bias, scale_factor, time_offset" in message
 
 
-def test_json_that_is_no_model_is_said(refused):
+def test_json_that_is_no_model_is_reported(refused):
     Path("m.json").write_text("{}")
     assert 'the schema "accelcal/model/1", found none; make one with: accelcal fit' in refused(
         "export", "m.json", "--json", code=3
     )
 
 
-def test_a_missing_recording_is_not_said_to_lack_a_sidecar(refused):
+def test_a_missing_recording_is_reported_and_not_a_missing_sidecar(refused):
     assert (
         refused("compare", "m.json", "absent.csv", code=3)
         == "accelcal: absent.csv: there is no such file; check the path.\n"

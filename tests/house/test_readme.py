@@ -1,4 +1,4 @@
-"""The README's examples run as they stand."""
+"""The README's examples run as printed, its figure is the one they draw, and its map is complete."""
 
 import os
 import re
