@@ -114,8 +114,8 @@ COLON = "\N{RATIO}"
 def described(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
     """Let napoleon read docstrings of this package as they are meant.
 
-    `x : what it is` is a description of a parameter, not its type; the text of an attribute may contain a colon; and |rho|
-    is an absolute value, not a substitution.
+    `x : what it is` is a description of a parameter, not its type; the text of an attribute may contain a colon; and
+    |rho| is an absolute value, not a substitution.
     """
     section, kept = "", list[str]()
     for i, line in enumerate(lines):
