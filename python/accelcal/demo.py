@@ -1,4 +1,4 @@
-"""The two walks that the demo takes: the main job, and the loop on a hidden effect with a sealed answer."""
+"""Recordings with a hidden effect for the demo, and the sealed answer."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TRUTH = {"bias": 0.05, "scale_factor": 0.01}
 """Base parameters of every hidden-effect demo."""
 SECONDS = 60.0
 STRENGTH = 5.0
-"""A hidden effect is this many times the smallest one that the record would show: plain, but not glaring."""
+"""A hidden effect is this many times the smallest detectable one of the record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Hidden:
 
 
 def hide(name: str, seed: int) -> Hidden:
-    """Two recordings of one rig with the same hidden effect.
+    """Simulate two recordings of one rig with one hidden effect.
 
     Parameters
     ----------
@@ -62,12 +62,12 @@ def hide(name: str, seed: int) -> Hidden:
         simulate("interleaved", seconds=SECONDS, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng(s))
         for s in motions
     ]
-    train, holdout = (one.recording for one in made)
+    train, holdout = (simulated.recording for simulated in made)
     if name == "none":
         return Hidden(train, holdout, None, 0.0, {})
     run = PreparedRun(train)
-    one = iterate(Model.linear(), [run], [None]).passes[0]
-    limits = scan([one], Model.linear()).detection_limits
+    state = iterate(Model.linear(), [run], [None]).passes[0]
+    limits = scan([state], Model.linear()).detection_limits
     possible = [
         n
         for n, effect in CATALOGUE.items()
@@ -79,8 +79,8 @@ def hide(name: str, seed: int) -> Hidden:
     effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
     if effect.name not in possible:
         raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
-    assert one.signals is not None
-    shape = {key: float(rng.choice(declared.grid(one.signals))) for key, declared in effect.shapes.items()}
+    assert state.signals is not None
+    shape = {key: float(rng.choice(declared.grid(state.signals))) for key, declared in effect.shapes.items()}
     size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins
     return Hidden(
@@ -95,7 +95,7 @@ def hide(name: str, seed: int) -> Hidden:
 def with_effect(
     made: Simulated, effect: Effect, size: float, shape: Mapping[str, float], origins: Origins
 ) -> Recording:
-    """The recording as it would be with an effect in the sensor, in front of the low-pass."""
+    """The recording with an effect of the sensor added in front of the low-pass."""
     recording, rig = made.recording, made.recording.rig
     accel = recording.accel
     s = exact_signals(made.truth.motion, accel.t, rig, origins)
@@ -121,7 +121,7 @@ def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signa
 
 
 def seal(hidden: Hidden, path: Path) -> None:
-    """Write the answer so that a glance does not give it away."""
+    """Write the answer encoded, so that reading the file does not disclose it."""
     answer = {"effect": hidden.effect, "size": hidden.size, "shape": dict(hidden.shape), **TRUTH}
     text = base64.b64encode(json.dumps(answer).encode()).decode()
     content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects import Effect, find
+from accelcal.effects import Effect, find, polynomial
 from accelcal.effects.registry import Owner, Port
 from accelcal.signals.signals import Signals
 
@@ -21,7 +21,7 @@ NOMINAL = (*BASE, "lowpass_error")
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is believed of a coefficient before the fit."""
+    """Normal distribution of a coefficient before the fit."""
 
     mean: float
     std: float
@@ -52,12 +52,12 @@ class Term:
 
     @property
     def owner(self) -> Owner:
-        """Who carries it."""
+        """Part of the set-up that carries it."""
         return self.effect.owner
 
     @property
     def port(self) -> Port:
-        """Where it adds; a slowly wandering state adds to the output."""
+        """Where it adds; a random process adds to the output."""
         return "output" if self.effect.port == "process" else self.effect.port
 
     def column(self, s: Signals) -> Array:
@@ -89,7 +89,7 @@ def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
 class Model:
     """Base and effects in forward sense: output(t + t0) = (1 + k) a + K0 + sum c_j e_j.
 
-    Every coefficient is free unless `fixed` gives its value; `priors` adds belief to free ones. Both go by the name of
+    Every coefficient is free unless `fixed` gives its value; `priors` holds priors of free ones. Both go by the name of
     the coefficient, which is the effect's where it has one column. Shape parameters are estimated from the values in
     `shapes`, unless `fixed` holds them under the name of effect and parameter (creep.tau).
     """
@@ -124,7 +124,7 @@ class Model:
     @classmethod
     def cubic(cls) -> Model:
         """The linear model with K2 and K3 (paper, eq. 4)."""
-        return cls((*BASE, "quadratic", "cubic"))
+        return cls((*BASE, *polynomial(3)))
 
     def add(
         self,
@@ -132,15 +132,15 @@ class Model:
         shapes: Mapping[str, Mapping[str, float]] | None = None,
         priors: Mapping[str, Prior] | None = None,
     ) -> Model:
-        """Return the model with further effects, all free; what physics says of their coefficients is believed.
+        """Return the model with further effects, all free, with the priors that physics gives their coefficients.
 
         Parameters
         ----------
         names : effects to add.
         shapes : shape parameters of those that have some, by effect.
-        priors : other belief in coefficients, by name.
+        priors : other priors of coefficients, by name.
         """
-        physics = {name: Prior(*belief) for name in names if (belief := find(name).search.prior)}
+        physics = {name: Prior(*prior) for name in names if (prior := find(name).search.prior)}
         return replace(
             self,
             effects=(*self.effects, *names),
@@ -161,13 +161,13 @@ class Model:
                 raise ValueError(
                     f"{name!r} is not an added effect of this model; it has {', '.join(self.added) or 'none'}"
                 )
-        gone = {term.name for term in self.terms if term.effect.name in names}
-        gone |= {f"{name}.{shape}" for name in names for shape in find(name).shapes}
+        dropped = {term.name for term in self.terms if term.effect.name in names}
+        dropped |= {f"{name}.{shape}" for name in names for shape in find(name).shapes}
         return replace(
             self,
             effects=tuple(n for n in self.effects if n not in names),
-            fixed={n: c for n, c in self.fixed.items() if n not in gone},
-            priors={n: b for n, b in self.priors.items() if n not in gone},
+            fixed={n: c for n, c in self.fixed.items() if n not in dropped},
+            priors={n: b for n, b in self.priors.items() if n not in dropped},
             shapes={n: s for n, s in self.shapes.items() if n not in names},
         )
 
@@ -226,4 +226,4 @@ class Estimate:
     """0 when the parameter was held fixed."""
     owner: str
     run: int | None = None
-    """Which run it belongs to in a joint fit; None when all runs share it."""
+    """Number of the run that it belongs to in a joint fit; None when all runs share it."""

@@ -124,13 +124,13 @@ def test_another_campaign_in_the_same_file_is_refused_by_what_differs(tmp_path):
     store = tmp_path / "c.sqlite"
     draws(store, 5, parameters={"scale": 2.0})
     before = store.read_bytes()
-    with pytest.raises(CampaignError, match=r"its parameters is '{\"scale\": 2.0}', asked for is '{\"scale\": 3.0}'"):
+    with pytest.raises(CampaignError, match=r"its parameters is '{\"scale\": 2.0}', requested is '{\"scale\": 3.0}'"):
         draws(store, 5, parameters={"scale": 3.0})
     with pytest.raises(CampaignError, match=r"its function is 'tests\.campaign\.tasks:draw'"):
         campaign.run(tasks.sometimes, campaign.seeds(1, 5), store=store, parameters={"scale": 2.0})
-    with pytest.raises(CampaignError, match="its run 0 is '1:0', asked for is '9:0'"):
+    with pytest.raises(CampaignError, match="its run 0 is '1:0', requested is '9:0'"):
         campaign.run(tasks.draw, campaign.seeds(9, 5), store=store, parameters={"scale": 2.0})
-    with pytest.raises(CampaignError, match="its run 4 is '1:4', asked for is None"):
+    with pytest.raises(CampaignError, match="its run 4 is '1:4', requested is None"):
         draws(store, 4, parameters={"scale": 2.0})
     assert store.read_bytes() == before
 
@@ -161,7 +161,7 @@ def test_a_second_writer_is_noticed(tmp_path):
     def intrude(done: int, total: int) -> None:
         draws(store, 40)
 
-    with pytest.raises(CampaignError, match="somebody else has written run"):
+    with pytest.raises(CampaignError, match="another process has written run"):
         draws(store, 40, batch=10, progress=intrude)
     draws(tmp_path / "whole.sqlite", 40)
     assert contents(store) == contents(tmp_path / "whole.sqlite")
@@ -189,7 +189,7 @@ def test_data_among_the_parameters_are_refused(tmp_path, scale):
 
 
 def test_items_must_differ_and_a_batch_holds_something(tmp_path):
-    with pytest.raises(CampaignError, match=r"'a\.csv' stands there more than once"):
+    with pytest.raises(CampaignError, match=r"'a\.csv' is given more than once"):
         campaign.run(tasks.read, ["b.csv", "a.csv", "a.csv"], store=tmp_path / "c.sqlite")
     with pytest.raises(CampaignError, match="batch = 0"):
         draws(tmp_path / "c.sqlite", 2, batch=0)

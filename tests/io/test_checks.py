@@ -151,7 +151,7 @@ def test_extremes_of_a_quantised_sine_are_not_clipped(amplitude, frequency):
 def test_constant_channel_is_warned_about():
     _, findings = check(clock(100), np.full(100, 3.0), "position")
     assert kinds(findings) == ["constant"]
-    assert findings[0].text == "position: all 100 samples read 3; the channel says nothing"
+    assert findings[0].text == "position: all 100 samples read 3; the channel carries no information"
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, []), (1000.0, ["implausible_travel", "implausible_speed"])])

@@ -1,12 +1,7 @@
-"""What is raised where an optional package is missing."""
+"""The error for an optional package that is missing."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
-
 
 class MissingExtra(ImportError):
-    """An optional package is not installed. The text says how to get it."""
+    """An optional package is not installed. The text states how to install it."""

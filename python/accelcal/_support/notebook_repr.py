@@ -1,4 +1,4 @@
-"""How a result shows itself in a notebook: it asks the one face that knows the HTML, when a notebook asks for it."""
+"""Representation of results in a notebook: the HTML comes from `accelcal.notebook`, imported when a cell shows one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Matrix products in one thread: ours are small; threads that wait for each other cost half the time again."""
+"""Linear algebra in one thread: the products are small, and waiting threads would add half of the run time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ Found = TypeVar("Found")
 def one_thread(function: Callable[Given, Found]) -> Callable[Given, Found]:
     """A function during which linear algebra runs in one thread; afterwards in as many as before.
 
-    Called in the main thread alone: the limit is one for the whole process, and threads that overlap would not find
-    the way back to what was before.
+    Called in the main thread alone: the limit is one for the whole process, and threads that overlap would not restore
+    the former limit.
     """
 
     @wraps(function)

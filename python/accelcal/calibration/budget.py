@@ -73,9 +73,9 @@ def budget(fit: Fit) -> Budget:
     Notes
     -----
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
-    is off by d sees the same, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as n e.
-    What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences between
-    mountings and between days are not in it.
+    is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
+    n e. What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences
+    between mountings and between days are not in it.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {
@@ -83,7 +83,9 @@ def budget(fit: Fit) -> Budget:
         "level": "level" not in separated,
         "misalignment": True,
     }
-    missing = tuple(f"uncertainty.{key}" for key, asked in needed.items() if asked and getattr(declared, key) is None)
+    missing = tuple(
+        f"uncertainty.{key}" for key, required in needed.items() if required and getattr(declared, key) is None
+    )
     if missing:
         return Budget((), missing)
     mine = [e for e in fit.estimates if e.name in POWERS and e.std > 0.0]

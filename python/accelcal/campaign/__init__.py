@@ -43,11 +43,11 @@ class Count:
     kept: int
     """Runs that the file held before; none of them was computed again."""
     failed: int
-    """Of all runs, those whose task raised."""
+    """Runs in the file whose task raised."""
 
 
 def seeds(entropy: int, count: int) -> list[np.random.SeedSequence]:
-    """Independent seeds: the first `count` children of `SeedSequence(entropy)`, the same however many there are."""
+    """Independent seeds: the first `count` children of `SeedSequence(entropy)`, independent of `count`."""
     return np.random.SeedSequence(entropy).spawn(count)
 
 
@@ -94,7 +94,7 @@ def run(
     labels = [label(item) for item in items]
     twice = [item for item, times in Counter(labels).items() if times > 1]
     if twice:
-        raise CampaignError(f"items: {twice[0]!r} stands there more than once; every run needs an item of its own.")
+        raise CampaignError(f"items: {twice[0]!r} is given more than once; every run needs an item of its own.")
     with opened(store) as connection:
         known = begin(connection, store, work.identity, labels)
         missing = [(run, item) for run, item in enumerate(items) if run not in known]

@@ -1,8 +1,8 @@
 """The SQLite file of a campaign: what it is, one row for each run, one for each value.
 
 A rollback journal, not WAL: the file alone is the campaign, also on a network share, and what a kill left half-written
-is undone by whoever opens it next. All tables are ordered by their keys, so the contents do not tell in which order
-runs completed.
+is undone when it is opened next. All tables are ordered by their keys, so the contents do not depend on the order
+in which runs completed.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ TABLES = (
     "WITHOUT ROWID",
 )
 PATIENCE = 60.0
-"""Seconds to wait for somebody who reads the file meanwhile."""
+"""Seconds to wait for another process that reads the file."""
 
 
 class CampaignError(ValueError):
-    """A campaign that cannot be run, or a file that holds none or another. The text says what to do."""
+    """A campaign that cannot be run, or a file that holds none or another. The text states what to do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,9 @@ def opened(path: str | Path, mode: str = "rwc") -> Iterator[sqlite3.Connection]:
         ) as connection:
             yield connection
     except sqlite3.OperationalError as error:
-        raise CampaignError(f"{path}: {error}. See that the folder is there and nobody else writes the file.") from None
+        raise CampaignError(
+            f"{path}: {error}. Check that the folder exists and that no other process writes the file."
+        ) from None
     except sqlite3.DatabaseError as error:
         raise CampaignError(f"{path}: {error}; expected a file that accelcal.campaign made, or none yet.") from None
 
@@ -81,7 +83,7 @@ def opened(path: str | Path, mode: str = "rwc") -> Iterator[sqlite3.Connection]:
 def begin(
     connection: sqlite3.Connection, path: str | Path, identity: Mapping[str, str], items: Sequence[str]
 ) -> set[int]:
-    """Make a new file a campaign, or see that it is the same one; return the runs it holds.
+    """Make a new file a campaign, or check that it is this one; return the runs it holds.
 
     Raises
     ------
@@ -98,16 +100,16 @@ def begin(
     for key, value in identity.items():
         if stored.get(key) != value:
             raise CampaignError(
-                f"{path} holds another campaign: its {key} is {_short(stored.get(key))}, asked for is {_short(value)}. "
+                f"{path} holds another campaign: its {key} is {_short(stored.get(key))}, requested is {_short(value)}. "
                 "Name another file, or delete this one."
             )
     known = dict(connection.execute("SELECT run, item FROM run"))
     for run, item in known.items():
-        asked = items[run] if run < len(items) else None
-        if asked != item:
+        requested = items[run] if run < len(items) else None
+        if requested != item:
             raise CampaignError(
-                f"{path} holds another campaign: its run {run} is {item!r}, asked for is {asked!r}. Items may only be "
-                "appended; otherwise name another file, or delete this one."
+                f"{path} holds another campaign: its run {run} is {item!r}, requested is {requested!r}. Items may only "
+                "be appended; otherwise name another file, or delete this one."
             )
     return set(known)
 
@@ -131,8 +133,8 @@ def keep(connection: sqlite3.Connection, path: str | Path, outcomes: Sequence[Ou
     except sqlite3.IntegrityError:
         connection.execute("ROLLBACK")
         raise CampaignError(
-            f"{path}: somebody else has written run {outcomes[0].run} or one after it meanwhile. Let one process work "
-            "on the file."
+            f"{path}: another process has written run {outcomes[0].run} or one after it meanwhile. Let one process "
+            "work on the file."
         ) from None
 
 
@@ -164,7 +166,7 @@ def load(path: str | Path) -> Results:
 
 
 def _identity(connection: sqlite3.Connection, path: str | Path) -> dict[str, str]:
-    """What a file says that it holds."""
+    """Identity of the campaign in a file."""
     stored: dict[str, str] = {}
     if connection.execute("SELECT 1 FROM sqlite_master WHERE name = 'campaign'").fetchone():
         stored = dict(connection.execute("SELECT key, value FROM campaign"))

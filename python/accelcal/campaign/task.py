@@ -65,7 +65,7 @@ class Task:
 
     @property
     def identity(self) -> dict[str, str]:
-        """What must be equal for results to stand in one file."""
+        """What must be equal for results in one file."""
         return {
             "function": self.function,
             "source": self.source,

@@ -7,7 +7,7 @@ duplicate stamps     equal values: one is kept. Different values: their mean, wh
                      concerned; beyond that the stamps are coarser than the sampling, which is an error
 held repeats         accelerations only: a logger faster than its sensor writes each reading again until the next one.
                      The first is kept, the repeats were not sampled. A quantised reading at rest is not a repeat
-position repeats     mentioned, kept: an encoder at rest reads the same count
+position repeats     mentioned, kept: an encoder at rest repeats its count
 clipping             warning, kept: readings at the declared range, or piled up at the extreme
 constant             warning, kept
 gaps                 mentioned, kept as gaps
@@ -201,7 +201,7 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[NDArray[np.bool_] | No
     return kept, [Finding("held_repeats", name, dropped, first, text, "warning")]
 
 
-_FEWEST_CHANGES = 50  # below that a share of repeats says nothing
+_FEWEST_CHANGES = 50  # below that the share of repeats is not significant
 
 
 def _quantum(step: Array) -> float:
@@ -281,7 +281,7 @@ def _travel(t: Array, y: Array) -> list[Finding]:
 def _constant(name: str, t: Array, y: Array) -> list[Finding]:
     if np.ptp(y) > 0:
         return []
-    text = f"{name}: all {len(y)} samples read {y[0]:.6g}; the channel says nothing"
+    text = f"{name}: all {len(y)} samples read {y[0]:.6g}; the channel carries no information"
     return [Finding("constant", name, len(y), float(t[0]), text, "warning")]
 
 

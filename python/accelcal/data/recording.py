@@ -16,7 +16,7 @@ from accelcal.data.rig import Rig
 
 
 class RecordingError(ValueError):
-    """The data cannot be used as they are. The text says what was found, where, and the next step."""
+    """The data cannot be used as they are. The text states what was found, where, and the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,5 +131,5 @@ def require_same_sensor(recording: Recording, rig: Rig, other: str) -> None:
         if here and there and here != there:
             raise RecordingError(
                 f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '
-                "Give a recording of the same one, or correct [sensor] in the sidecar"
+                "Give a recording of that sensor, or correct [sensor] in the sidecar"
             )

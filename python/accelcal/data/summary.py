@@ -67,7 +67,7 @@ def summarise(recording: Recording) -> str:
 
 
 def rest(recording: Recording) -> list[tuple[float, float]]:
-    """Find where the stage stands still, judged by the encoder.
+    """Find the intervals at rest, judged by the encoder.
 
     Returns
     -------

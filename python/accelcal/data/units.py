@@ -59,7 +59,7 @@ ppm = 1e-6
 
 
 class UnitError(ValueError):
-    """A unit or a quantity that cannot be understood, or of the wrong dimension. The text says what was expected."""
+    """A unit or a quantity that cannot be understood, or of the wrong dimension. The text states what was expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ class Conversion:
     """The unit after conversion."""
 
     def apply(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return `values`, shape (n,), in the unit `si`; the same array when nothing changes."""
+        """Return `values`, shape (n,), in the unit `si`; `values` itself when nothing changes."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
         return values * self.factor + self.offset
@@ -190,7 +190,7 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
 
 
 def same_unit(a: str, b: str) -> bool:
-    """Tell whether two texts name the same unit ("m/s²" and "m_per_s2" do, "g" and "m/s^2" do not)."""
+    """Whether two texts name one unit ("m/s²" and "m_per_s2" do, "g" and "m/s^2" do not)."""
     try:
         return normalise(a) == normalise(b) or conversion(a) == conversion(b)
     except UnitError:
@@ -198,7 +198,7 @@ def same_unit(a: str, b: str) -> bool:
 
 
 def is_unit(text: str) -> bool:
-    """Tell whether `text` names a unit that this program knows."""
+    """Whether `text` names a known unit."""
     try:
         conversion(text)
     except UnitError:

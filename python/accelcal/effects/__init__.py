@@ -1,4 +1,4 @@
-"""The catalogue: an effect is one function, its card and its column are the same place."""
+"""The catalogue of effects: each is one function that holds its card and computes its column."""
 
 from accelcal.effects import (  # noqa: F401, I001  (importing a file enters its effects, in this order)
     base,
@@ -56,6 +56,15 @@ def static_terms() -> dict[str, Static]:
     return dict(sorted(found.items(), key=lambda item: (item[1].thermal, item[1].power, item[1].mirrored)))
 
 
+def polynomial(degree: int) -> tuple[str, ...]:
+    """Effects a², a³, ... up to a degree of the sensor's static characteristic."""
+    return tuple(
+        name
+        for name, term in static_terms().items()
+        if 2 <= term.power <= degree and not (term.mirrored or term.thermal)
+    )
+
+
 def found_by(test: NoiseTestKind) -> Effect:
     """The house effect that a noise test finds."""
     return next(effect for effect in HOUSE if effect.traits.noise and effect.traits.noise.found_by == test)
@@ -84,6 +93,7 @@ __all__ = [
     "from_expression",
     "is_local",
     "load_effects",
+    "polynomial",
     "side_channel",
     "side_channels",
     "spelled",

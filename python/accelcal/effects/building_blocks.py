@@ -1,4 +1,4 @@
-"""What effects with memory are made of: the low-pass, the play operator, the direction of travel, steps and spans."""
+"""Building blocks of effects with memory: low-pass, play operator, direction of travel, steps, spans of shapes."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from accelcal.signals.processing import derivative
 from accelcal.signals.signals import CORNER_NOISE, TINY, Signals
 
 EDGE = 0.03
-"""Share of the record at either end in which no instant is sought."""
+"""Share of the record at either end in which no instant is searched for."""
 SLACK = 1e-4
-"""Share of the stroke after which a turn counts as a reversal, so that noise at rest does not."""
+"""Share of the stroke after which a turn counts as a reversal, which noise at rest does not reach."""
 MOVING, UNSURE = 5.0, 2.0
-"""Standard deviations of the velocity beyond which the stage surely moves, and beyond which it may have begun to."""
+"""Standard deviations of the velocity beyond which the stage certainly moves, and beyond which it possibly does."""
 STILL = 2e-5
-"""Share of the top speed that such a deviation has at least."""
+"""Least standard deviation of the velocity as a share of the top speed."""
 
 
 def lagged(y: Array, tau: float, step: float, start: float) -> Array:
@@ -44,7 +44,7 @@ def lag_weights(tau: float, step: float) -> tuple[float, float, float]:
 
 
 def play(x: Array, width: float, start: float) -> Array:
-    """What a slack of full `width` lets through of `x`, (n,); it keeps its memory through rests."""
+    """Output of the play operator of full `width` for the input `x`, (n,); its state is kept through rests."""
     return _core.play(np.ascontiguousarray(x), width, start)
 
 
@@ -58,9 +58,10 @@ def direction(s: Signals, width: float | None = None) -> Array:
 
 
 def travelled(s: Signals) -> Array:
-    """Position without the noise that it has at rest, which would close and open a slack, (n,) m.
+    """Position without its noise at rest, which would close and open a slack, (n,) m.
 
-    What the velocity shows to be motion counts from where it began; of all else, what is more than noise.
+    Steps during motion, which the velocity shows, are kept from where it began; of the rest only what exceeds the
+    noise.
     """
     speed = np.abs(s.v)
     noise = max(s.v_std, STILL * float(np.max(speed)))
@@ -74,20 +75,20 @@ def travelled(s: Signals) -> Array:
 
 
 def slacks(s: Signals) -> tuple[float, float]:
-    """Travel within which a slack may close, from what the noise of the position allows to 1 % of the stroke, m."""
+    """Bounds of a slack's width, from the noise of the position to 1 % of the stroke, m."""
     stroke = float(np.ptp(s.p))
     least = max(CORNER_NOISE * s.p_std, 2e-6 * stroke, TINY)
     return least, max(2.0 * least, 0.01 * stroke)
 
 
 def held_sign(heading: Array) -> Array:
-    """Sign of a direction, changed only where it is at least half sure, so that noise at rest reverses nothing."""
+    """Sign of a direction, changed only where its magnitude is at least 0.5, so that noise at rest reverses nothing."""
     sure = np.maximum.accumulate(np.where(np.abs(heading) >= 0.5, np.arange(len(heading)), -1))
     return np.where(sure >= 0, np.sign(heading[sure]), 0.0)
 
 
 def since_reversal(s: Signals) -> Array:
-    """Time since the stage last turned round, (n,) s; NaN before it first did."""
+    """Time since the last reversal of the stage, (n,) s; NaN before the first."""
     way = held_sign(direction(s))
     turned = np.flatnonzero(way[1:] != way[:-1]) + 1
     last = np.full(len(s.t), -1, dtype=np.intp)
@@ -123,7 +124,7 @@ def periods(s: Signals) -> tuple[float, float]:
 
 
 def waves(s: Signals) -> tuple[float, float]:
-    """The same up to four strokes: of a longer wave a part is seen, as a slope or a bow, m."""
+    """Periods up to four strokes: of a longer wave the record shows a part, as a slope or a bow, m."""
     low, stroke = periods(s)
     return low, 4.0 * stroke
 

@@ -10,7 +10,7 @@ PORTS = {
     "output": "adds to the output",
     "position": "adds to the encoder reading",
     "noise": "adds variance",
-    "process": "a wandering state",
+    "process": "a random process of the bias",
 }
 
 
@@ -35,17 +35,17 @@ def cards(effects: Iterable[Effect]) -> str:
 
 
 def symptoms(effects: Iterable[Effect]) -> str:
-    """What each effect of a named cause looks like, and what tells it from its rivals, as a Markdown table."""
+    """Symptom of each physical effect, and what separates it from its rivals, as a Markdown table."""
     rows = [
         f"| {_cell(e.line('Looks like'))} | [{e.name}](effects.md#{e.name}) | {_cell(e.line('Separate by'))} |"
         for e in effects
         if not e.family
     ]
-    return "\n".join(["| the residual shows | effect | tell it apart by |", "|---|---|---|", *rows])
+    return "\n".join(["| the residual shows | effect | separate it by |", "|---|---|---|", *rows])
 
 
 def card(effect: Effect) -> str:
-    """What is said about one effect, as Markdown."""
+    """Card of one effect, as Markdown."""
     about = effect.card.split("\nEquation:")[0]
     lines = [f"## {effect.name}", "", " ".join(about.split()), ""]
     lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
@@ -65,7 +65,7 @@ def card(effect: Effect) -> str:
         lines.append("- Only a positive coefficient is physical.")
     if effect.search.prior:
         mean, std = effect.search.prior
-        lines.append(f"- Believed before any record: {mean:g} ± {std:g}.")
+        lines.append(f"- Prior: {mean:g} ± {std:g}.")
     if not effect.traits.visible:
         lines.append("- No motion of a level, untouched rig can show it.")
     return "\n".join(lines) + "\n"

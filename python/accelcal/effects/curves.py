@@ -1,8 +1,8 @@
-"""Shapes without a name: smooth functions of one variable, for what no physical effect explains.
+"""Nonparametric families: smooth functions of one variable, for what no physical effect explains.
 
-The ends of their range are set by the record of the fit and kept by the model, so that the same coefficients are the
-same function on any other record; beyond the range the function is held. What the base already explains, a constant and
-where it is the scale factor or a delay a straight line, is not within their reach.
+The ends of their range are set by the record of the fit and kept by the model, so that equal coefficients give one
+function on every record; beyond the range the function is held. They do not contain what the base model explains: a
+constant, and the straight line where that is the scale factor or a delay.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from accelcal.signals.signals import TINY, Signals
 PIECES = 7
 """Pieces of a cubic spline."""
 CURVE = ("p1", "p2", "p3", "s3", "s4", "s5", "s6", "s7", "s8")
-"""Columns of a curve: Legendre polynomials by their degree, then the inner splines. The constant is the bias's."""
-BENT = CURVE[1:]
-"""Those of a curve whose straight line the base already is."""
+"""Columns of a curve: Legendre polynomials by their degree, then the inner splines. The constant is the bias."""
+CURVATURE = CURVE[1:]
+"""Columns of a curve without the straight line, where the base model has it."""
 CUBIC = 3
-"""Degree of the polynomials, which by themselves are a coarse curve: it is seen with less."""
+"""Degree of the polynomials, which by themselves are a coarse curve: fewer coefficients are detected sooner."""
 KNOT_NOISE = 6.0
-"""Knots stand at least this many standard deviations apart, or noise of the variable blurs the pieces."""
+"""Least distance of knots in standard deviations of the variable, whose noise would otherwise blur the pieces."""
 COSINES = tuple(f"c{j}" for j in range(1, 13))
 AGES = (0.02, 0.1, 0.5, 2.5)
-"""Times since a reversal at which a shape has a knot, s."""
+"""Times since a reversal at which the response has a knot, s."""
 
 
 def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
@@ -62,16 +62,16 @@ def splines(x: Array, low: float, high: float) -> Array:
 
 
 def curve(x: Array, low: float, high: float, first: int = 1) -> Array:
-    """All that cubic splines on [low, high] can be, less what is below the first degree, cubics first: Legendre
-    polynomials, then the inner splines; x is held at the ends; (n, 10 - first)."""
+    """Basis of the cubic splines on [low, high] without degrees below `first`: Legendre polynomials up to the cubic,
+    then the inner splines; x is held at the ends; (n, 10 - first)."""
     return np.column_stack([legendre(x, low, high, CUBIC)[:, first:], splines(x, low, high)[:, 2:-2]])
 
 
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
-    """A smooth course over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
-    many columns as a bent curve, (n, 8)."""
+    """A smooth curve over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
+    many columns as a curve without its straight line, (n, 8)."""
     angle = (2.0 * np.pi / period) * x
-    return np.column_stack([legendre(x, low, high, len(BENT) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
+    return np.column_stack([legendre(x, low, high, len(CURVATURE) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
 
 
 def legendre(x: Array, low: float, high: float, degree: int) -> Array:
@@ -108,7 +108,7 @@ def _length(s: Signals) -> tuple[float, float]:
 
 
 RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, trials=1)}
-"""The stretch of time on which cosines stand: set by the record of the fit and kept by the model."""
+"""Start and length of the cosines' half period: set by the record of the fit and kept by the model."""
 
 
 @family(Variable("time", "t", "s"), covers=("bias_drift", "bias_step", "warm_up"), basis="cosines")
@@ -199,7 +199,7 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
-    parts=BENT,
+    parts=CURVATURE,
     search=Search(includes=("bias", "scale_factor")),
 )
 def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
@@ -222,7 +222,7 @@ def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0
     scale=1e-3,
     source="0.1 mg",
     shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
-    parts=BENT,
+    parts=CURVATURE,
     search=Search(includes=("bias", "time_offset")),
 )
 def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
@@ -296,7 +296,7 @@ def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     search=Search(includes=("bias",)),
 )
 def shape_since_reversal(s: Signals) -> Array:
-    """A response to reversals of the stage: some function of the time since the last, alike or odd in direction.
+    """A response to reversals of the stage: some function of the time since the last, even or odd in direction.
 
     Equation: e = sum_j (c_j + d_j sgn v) h_j(r), h_j hats over log r, r the time since the last reversal.
     Looks like: a transient after each reversal.
@@ -325,7 +325,7 @@ def shape_since_reversal(s: Signals) -> Array:
     scale=1e-6,
     source="at most 10 µm (paper)",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=BENT,
+    parts=CURVATURE,
 )
 def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An error of the encoder that is some function of position; its straight part is encoder_scale.

@@ -1,4 +1,4 @@
-"""Lines, vibration, outliers and rounding: what stands in the output beside the motion."""
+"""Lines, vibration, outliers and rounding: what the output contains besides the motion."""
 
 from __future__ import annotations
 

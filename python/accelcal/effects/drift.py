@@ -12,8 +12,8 @@ from accelcal.signals.signals import Signals
 
 STEPS = 16
 """Instants at which a step is tried before it is refined."""
-WANDERING = tuple(f"c{j}" for j in range(1, 33))
-"""Cosines of a wandering bias: changes down to a thirty-second of half the record."""
+BIAS_COSINES = tuple(f"c{j}" for j in range(1, 33))
+"""Cosines of a random-walk or Gauss-Markov bias, with half periods down to a thirty-second of the record."""
 
 
 @effect(
@@ -64,20 +64,20 @@ def bias_step(s: Signals, instant: float) -> Array:
     scale=1e-4,
     source="no published figure; Allan slope +1/2",
     shapes=RECORD,
-    parts=WANDERING,
+    parts=BIAS_COSINES,
     traits=Traits(positive=True, basis="cosines"),
     search=Search(includes=("bias",)),
 )
 def bias_random_walk(s: Signals, start: float, length: float) -> Array:
-    """Bias wanders without bound: K0' is white with density qb.
+    """Random-walk bias: K0' is white with density qb.
 
     Equation: e = sqrt(qb) sum_j n_j sqrt(2 L)/(pi j) cos(pi j (t - start)/L), n_j independent with variance 1; with
-    the bias beside it this is the random walk itself, cut after the last j.
-    Looks like: a residual that wanders, the more the longer the record.
+    the bias in the model this is the random walk itself, cut after the last j.
+    Looks like: a residual with slow random changes that grow with the length of the record.
     Easily confused with: temperature_bias where temperature is not recorded, bias_gauss_markov, bias_drift.
     Separate by: temperature logged; a long record at rest (Allan deviation).
     """
-    j = np.arange(1, len(WANDERING) + 1)
+    j = np.arange(1, len(BIAS_COSINES) + 1)
     return cosines(s.t, start, length, np.sqrt(2.0 * length) / (np.pi * j))
 
 
@@ -89,12 +89,12 @@ def bias_random_walk(s: Signals, start: float, length: float) -> Array:
     scale=3.4e-5,
     source="floor of 3.5 µg: ADXL355",
     shapes={**RECORD, "tau": Shape("s", slow(0.02, 0.5), trials=3, spacing="log")},
-    parts=WANDERING,
+    parts=BIAS_COSINES,
     traits=Traits(positive=True, basis="cosines"),
     search=Search(includes=("bias",)),
 )
 def bias_gauss_markov(s: Signals, start: float, length: float, tau: float) -> Array:
-    """Bias wanders within bounds: K0' = -K0/tau + noise, standard deviation sigma_b.
+    """Gauss-Markov bias: K0' = -K0/tau + noise, standard deviation sigma_b.
 
     Equation: e = sigma_b sum_j n_j sqrt(4 tau/L / (1 + (w_j tau)²)) cos(w_j (t - start)), w_j = pi j/L, n_j
     independent with variance 1: its spectrum on the cosines of the record, good for tau well below L.
@@ -102,7 +102,7 @@ def bias_gauss_markov(s: Signals, start: float, length: float, tau: float) -> Ar
     Easily confused with: bias_random_walk when tau exceeds the record; flicker noise.
     Separate by: a record of at least 10 tau.
     """
-    w = np.pi * np.arange(1, len(WANDERING) + 1) / length
+    w = np.pi * np.arange(1, len(BIAS_COSINES) + 1) / length
     return cosines(s.t, start, length, np.sqrt(4.0 * tau / length / (1.0 + (w * tau) ** 2)))
 
 

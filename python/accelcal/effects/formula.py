@@ -57,7 +57,7 @@ _UNIT = re.compile(r"[\w²³⁴⁵⁻¹·./()^* µ°%-]{1,40}")
 
 
 class ExpressionError(ValueError):
-    """An expression or its name cannot be used. The text says what was found and what is allowed."""
+    """An expression or its name cannot be used. The text states what was found and what is allowed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,11 +66,11 @@ class Own:
 
     effect: Effect
     expression: str
-    """As it was understood."""
+    """As it was parsed."""
 
     @property
     def file(self) -> str:
-        """The same effect as a file for `load_effects` and `--effects-file`."""
+        """The effect as a file for `load_effects` and `--effects-file`."""
         return self.effect.text
 
 
@@ -92,12 +92,12 @@ def from_expression(
         else is read, and nothing is executed.
     unit : unit of the coefficient.
     port : whether it adds to the output (m/s²) or to the encoder's position (m).
-    owner : who carries it.
+    owner : the part of the set-up that carries it.
     channels : names of the side channels that the expression may use.
 
     Returns
     -------
-    The effect, whose `text` is a file that says the same. Entering it a second time changes nothing.
+    The effect, whose `text` is an equivalent file. Entering it a second time changes nothing.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""Shapes of two variables without a name: a response to one that changes with another, as no named effect does.
+"""Nonparametric families of two variables: a response to one that changes with another, as no named effect does.
 
-As in the shapes of one variable, the ends of a range are set by the record of the fit and kept by the model; beyond
+As in the families of one variable, the ends of a range are set by the record of the fit and kept by the model; beyond
 them the response stays as it is there.
 """
 
@@ -11,13 +11,13 @@ from accelcal.effects.curves import RECORD, legendre, over
 from accelcal.effects.registry import Search, Variable, effect, family
 from accelcal.signals.signals import Signals
 
-COURSE = ("mean", "slope", "bend")
-"""A course along a range: Legendre's first polynomials."""
+PROFILE = ("mean", "slope", "bend")
+"""Columns of a profile along a range: Legendre's first polynomials."""
 
 
-def course(x: Array, low: float, high: float) -> Array:
+def profile(x: Array, low: float, high: float) -> Array:
     """Legendre polynomials of degree 0 to 2 over [low, high]; x is held at the ends; (n, 3)."""
-    return legendre(x, low, high, len(COURSE) - 1)
+    return legendre(x, low, high, len(PROFILE) - 1)
 
 
 @family(Variable("position", "p", "m", per="v"))
@@ -29,7 +29,7 @@ def course(x: Array, low: float, high: float) -> Array:
     scale=1e-2,
     source="0.1 mg at 0.1 m/s",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=COURSE,
+    parts=PROFILE,
 )
 def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array:
     """A drag that changes along the rail.
@@ -39,7 +39,7 @@ def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array
     Easily confused with: velocity, clock_skew, time_offset_step.
     Separate by: steady speed over the whole rail, forwards and backwards.
     """
-    return s.rig.polarity * s.v[:, None] * course(s.p, low, high)
+    return s.rig.polarity * s.v[:, None] * profile(s.p, low, high)
 
 
 @family(Variable("position", "p", "m", per="a"))
@@ -51,7 +51,7 @@ def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array
     scale=1e-3,
     source="a scale factor known to 0.1 %",
     shapes=over("m", lambda s: (s.p, s.p_std)),
-    parts=COURSE[1:],
+    parts=PROFILE[1:],
     search=Search(includes=("scale_factor",)),
 )
 def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> Array:
@@ -62,7 +62,7 @@ def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> A
     Easily confused with: encoder_nonlinearity, rail_curve, scale_drift.
     Separate by: short fast strokes at several places of the rail.
     """
-    return s.a[:, None] * course(s.p, low, high)[:, 1:]
+    return s.a[:, None] * profile(s.p, low, high)[:, 1:]
 
 
 @family(Variable("temperature", "temperature", "degC", per="v"))
@@ -75,7 +75,7 @@ def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> A
     source="0.1 mg at 0.1 m/s",
     shapes=over("K", lambda s: (s.temperature, 0.0)),
     needs=("temperature",),
-    parts=COURSE,
+    parts=PROFILE,
 )
 def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Array:
     """A drag that changes with temperature, as grease does.
@@ -85,7 +85,7 @@ def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Ar
     Easily confused with: velocity, shape_of_time_and_velocity.
     Separate by: the same motion at several temperatures that do not rise steadily.
     """
-    return s.rig.polarity * s.v[:, None] * course(s.temperature, low, high)
+    return s.rig.polarity * s.v[:, None] * profile(s.temperature, low, high)
 
 
 @family(Variable("time", "t", "s", per="v"))
@@ -97,14 +97,14 @@ def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Ar
     scale=1e-2,
     source="0.1 mg at 0.1 m/s",
     shapes=RECORD,
-    parts=COURSE,
+    parts=PROFILE,
 )
 def shape_of_time_and_velocity(s: Signals, start: float, length: float) -> Array:
-    """A drag that changes in the course of the record, as while running in.
+    """A drag that changes during the record, as while running in.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = t over the record, -1 to 1.
     Looks like: a residual that grows with velocity, at first more than later.
     Easily confused with: velocity, clock_skew, shape_of_temperature_and_velocity.
     Separate by: a second record right after the first.
     """
-    return s.rig.polarity * s.v[:, None] * course(s.t, start, start + length)
+    return s.rig.polarity * s.v[:, None] * profile(s.t, start, start + length)

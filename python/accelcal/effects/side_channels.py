@@ -9,13 +9,13 @@ from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, effect
 from accelcal.signals.signals import Signals
 
 KNOWN = ("temperature", "a_y")
-"""Channels whose effects have names of their own."""
+"""Channels with named physical effects."""
 
 
 def side_channel(name: str, unit: str = "") -> Effect:
-    """The effect "the output follows the channel `name`", entered into the catalogue when it is first asked for.
+    """The effect "the output follows the channel `name`", entered into the catalogue at the first call.
 
-    It bears the name of the channel; `_channel` is appended where a physical effect already has that name.
+    It has the name of the channel; `_channel` is appended where a physical effect already has that name.
 
     Parameters
     ----------
@@ -28,8 +28,8 @@ def side_channel(name: str, unit: str = "") -> Effect:
     >>> side_channel("supply", "V").unit
     'm/s²/V'
     """
-    taken = CATALOGUE.get(name)
-    if taken is not None and taken.needs != (name,):
+    known = CATALOGUE.get(name)
+    if known is not None and known.needs != (name,):
         name, channel = f"{name}_channel", name
     else:
         channel = name
@@ -39,7 +39,7 @@ def side_channel(name: str, unit: str = "") -> Effect:
 
 
 def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
-    """Candidates of all channels (name, unit) that no effect of the catalogue is about."""
+    """Effects of all channels (name, unit) that have no named physical effect."""
     return tuple(side_channel(name, unit) for name, unit in units if name not in KNOWN)
 
 

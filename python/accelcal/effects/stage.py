@@ -1,6 +1,6 @@
 """The stage: what velocity and place on the rail add to the acceleration that the sensor feels.
 
-These are accelerations along the stage; a sensor that is reversed on it sees them with the other sign.
+These are accelerations along the stage; a sensor that is reversed on it measures them with the other sign.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def velocity_squared(s: Signals) -> Array:
     """In proportion to v²: centripetal acceleration on a curved rail, pitch of the carriage.
 
     Equation: e = cvv v².
-    Looks like: a shift of the mean that grows with speed, alike in both directions.
+    Looks like: a shift of the mean that grows with speed, equal in both directions.
     Easily confused with: quadratic when the motion has one frequency, vibration_rectification.
     Separate by: a sweep of frequency at equal amplitude of acceleration.
     """

@@ -1,4 +1,4 @@
-"""A user's own effects: the same decorator in the user's own file."""
+"""Users' effects: functions with the decorator `effect` in a file of the user's own."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.signals.signals import Signals
 
 PROBE = 64
-"""Samples on which an effect is tried before it is believed."""
+"""Samples on which an effect is evaluated before it is accepted."""
 
 
 class EffectsFileError(ValueError):
-    """A file of effects cannot be used. The text names file and line and says what to change."""
+    """A file of effects cannot be used. The text names file and line and states what to change."""
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
@@ -27,7 +27,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
 
     Parameters
     ----------
-    path : a Python file whose functions bear the decorator :func:`accelcal.effects.effect`.
+    path : a Python file whose functions have the decorator :func:`accelcal.effects.effect`.
 
     Returns
     -------
@@ -83,7 +83,7 @@ def _run(path: Path, text: str) -> None:
     except SyntaxError as error:
         raise EffectsFileError(f"{path}, line {error.lineno}: {error.msg}") from None
     except (Exception, SystemExit) as error:  # a file that exits must not end the program that reads it
-        raise EffectsFileError(f"{path}, line {_line(path, error)}: {_said(error)}") from None
+        raise EffectsFileError(f"{path}, line {_line(path, error)}: {_text_of(error)}") from None
 
 
 def _try(path: Path, effect: Effect) -> None:
@@ -96,7 +96,7 @@ def _try(path: Path, effect: Effect) -> None:
     except Exception as error:
         raise EffectsFileError(
             f"{path}, line {_line(path, error, _first(effect))}: "
-            f"effect {effect.name!r} does not evaluate: {_said(error)}"
+            f"effect {effect.name!r} does not evaluate: {_text_of(error)}"
         ) from None
     wanted = (PROBE,) if effect.width == 1 else (PROBE, effect.width)
     if y.shape != wanted:
@@ -105,8 +105,8 @@ def _try(path: Path, effect: Effect) -> None:
         raise EffectsFileError(f"{where} returns values that are not finite; guard divisions and roots")
 
 
-def _said(error: BaseException) -> str:
-    """What an exception says, on one line."""
+def _text_of(error: BaseException) -> str:
+    """Text of an exception, on one line."""
     if isinstance(error, KeyError):
         return f"there is no {error.args[0]!r} here; a side channel must be named in needs=(...)"
     text = " ".join(str(error).split())

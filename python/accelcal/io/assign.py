@@ -35,7 +35,7 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
 
     Returns
     -------
-    The plan, and a note on columns that nobody asked for.
+    The plan, and a note on columns that are not used.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""In which unit a column stands, and its numbers in SI."""
+"""The unit of a column, and its numbers in SI."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a column name says of itself: the quantity, the unit in a suffix or in brackets, and the role it can play."""
+"""Parse a column name: the quantity, the unit in a suffix or in brackets, and its possible roles."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _BRACKETS = re.compile(r"(?P<base>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A column name taken apart."""
+    """A parsed column name."""
 
     base: str
     """The quantity, without its unit."""

@@ -48,7 +48,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Sidecar:
-    """Everything that one sidecar says."""
+    """Everything that one sidecar declares."""
 
     path: Path | None = None
     """None = there is no sidecar."""
@@ -87,7 +87,7 @@ def sidecar_of(path: Path) -> Path:
 
 
 def no_sidecar() -> Sidecar:
-    """Return what holds when nothing is declared: the defaults, each with the sentence that says so."""
+    """Return what holds when nothing is declared: the defaults, each with the sentence that states it."""
     return replace(_sidecar({}, Path()), path=None)
 
 

@@ -14,7 +14,7 @@ from accelcal.data.arrays import Array
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column as it stands in the file."""
+    """One column as it is in the file."""
 
     values: Array
     """(n,) in the unit of the file; meaningless where a cell is empty."""

@@ -1,4 +1,4 @@
-"""A first sidecar for a recording: filled with what its file says, the rest marked or commented out."""
+"""A first sidecar for a recording: filled with what its file states, the rest marked or commented out."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def init(path: str | Path) -> str:
 
 
 def template(path: str | Path) -> str:
-    """Return the text of a commented sidecar, with columns, units and rates as far as the file tells them.
+    """Return the text of a commented sidecar, with columns, units and rates as far as the file states them.
 
     What must be added by hand is marked FILL IN; its value is ``"?"``, which `accelcal.io.loading` refuses.
 
@@ -58,7 +58,7 @@ def template(path: str | Path) -> str:
 
 
 _TEXT = """\
-# What accelcal is told about NAME: sensor, rig and columns. Lines marked FILL IN need you;
+# Declarations for NAME: sensor, rig and columns. Lines marked FILL IN need you;
 # lines that begin with # are examples of what else can be declared.
 [sensor]
 # model = "ADXL105"

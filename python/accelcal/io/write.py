@@ -108,7 +108,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
     Parameters
     ----------
     rig : what it merely assumes is not written.
-    channels : by channel name, time included, the column it stands in.
+    channels : by channel name, time included, its column.
     path : the sidecar to write; replaced if it exists.
     """
     tables = {

@@ -49,7 +49,7 @@ def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
 
 
 def detection_limits(found: Diagnosis) -> dict[str, float | None]:
-    """Smallest coefficient of each effect that would have been seen, in its unit; None where it is not visible."""
+    """Smallest coefficient of each effect that would have been detected, in its unit; None where it is not visible."""
     return {name: size if math.isfinite(size) else None for name, size in found.scan.detection_limits.items()}
 
 
@@ -83,7 +83,7 @@ def candidate(c: Candidate, range_: float | None) -> dict[str, Any]:
 
 
 def channel(test: NoiseTest) -> dict[str, Any]:
-    """A significant effect that the mean cannot see."""
+    """A significant effect that has no mean."""
     return {
         "effect": test.effect,
         "estimate": test.estimate,
@@ -126,7 +126,7 @@ def importance(found: Importance | None) -> dict[str, Any] | None:
 
 
 def dropped(several: Sequence[RejectedReadings]) -> list[dict[str, Any]]:
-    """Readings that were left out as wild."""
+    """Samples that were rejected as outliers."""
     return [
         {"recording": d.recording, "channel": d.channel, "count": d.count, "of": d.of, "sentence": d.sentence}
         for d in several

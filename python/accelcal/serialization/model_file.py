@@ -29,7 +29,7 @@ COMPARE_SCHEMA = "accelcal/compare/1"
 
 
 class ModelFileError(ValueError):
-    """A file that is not a model file. The text names it and says what was expected."""
+    """A file that is not a model file. The text names it and states what was expected."""
 
 
 def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dict[str, Any]:
@@ -161,7 +161,7 @@ KINDS: Mapping[str, tuple[type, str]] = {
     **dict.fromkeys(("parameters", "data", "noise", "remarks"), (list, "a list")),
     **dict.fromkeys(("model", "covariance", "rig", "origins", "validity"), (dict, "an object")),
 }
-"""What must stand in a model file, and as what."""
+"""Keys that a model file must have, with their types."""
 
 
 def from_dict(content: Mapping[str, Any]) -> Fit:
@@ -226,12 +226,12 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
 
 
 def require_known(model: Mapping[str, Any]) -> None:
-    """Enter side channels that a model uses, and ask for the user's file where it uses effects from one.
+    """Enter side channels that a model uses, and require the user's file where it uses effects from one.
 
     Raises
     ------
     ModelFileError
-        If an effect of the user's own is not loaded; the text says which file is missed.
+        If a user's effect is not loaded; the text names the missing file.
     """
     for stored in model["side_channels"].values():
         side_channel(stored["channel"], stored["unit"].removeprefix("m/s²/").strip("()"))

@@ -206,7 +206,7 @@ class Motion:
         return float(np.max(np.abs(self.velocity(self._grid()))))
 
     def scaled(self, factor: float) -> Motion:
-        """The same motion, `factor` times as large."""
+        """The motion, `factor` times as large."""
         return replace(self, gain=self.gain * factor)
 
     def _grid(self) -> Array:
@@ -260,7 +260,7 @@ def _scaled(planned: Motion, now: float, wanted: float) -> Motion:
     if not 0.0 < wanted < math.inf:
         raise ValueError(f"motion {planned.name!r} is to be scaled to {wanted:g}; give a positive number.")
     if now == 0.0:
-        raise ValueError(f"motion {planned.name!r} stands still and cannot be scaled.")
+        raise ValueError(f"motion {planned.name!r} does not move and cannot be scaled.")
     return planned.scaled(wanted / now)
 
 

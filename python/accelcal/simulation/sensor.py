@@ -1,4 +1,4 @@
-"""The rig on paper: what sensor and encoder would have said about a motion that is known exactly.
+"""Simulated rig: outputs of sensor and encoder for a motion that is known exactly.
 
 Chain of the accelerometer (paper II-A, II-B, II-F): carriage acceleration and gravity -> mount -> vibration -> sensor
 model (4), (7) -> white noise -> RC low-pass -> sampling -> converter. Chain of the encoder: position -> noise ->
@@ -206,7 +206,7 @@ def _clock(seconds: float, rate: float, phase: float) -> Array:
 def _sensor_output(
     motion: Motion, t: Array, dt: float, rig: Rig, theta: Mapping[str, float], vibration: Vibration | None
 ) -> Array:
-    """Noise-free output at t (n,), dt s apart, behind the low-pass of the rig."""
+    """Noise-free output at t (n,), at a spacing of dt s, behind the low-pass of the rig."""
     top_speed = motion.top_speed if vibration is not None else 0.0
 
     def sensed(t: Array) -> Array:
@@ -222,7 +222,7 @@ def _sensor_output(
 
 
 def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:
-    """Sensor model (4), with the cross-axis product of (7) and the share of gravity that a leaning input axis sees."""
+    """Sensor model (4), with the cross-axis product of (7) and the share of gravity along a tilted input axis."""
     across = rig.roll * math.sqrt(max(0.0, STANDARD_GRAVITY**2 - rig.gravity**2))
     slope = 1.0 + theta["scale_factor"] + theta["cross_axis_gravity"] * across
     constant = theta["bias"] + theta["misalignment"] * across
@@ -230,7 +230,7 @@ def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:
 
 
 def _low_passed(sensed: Callable[[Array], Array], t: Array, dt: float, tau: float) -> Array:
-    """x' = (sensed - x)/tau at t (n,), dt apart.
+    """x' = (sensed - x)/tau at t (n,) with spacing dt.
 
     x(t) = exp(-dt/tau) x(t - dt) + integral over the interval of exp(-(t - s)/tau)/tau sensed(s) ds.
     """

@@ -29,7 +29,7 @@ WORST = Fraction(1, 10**5)
 
 
 class NotInvertible(ValueError):
-    """An output of the model does not belong to one acceleration. The text says where."""
+    """An output of the model does not belong to one acceleration. The text states where."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ def _span(ends: tuple[float, float], unit: str) -> str:
 
 
 def _turning(own: Characteristic, domain: Domain) -> str:
-    """Say where the slope is least."""
+    """Text that states where the slope is least."""
     a = np.linspace(*domain.acceleration, 1001)
     warmths = [0.0] if domain.temperature is None else [T - own.reference for T in domain.temperature]
     sign = -1.0 if own.scale < 0.0 else 1.0
@@ -256,7 +256,7 @@ def _degree(series: Array, small: float, axis: int) -> int:
 
 
 def _to_powers(series: Array) -> Array:
-    """Coefficients of powers from those of Chebyshev polynomials, of the same length."""
+    """Coefficients of powers from those of Chebyshev polynomials, of equal length."""
     powers = chebyshev.cheb2poly(series)
     return np.pad(powers, (0, len(series) - len(powers)))
 

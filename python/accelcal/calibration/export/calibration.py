@@ -107,11 +107,11 @@ class Calibration:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What must be known by who applies it."""
+        """Limitations that a user of the calibration must know."""
         found = [
-            f"{name} is {stands}: what one mount and one encoder cannot tell apart is in it"
+            f"{name} is {lumped}: one mount and one encoder show only this sum"
             for name in ("bias", "scale_factor")
-            if " + " in (stands := tied_sum(self.fit, name))
+            if " + " in (lumped := tied_sum(self.fit, name))
         ]
         lowpass = self.fit.rig.lowpass
         if lowpass is not None:
@@ -136,14 +136,14 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
         If effects of the sensor have no place in a function of one reading, or the model cannot be inverted.
     """
     own = characteristic(fit)
-    left_out = tuple(_left(one, without) for one in own.left_out)
+    left_out = tuple(_left(effect, without) for effect in own.left_out)
     _require_left_out(without, own)
-    refused = [one for one in left_out if one.needed]
+    refused = [effect for effect in left_out if effect.needed]
     if refused:
-        told = "; ".join(f"{one.effect} {one.why}" for one in refused)
-        names = " ".join(f"--without {one.effect}" for one in refused)
+        reasons = "; ".join(f"{effect.effect} {effect.why}" for effect in refused)
+        names = " ".join(f"--without {effect.effect}" for effect in refused)
         raise NotExportable(
-            f"{told}. It belongs to the sensor and would be missed, so nothing is exported; fit a model without it, or "
+            f"{reasons}. It is part of the sensor's output, so nothing is exported; fit a model without it, or "
             f"leave it out knowingly: {names}"
         )
     domain = _domain(fit, own)
@@ -155,14 +155,14 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     return Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
 
 
-def _left(one: LeftOut, without: Sequence[str]) -> LeftOut:
-    if one.effect not in without:
-        return one
-    return replace(one, why=f"{one.why}; left out by request", needed=False)
+def _left(effect: LeftOut, without: Sequence[str]) -> LeftOut:
+    if effect.effect not in without:
+        return effect
+    return replace(effect, why=f"{effect.why}; left out by request", needed=False)
 
 
 def _require_left_out(without: Sequence[str], own: Characteristic) -> None:
-    possible = [one.effect for one in own.left_out if one.needed]
+    possible = [effect.effect for effect in own.left_out if effect.needed]
     for name in without:
         if name not in possible:
             raise NotExportable(
@@ -175,7 +175,8 @@ def _domain(fit: Fit, own: Characteristic) -> Domain:
     """Accelerations and temperatures that the fit has seen, as far as the output does not saturate."""
     if "a" not in fit.validity:
         raise NotExportable(
-            "the model does not say which accelerations its fit has seen; fit it again: accelcal fit RUN.csv -o m.json"
+            "the model does not state the range of accelerations of its fit; fit it again: "
+            "accelcal fit RUN.csv -o m.json"
         )
     low, high = fit.validity["a"]
     if own.clip is not None:
@@ -188,9 +189,7 @@ def _domain(fit: Fit, own: Characteristic) -> Domain:
     if not own.needs_temperature:
         return Domain((low, high), None)
     if "temperature" not in fit.validity:
-        raise NotExportable(
-            "the model depends on temperature but its fit has seen none; fit a record with a temperature"
-        )
+        raise NotExportable("the model depends on temperature but its fit had none; fit a record with a temperature")
     return Domain((low, high), fit.validity["temperature"])
 
 

@@ -1,4 +1,4 @@
-"""The export as plain values for JSON: the same content as the code, every number exact."""
+"""The export as plain values for JSON: the content of the code, every number exact."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """A draft Digital Calibration Certificate: DCC 3.2.1 with D-SI units, written with the standard library.
 
-It is a draft: unsigned, not accredited. What only the laboratory knows is marked as missing.
+It is a draft: unsigned, not accredited. Administrative data of the laboratory are marked as missing.
 """
 
 from __future__ import annotations
@@ -127,14 +127,14 @@ def _add(parent: ET.Element, tag: str, text: str | None = None) -> ET.Element:
 
 
 def _named(parent: ET.Element, tag: str, text: str) -> ET.Element:
-    """An element that says something in English."""
+    """An element with a text in English."""
     node = _add(parent, tag)
     _add(node, "content", text).set("lang", "en")
     return node
 
 
 def _declared(parent: ET.Element, tag: str, laboratory: Laboratory, key: str, *, named: bool = False) -> None:
-    """Administrative data, or what stands in for it behind a mark."""
+    """Administrative data, or a marked placeholder."""
     if key in laboratory.missing:
         parent.append(_comment(f"MISSING: {key}"))
     (_named if named else _add)(parent, tag, laboratory.text(key))
@@ -187,14 +187,14 @@ def _result(parent: ET.Element, c: Calibration, undeclared: Sequence[str]) -> No
     results = _add(parent, "results")
     result = _add(results, "result")
     _named(result, "name", "Parameters of the sensor")
-    said = [f"Model in forward sense (IEEE 1293): {equation(c)}; {reading(c)}."]
+    notes = [f"Model in forward sense (IEEE 1293): {equation(c)}; {reading(c)}."]
     if c.own.needs_temperature:
-        said.append(f"T counts from {c.own.reference:.6g} degC.")
-    said += [f"{text}." for text in c.remarks]
-    said.append(f"Not certified: {'; '.join(left_out(c))}.")
+        notes.append(f"T counts from {c.own.reference:.6g} degC.")
+    notes += [f"{text}." for text in c.remarks]
+    notes.append(f"Not certified: {'; '.join(left_out(c))}.")
     if undeclared:
-        said.append(f"Uncertainties are withheld until these are declared: {', '.join(undeclared)}.")
-    _named(result, "description", " ".join(said))
+        notes.append(f"Uncertainties are withheld until these are declared: {', '.join(undeclared)}.")
+    _named(result, "description", " ".join(notes))
     data = _add(result, "data")
     for one in quantities(c):
         _quantity(data, one)

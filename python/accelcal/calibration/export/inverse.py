@@ -16,7 +16,7 @@ from accelcal.calibration.export.numbers import Format
 READING_OUTSIDE = 1
 """Flag: the reading lies beyond the range in which the bound holds; continued in a straight line."""
 TEMPERATURE_OUTSIDE = 2
-"""Flag: the temperature does; the bias goes on in a straight line, the scale factor is held."""
+"""Flag: the temperature does; the bias is extrapolated in a straight line, the scale factor is held."""
 
 
 @dataclass(frozen=True, slots=True)

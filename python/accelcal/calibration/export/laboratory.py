@@ -18,7 +18,7 @@ NO_COUNTRY = "ZZ"
 
 
 class LaboratoryError(ValueError):
-    """A file of administrative data cannot be used. The text names file and key and says what was expected."""
+    """A file of administrative data cannot be used. The text names file and key and states what was expected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ ENTRIES = (
     Entry("customer.name", "a text", _text, "missing"),
     Entry("customer.city", "a text", _text, "missing"),
 )
-"""What a DCC must say and no recording knows."""
+"""Administrative data that a DCC requires and no recording has."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +74,7 @@ class Laboratory:
         return tuple(entry.key for entry in ENTRIES if entry.key not in self.declared)
 
     def text(self, key: str) -> str:
-        """What is declared, or what stands in for it."""
+        """The declared value, or a placeholder."""
         stand_in = next(entry.stand_in for entry in ENTRIES if entry.key == key)
         return self.declared.get(key, stand_in)
 

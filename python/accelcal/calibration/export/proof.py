@@ -117,7 +117,7 @@ def scaled(p: Poly | list[list[int]], factor: Fraction) -> Poly:
 
 
 def chebyshev(p: Poly) -> Poly:
-    """The same polynomial in products of Chebyshev polynomials T_i(x) T_j(tau)."""
+    """The polynomial in products of Chebyshev polynomials T_i(x) T_j(tau)."""
     rows = [to_chebyshev(row) for row in p]
     columns = [to_chebyshev(column) for column in zip(*rows, strict=True)]
     return [list(row) for row in zip(*columns, strict=True)]

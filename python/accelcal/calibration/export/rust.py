@@ -27,7 +27,7 @@ def module(c: Calibration) -> str:
 #![allow(dead_code)] // both number formats are here; a program may want one
 #![allow(clippy::neg_cmp_op_on_partial_ord)] // a reading that is not a number is outside too
 
-/// The reading lies beyond the range; acceleration goes on in a straight line.
+/// The reading lies beyond the range; acceleration is extrapolated in a straight line.
 pub const READING_OUTSIDE: u8 = {READING_OUTSIDE};
 /// The temperature lies beyond the range.
 pub const TEMPERATURE_OUTSIDE: u8 = {TEMPERATURE_OUTSIDE};
@@ -80,8 +80,8 @@ def _numbers(code: Code, values: Sequence[float]) -> str:
 
 def _rows(code: Code, rows: Sequence[Sequence[float]], indent: str) -> str:
     """Rows of numbers, with what they are in decimals behind."""
-    told = [", ".join(f"{v:.9g}" for v in row) for row in rows]
-    lines = [f"{indent}    {_numbers(code, row)}, // {text}\n" for row, text in zip(rows, told, strict=True)]
+    comments = [", ".join(f"{v:.9g}" for v in row) for row in rows]
+    lines = [f"{indent}    {_numbers(code, row)}, // {text}\n" for row, text in zip(rows, comments, strict=True)]
     return "[\n" + "".join(lines) + f"{indent}]"
 
 

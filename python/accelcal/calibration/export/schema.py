@@ -7,12 +7,12 @@ from urllib.parse import urlsplit
 
 from accelcal._support.extras import MissingExtra
 
-SAID = 3
+MOST_ERRORS = 3
 """Errors that are spelled out."""
 
 
 class SchemaError(ValueError):
-    """A certificate does not follow the schema, or the schema cannot be read. The text says where."""
+    """A certificate does not follow the schema, or the schema cannot be read. The text states where."""
 
 
 def require_valid(text: str, schema: Path) -> None:
@@ -21,7 +21,7 @@ def require_valid(text: str, schema: Path) -> None:
     Parameters
     ----------
     text : the certificate.
-    schema : dcc.xsd; what it imports (SI_Format.xsd, xmldsig-core-schema.xsd) is looked for in the same folder.
+    schema : dcc.xsd; what it imports (SI_Format.xsd, xmldsig-core-schema.xsd) is read from the same folder.
 
     Raises
     ------
@@ -44,12 +44,12 @@ def require_valid(text: str, schema: Path) -> None:
     try:
         rules = xmlschema.XMLSchema(str(schema.absolute()), uri_mapper=beside, allow="local")
     except (xmlschema.XMLSchemaException, OSError, ValueError) as error:
-        said = " ".join(str(error).split())[:300]
+        reason = " ".join(str(error).split())[:300]
         raise SchemaError(
-            f"{schema}: cannot be used as a schema ({said}); put what it imports, SI_Format.xsd and "
+            f"{schema}: cannot be used as a schema ({reason}); put what it imports, SI_Format.xsd and "
             "xmldsig-core-schema.xsd, beside it"
         ) from None
     errors = [f"{error.path}: {error.reason}" for error in rules.iter_errors(text)]
     if errors:
-        more = f" and {len(errors) - SAID} more" if len(errors) > SAID else ""
-        raise SchemaError(f"the certificate does not follow {schema}: {'; '.join(errors[:SAID])}{more}")
+        more = f" and {len(errors) - MOST_ERRORS} more" if len(errors) > MOST_ERRORS else ""
+        raise SchemaError(f"the certificate does not follow {schema}: {'; '.join(errors[:MOST_ERRORS])}{more}")

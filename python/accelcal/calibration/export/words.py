@@ -1,4 +1,4 @@
-"""What an exported file says about itself in plain ASCII, the same in every language."""
+"""Comments of an exported file in plain ASCII, equal in every language."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def equation(c: Calibration) -> str:
 
 
 def reading(c: Calibration) -> str:
-    """How the reading hangs together with the output."""
+    """The relation of reading and output."""
     sensor = c.fit.rig.sensor
     if sensor.scale is None:
         return "the reading is the output, m/s^2"
@@ -85,11 +85,11 @@ def validity(c: Calibration) -> str:
 
 def left_out(c: Calibration) -> list[str]:
     """One sentence for each effect that is not applied."""
-    return [f"{one.effect} {one.why}" for one in c.left_out] or ["nothing"]
+    return [f"{effect.effect} {effect.why}" for effect in c.left_out] or ["nothing"]
 
 
 def sentences(c: Calibration) -> Iterator[tuple[str, list[str]]]:
-    """Headings and what stands under them."""
+    """Headings and the sentences under them."""
     yield (
         "",
         [
@@ -122,10 +122,10 @@ def sentences(c: Calibration) -> Iterator[tuple[str, list[str]]]:
             "declared uncertainties of the rig come on top.",
         ],
     )
-    beyond = "Beyond the range of readings acceleration goes on in a straight line and a flag is returned."
+    beyond = "Beyond the range of readings acceleration is extrapolated in a straight line and a flag is returned."
     if c.double.inverse.warmth is not None:
-        beyond += " Beyond the range of temperature the bias goes on in a straight line, the scale factor is held, and "
-        beyond += "another flag is returned."
+        beyond += " Beyond the range of temperature the bias is extrapolated in a straight line, the scale factor is "
+        beyond += "held, and another flag is returned."
     yield "Outside", [beyond]
     yield "Not applied", left_out(c)
     yield "Note", list(c.remarks) or ["nothing"]

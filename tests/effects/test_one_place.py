@@ -1,0 +1,75 @@
+"""An effect lives in one place: no other part of the package knows an effect by its name."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import accelcal
+from accelcal.effects import HOUSE
+from accelcal.model import NOMINAL
+
+PACKAGE = Path(accelcal.__file__).parent
+NAMES = {effect.name for effect in HOUSE} - set(NOMINAL)
+"""All names but those of the nominal output: bias, scale_factor, time_offset and lowpass_error."""
+MAKERS = ("effects", "simulation", "paper", "demo.py")
+"""Where names belong: the catalogue, and what makes recordings of known effects or repeats the paper's figures."""
+HOMONYMS = {
+    ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
+    ("app/workbench.py", "cubic"): "model of `fit`, and the simulated example",
+    ("calibration/budget.py", "encoder_scale"): "key of a sidecar",
+    ("calibration/budget.py", "misalignment"): "key of a sidecar",
+    ("cli/data.py", "quadratic"): "option of `simulate`",
+    ("cli/data.py", "cubic"): "option of `simulate`",
+    ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
+    ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
+    ("estimation/run.py", "cubic"): "interpolation",
+    ("filters/choice.py", "cubic"): "interpolation",
+    ("filters/core_settings.py", "cubic"): "interpolation",
+    ("filters/fixed_rate.py", "cubic"): "interpolation",
+    ("io/sidecar.py", "encoder_scale"): "key of a sidecar",
+    ("io/sidecar.py", "misalignment"): "key of a sidecar",
+    ("io/write.py", "encoder_scale"): "key of a sidecar",
+    ("io/write.py", "misalignment"): "key of a sidecar",
+    ("plots/static/signature.py", "velocity"): "variable of the motion",
+    ("validation/regions.py", "velocity"): "variable of the motion",
+}
+"""Words that name something else in a file, and what."""
+
+
+def names_in(source: str) -> Iterator[str]:
+    """Effect names among the text constants of a file, whole or before a dot (tone.sin)."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            name = node.value.partition(".")[0]
+            if name in NAMES:
+                yield name
+
+
+def found_in(package: Path) -> set[tuple[str, str]]:
+    """File and name of every effect that is written out where no name belongs."""
+    paths = {path: path.relative_to(package).as_posix() for path in sorted(package.rglob("*.py"))}
+    return {
+        (file, name)
+        for path, file in paths.items()
+        if not file.startswith(tuple(f"{maker}/" for maker in MAKERS)) and file not in MAKERS
+        for name in names_in(path.read_text(encoding="utf-8"))
+    }
+
+
+def test_no_effect_is_known_by_name_outside_the_catalogue():
+    assert not found_in(PACKAGE) - set(HOMONYMS)
+
+
+def test_every_homonym_is_still_there():
+    assert set(HOMONYMS) <= found_in(PACKAGE)
+
+
+def test_a_name_outside_the_catalogue_is_found(tmp_path):
+    # The twin that must fail: a side table of effects in a file of its own.
+    (tmp_path / "diagnosis").mkdir()
+    (tmp_path / "effects").mkdir()
+    (tmp_path / "diagnosis" / "table.py").write_text('"""Of bias and tone."""\nLINES = ("tone", "creep.tau", "bias")\n')
+    (tmp_path / "effects" / "lines.py").write_text('NAME = "tone"\n')
+    assert found_in(tmp_path) == {("diagnosis/table.py", "tone"), ("diagnosis/table.py", "creep")}
