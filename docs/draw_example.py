@@ -1,6 +1,6 @@
 """Run the README's example in `docs/static`, where its last line writes the figure that the README shows.
 
-    .venv/bin/python docs/draw_example.py
+.venv/bin/python docs/draw_example.py
 """
 
 from __future__ import annotations
