@@ -1,8 +1,8 @@
-"""Is power honest: detection as predicted beside detection as observed, on worlds that share no code with it.
+"""Predicted and observed probabilities of detection, on worlds that share no code with the prediction.
 
 Run from the top of the repository: python -m benches.power [--records 50] [--only velocity] [--write]
 Outcomes are kept line by line in OUT/*.jsonl; an interrupted run goes on where it stopped. Exit code 1 when a pair
-lies outside its band, when all together differ by more than 5 points, or when planned motions see less than was said.
+lies outside its band, when all together differ by more than 5 points, or when planned motions detect less than predicted.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.stats import binom
-from tests.experiment.trials import PAIRS, PLANS, Ahead, Pair, Row
+from tests.experiment.trials import PAIRS, PLANS, Pair, Planned, Row
 
 POOLED = 0.05
-"""Difference of all pairs together that is allowed."""
+"""Largest allowed difference of all pairs together."""
 INSIDE = 0.999
-"""Share of a binomial law that a band holds."""
+"""Probability of a band under the binomial distribution."""
 
 PREFACE = """# Power: detection as predicted, detection as observed
 
@@ -51,7 +51,7 @@ class Line:
 
     @property
     def band(self) -> tuple[int, int]:
-        """Counts that hold 99.9 % of the law at the prediction."""
+        """Counts that hold 99.9 % of the distribution at the prediction."""
         tail = 0.5 * (1.0 - INSIDE)
         low, high = binom.ppf([tail, 1.0 - tail], self.records, self.predicted)
         return int(low), int(high)
@@ -117,7 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if good else 1
 
 
-def rows(pair: Pair | Ahead, records: int, out: Path, pool: multiprocessing.pool.Pool) -> list[Row]:
+def rows(pair: Pair | Planned, records: int, out: Path, pool: multiprocessing.pool.Pool) -> list[Row]:
     """Prediction and outcome of each record of a pair; those kept by an earlier run are not repeated."""
     path = out / f"{pair.label.replace(', ', '-')}-{pair.d:g}.jsonl"
     known: dict[int, Row] = {}
@@ -136,26 +136,28 @@ def rows(pair: Pair | Ahead, records: int, out: Path, pool: multiprocessing.pool
     return [known[seed] for seed in range(records)]
 
 
-def line(pair: Pair | Ahead, found: Sequence[Row]) -> Line:
-    """What the records of a pair say together."""
+def line(pair: Pair | Planned, found: Sequence[Row]) -> Line:
+    """Row of the table for the records of a pair."""
     predicted = float(np.mean([probability for probability, _ in found]))
     return Line(pair.label, f"{pair.d:g}", predicted, sum(hit for _, hit in found), len(found))
 
 
 def summary(pooled: Sequence[Line], planned: Sequence[Line]) -> tuple[str, bool]:
     """All pairs together in one sentence, the planned motions in another, and whether every claim holds."""
-    told, good = [], all(each.holds for each in (*pooled, *planned))
+    sentences, good = [], all(each.holds for each in (*pooled, *planned))
     if pooled:
         whole = together(pooled, f"{len(pooled)} pairs")
         good &= abs(whole.difference) <= POOLED
         outside = sum(not each.holds for each in pooled)
-        told.append(f"{whole.sentence}; {100 * POOLED:g} are allowed. {outside} of the pairs lie outside their band.")
+        sentences.append(
+            f"{whole.sentence}; {100 * POOLED:g} are allowed. {outside} of the pairs lie outside their band."
+        )
     if planned:
         whole = together(planned, f"{len(planned)} planned motions")
         good &= whole.holds
         low, high = whole.band
-        told.append(f"{whole.sentence}; found {whole.found}, band {low} to {high}.")
-    return "\n".join(told), good
+        sentences.append(f"{whole.sentence}; found {whole.found}, band {low} to {high}.")
+    return "\n".join(sentences), good
 
 
 def together(lines: Sequence[Line], name: str) -> Line:

@@ -1,4 +1,4 @@
-"""A break is found where a relation ends for good, and never in a record that is merely noisy, nonlinear or at rest."""
+"""A break is found where a relation ends for good, and never on a record that is only noisy, nonlinear or at rest."""
 
 from __future__ import annotations
 

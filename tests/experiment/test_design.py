@@ -14,7 +14,7 @@ import pytest
 import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
-from accelcal.experiment.design import PATTERNS, Recipe, build
+from accelcal.experiment.planned_bursts import PATTERNS, Recipe, build
 
 LIMITS = (Limits(0.2, 0.1, 20.0), Limits(0.02, 1.0, 5.0), Limits(1.0, 0.5, 2.0))
 
@@ -49,7 +49,7 @@ def test_the_whole_stroke_is_used_when_there_is_time_and_the_stage_ends_where_it
     np.testing.assert_allclose([*p, *v, *a], 0.0, atol=1e-12)  # sums of a few doubles
 
 
-def test_a_plan_separates_what_one_tone_ties(odd):
+def test_a_plan_separates_what_one_tone_confounds(odd):
     (pair,) = odd.correlations
     assert pair[:2] == ("cubic", "odd_quadratic")
     assert pair[2] < CONFOUNDED_CORRELATION
@@ -67,7 +67,7 @@ def test_a_plan_beats_the_motion_of_the_paper(odd):
         assert odd.power[name].smallest[0] < usual[name].smallest[0]
 
 
-def test_a_plan_for_place_moves_and_a_plan_for_acceleration_shakes():
+def test_a_plan_for_position_moves_and_a_plan_for_acceleration_shakes():
     asked = {"stroke": 0.2, "v_max": 0.1, "a_max": 20.0, "seconds": 12.0, "rig": ac.ADXL105_RIG}
     place, shake = plan(["rail_curve"], **asked), plan(["quadratic"], **asked)
     assert place.power["rail_curve"].smallest[0] < shake.power["rail_curve"].smallest[0]
@@ -107,7 +107,7 @@ def accelcal(*arguments: object, cwd) -> subprocess.CompletedProcess[str]:
 LIMITS_GIVEN = ("--stroke", "20 cm", "--vmax", "0.1 m/s", "--amax", "20 m/s^2", "--seconds", 10)
 
 
-def test_a_plan_goes_to_a_file_that_power_understands(tmp_path):
+def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     made = accelcal("plan", "--effects", "quadratic,cubic", *LIMITS_GIVEN, "-o", "m.csv", "--json", cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     content = json.loads(made.stdout)

@@ -1,4 +1,4 @@
-"""What a record can see, against closed forms, an independent bound, and what is found in simulated records."""
+"""Detection limits against closed forms, an independent bound, and detections in simulated records."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_detection_of_one_coefficient_is_that_of_a_normal_beyond_its_threshold()
         )  # series of both laws
 
 
-def test_detection_falls_with_alternatives_and_with_freedom():
+def test_detection_falls_with_alternatives_and_with_coefficients():
     few, many = predicted_detection(4.0, 10, FAMILYWISE_ALPHA), predicted_detection(4.0, 1000, FAMILYWISE_ALPHA)
     assert few > predicted_detection(4.0, 100, FAMILYWISE_ALPHA) > many
     by_freedom = [predicted_detection(5.0, 100, FAMILYWISE_ALPHA, dof=dof) for dof in (1, 2, 8)]
@@ -55,7 +55,7 @@ def test_detection_falls_with_alternatives_and_with_freedom():
     assert predicted_detection(5.0, 100, FAMILYWISE_ALPHA, comparisons=100) < by_freedom[0]
 
 
-def test_the_price_of_freedom_binds_where_it_exceeds_significance():
+def test_the_price_of_coefficients_counts_where_it_exceeds_significance():
     # 240 blocks and 10 coefficients cost 10 ln 240 + 2 ln 100 = 64, above the 0.005/100 point of chi-square, 37.
     free = predicted_detection(7.0, 100, FAMILYWISE_ALPHA, dof=10)
     assert predicted_detection(7.0, 100, FAMILYWISE_ALPHA, dof=10, blocks=240) < 0.5 < free
@@ -63,18 +63,20 @@ def test_the_price_of_freedom_binds_where_it_exceeds_significance():
 
 def test_the_smallest_size_is_detected_with_95_percent():
     seen = power_of_motion(TONES, PLAIN)
-    sight = seen["quadratic"]
-    alone = predicted_detection(sight.smallest[0] * sight.d[0], seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
-    assert alone == pytest.approx(0.95, abs=1e-6)  # inverse of a smooth function
+    limit = seen["quadratic"]
+    probability = predicted_detection(
+        limit.smallest[0] * limit.d[0], seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks
+    )
+    assert probability == pytest.approx(0.95, abs=1e-6)  # inverse of a smooth function
 
 
-def test_rivals_add_and_scatter_of_blocks_takes_and_nothing_hidden_stays_below_alpha():
+def test_detection_with_rivals_and_scatter_is_near_that_of_one_effect_and_below_alpha_without_one():
     seen = power_of_motion(TONES, PLAIN)
     d = seen["quadratic"].d[0]
     for distance in (3.0, 4.0, 5.0):
-        alone = predicted_detection(distance, seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
+        probability = predicted_detection(distance, seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
         # Scatter of 2 to 5 % costs up to 0.1 sigma, 4 points; rivals bring up to 10; draws err by 0.8.
-        assert alone - 0.05 < seen.detection("quadratic", distance / d) < alone + 0.1
+        assert probability - 0.05 < seen.detection("quadratic", distance / d) < probability + 0.1
     assert 0.0 < seen.detection("quadratic", 0.0) <= FAMILYWISE_ALPHA + 0.004  # 4 sigma of 4000 draws
 
 
@@ -116,14 +118,14 @@ def test_d_grows_with_the_square_root_of_time():
 
 
 def test_d_is_inversely_proportional_to_the_noise_of_sensor_and_encoder():
-    loud = replace(PLAIN, sensor=Sensor(noise=4e-3), resolution=2e-6)
-    one, two = power_of_motion(TONES, PLAIN), power_of_motion(TONES, loud)
-    assert one["quadratic"].d[0] == pytest.approx(2.0 * two["quadratic"].d[0], rel=1e-6)  # gains stay as they are
+    noisier = replace(PLAIN, sensor=Sensor(noise=4e-3), resolution=2e-6)
+    plain, twice = power_of_motion(TONES, PLAIN), power_of_motion(TONES, noisier)
+    assert plain["quadratic"].d[0] == pytest.approx(2.0 * twice["quadratic"].d[0], rel=1e-6)  # gains stay as they are
 
 
-def test_what_the_model_contains_is_no_candidate():
+def test_effects_of_the_model_are_no_candidates():
     seen = power_of_motion(TONES, PLAIN, model=Model.cubic())
-    names = {sight.effect for sight in seen.detectabilities}
+    names = {limit.effect for limit in seen.detectabilities}
     assert "quadratic" not in names
     assert "odd_quadratic" in names
     with pytest.raises(KeyError, match="in the model"):
@@ -140,27 +142,27 @@ def test_set_points_are_followed_through_jerk():
         np.testing.assert_allclose(b[inside], a[inside], atol=1e-5 * np.ptp(a), err_msg=f"derivative {order}")
 
 
-# Ties
+# Confounded effects
 
 
-def test_one_tone_ties_odd_powers_and_hides_what_follows_position():
+def test_one_tone_confounds_odd_powers_and_hides_functions_of_position():
     seen = power_of_motion(single_tone(), PLAIN)
     assert "odd_quadratic" in seen["cubic"].members
     assert any({"cubic", "odd_quadratic"} <= set(group.members) for group in seen.ties)
     assert not seen["rail_slope"].seen  # p is a times a constant: it belongs to the scale factor
-    written = {each["effect"]: each for each in seen.to_dict()["effects"]}
+    written = {entry["effect"]: entry for entry in seen.to_dict()["effects"]}
     assert written["rail_slope"]["smallest_detectable"] is None
     assert written["cubic"]["smallest_detectable"] > 0.0
 
 
-def test_every_tie_is_at_least_the_rival_correlation_and_names_an_experiment():
+def test_confounded_groups_exceed_the_correlation_and_name_an_experiment():
     for group in power_of_motion(single_tone(), PLAIN).ties:
         assert 0.95 < group.correlation <= 1.0
         assert len(group.members) > 1
         assert group.experiment
 
 
-# What cannot be asked
+# Refusals
 
 
 @pytest.mark.parametrize(
@@ -198,45 +200,45 @@ def band(p: float) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("pair", SLICE, ids=lambda pair: pair.effect)
-def test_as_many_are_found_as_were_predicted_and_not_as_for_twice_the_size(pair):
+def test_detections_are_as_frequent_as_predicted_and_not_as_for_twice_the_size(pair):
     # False alarms: one in a thousand for each pair.
     sized = pair.sized()
     records = [sized.record(seed) for seed in range(RECORDS)]
-    count = sum(found(one) for one in records)
-    low, high = band(float(np.mean([sized.predicted(one) for one in records])))
+    count = sum(found(state) for state in records)
+    low, high = band(float(np.mean([sized.predicted(state) for state in records])))
     assert low <= count <= high
-    low, high = band(float(np.mean([sized.predicted(one, 2.0) for one in records])))
+    low, high = band(float(np.mean([sized.predicted(state, 2.0) for state in records])))
     assert not low <= count <= high
 
 
-# Diagnosis and power say the same
+# Diagnosis and power agree
 
 
 def test_limits_of_a_diagnosis_are_those_of_power():
-    one = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
-    told, seen = scan([one], Model.linear()).detection_limits, power(one)
-    sizes = {sight.effect: min(sight.smallest) for sight in seen.detectabilities}
-    wandering = {"bias_random_walk", "bias_gauss_markov"}
-    # Where readings may have jumped, and the period of a wave, are read off the record by one and spread by the other.
-    assert set(told) == set(sizes) - wandering
-    for name in set(told) - {"encoder_step", "rail_wave"}:
-        assert told[name] == sizes[name], name
-    assert math.isfinite(told["cubic"])
+    state = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
+    limits, seen = scan([state], Model.linear()).detection_limits, power(state)
+    sizes = {limit.effect: min(limit.smallest) for limit in seen.detectabilities}
+    random_biases = {"bias_random_walk", "bias_gauss_markov"}
+    # Instants of jumps and periods of waves come from the record in a diagnosis, and are spread evenly by power.
+    assert set(limits) == set(sizes) - random_biases
+    for name in set(limits) - {"encoder_step", "rail_wave"}:
+        assert limits[name] == sizes[name], name
+    assert math.isfinite(limits["cubic"])
 
 
 @pytest.mark.parametrize(("moving", "visible"), [(single_tone(), False), (motion("moves", 20.0, RNG(3)), True)])
-def test_what_the_base_swallows_has_no_limit(moving, visible):
-    # On one tone p is a times a constant, so a sloping rail is a scale factor; moves tell the two apart.
-    one = planned_state(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
-    limit = scan([one], Model.linear()).detection_limits["rail_slope"]
+def test_an_effect_that_the_base_contains_has_no_limit(moving, visible):
+    # On one tone p is a times a constant, so a sloping rail is a scale factor; moves separate the two.
+    state = planned_state(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
+    limit = scan([state], Model.linear()).detection_limits["rail_slope"]
     assert math.isfinite(limit) == visible
     assert power_of_motion(moving, PLAIN)["rail_slope"].seen == visible
 
 
-def test_more_parts_ask_for_more_and_each_part_has_its_size():
+def test_two_parts_require_a_larger_distance_and_each_part_has_its_size():
     seen = power_of_motion(TONES, PLAIN)
-    several = seen["encoder_nonlinearity"]
-    both = [size * d for size, d in zip(several.smallest, several.d, strict=True)]
+    two_parts = seen["encoder_nonlinearity"]
+    both = [size * d for size, d in zip(two_parts.smallest, two_parts.d, strict=True)]
     assert both == pytest.approx([least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA, dof=2)] * 2)
     assert both[0] > least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA)
     with pytest.raises(ValueError, match="2 parts"):

@@ -1,4 +1,4 @@
-"""How often an effect hidden in records of independent worlds is found, beside how often it should be."""
+"""Detections of an effect hidden in records of independent worlds, against their predicted probability."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ Row = tuple[float, bool]
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """An effect on a kind of motion, so large that it stands `d` standard deviations from nothing."""
+    """An effect on a kind of motion, with the size at which it is `d` standard deviations from zero."""
 
     effect: str
     motion: str
     sensor: str
     d: float
     shape: Mapping[str, float] = field(default_factory=dict)
-    """Its shape parameters, in the words of the world."""
+    """Its shape parameters, as the world names them."""
 
     @property
     def label(self) -> str:
@@ -53,13 +53,13 @@ class Pair:
 
     def sized(self) -> Sized:
         """Choose the magnitude on a record that is not counted."""
-        one = fitted(World(self.motion, self.sensor, seconds=SECONDS, seed=UNCOUNTED))
-        seen = power(one)
-        truth, unit = told(self, one, seen.detection_model)
+        state = fitted(World(self.motion, self.sensor, seconds=SECONDS, seed=UNCOUNTED))
+        limits = power(state)
+        truth, unit = hypothesis_of(self, state, limits.detection_model)
         if truth.effect.port == "process":
-            smallest = seen[self.effect].smallest[0]
-            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA) * smallest)
-        return Sized(self, self.d / seen.detection_model.distance(truth, unit))
+            smallest = limits[self.effect].smallest[0]
+            return Sized(self, self.d / least_distance(limits.examined, limits.blocks, FAMILYWISE_ALPHA) * smallest)
+        return Sized(self, self.d / limits.detection_model.distance(truth, unit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,25 +75,25 @@ class Sized:
         hidden = (Hidden(pair.effect, self.magnitude, pair.shape),)
         return fitted(World(pair.motion, pair.sensor, hidden, seconds=SECONDS, seed=seed))
 
-    def predicted(self, one: RunState, factor: float = 1.0) -> float:
+    def predicted(self, state: RunState, factor: float = 1.0) -> float:
         """Probability of detection on a record, for an effect `factor` times as large."""
-        detection_model = DetectionModel.of(one, Model.linear())
-        truth, unit = told(self.pair, one, detection_model)
+        detection_model = DetectionModel.of(state, Model.linear())
+        truth, unit = hypothesis_of(self.pair, state, detection_model)
         return detection_model.detection(truth, factor * self.magnitude * unit, DRAWS)
 
     def row(self, seed: int) -> Row:
         """Prediction and outcome of one record."""
-        one = self.record(seed)
-        return self.predicted(one), found(one)
+        state = self.record(seed)
+        return self.predicted(state), found(state)
 
 
 @dataclass(frozen=True, slots=True)
-class Ahead:
+class Planned:
     """An effect on a motion that was planned for it, predicted from limits and data sheet alone."""
 
     effect: str
-    beside: tuple[str, ...]
-    """Effects that the motion should tell it from."""
+    others: tuple[str, ...]
+    """Effects that the motion should separate from it."""
     sensor: str
     d: float
 
@@ -101,39 +101,39 @@ class Ahead:
     def label(self) -> str:
         return f"{self.effect}, planned, {self.sensor}"
 
-    def sized(self) -> Foreseen:
+    def sized(self) -> Predicted:
         """Plan the motion, choose the magnitude and predict."""
-        made = planned((self.effect, *self.beside), self.sensor)
+        made = planned_motion((self.effect, *self.others), self.sensor)
         size = self.d / made.power[self.effect].d[0]
-        return Foreseen(self, size, made.power.detection(self.effect, size))
+        return Predicted(self, size, made.power.detection(self.effect, size))
 
 
 @dataclass(frozen=True, slots=True)
-class Foreseen:
-    """A planned motion with the magnitude of what is hidden, and its predicted power."""
+class Predicted:
+    """A planned motion with the magnitude of the hidden effect, and its predicted probability of detection."""
 
-    ahead: Ahead
+    planned_pair: Planned
     magnitude: float
     probability: float
 
     def row(self, seed: int) -> Row:
         """The prediction, and the outcome of one record."""
-        ahead = self.ahead
-        motion = planned((ahead.effect, *ahead.beside), ahead.sensor).motion
-        name = entered(motion, ahead.label)
-        hidden = (Hidden(ahead.effect, self.magnitude),)
-        return self.probability, found(fitted(World(name, ahead.sensor, hidden, seconds=SECONDS, seed=seed)))
+        planned_pair = self.planned_pair
+        motion = planned_motion((planned_pair.effect, *planned_pair.others), planned_pair.sensor).motion
+        name = registered(motion, planned_pair.label)
+        hidden = (Hidden(planned_pair.effect, self.magnitude),)
+        return self.probability, found(fitted(World(name, planned_pair.sensor, hidden, seconds=SECONDS, seed=seed)))
 
 
 @cache
-def planned(effects: tuple[str, ...], sensor: str) -> Plan:
+def planned_motion(effects: tuple[str, ...], sensor: str) -> Plan:
     """The motion that `plan` makes for a stage of 0.2 m, 0.1 m/s and 20 m/s²."""
     limits = {"stroke": 0.2, "v_max": 0.1, "a_max": 20.0}
     return plan(effects, **limits, seconds=SECONDS, rig=RIGS[sensor])
 
 
-def entered(motion: Motion, name: str) -> str:
-    """Enter a motion among those that worlds know, whose own splines run through its positions; return its name."""
+def registered(motion: Motion, name: str) -> str:
+    """Register a motion among those of the worlds, whose own splines run through its positions; return its name."""
     MOTIONS[name] = lambda knots, _seconds, _rng: motion.position(knots)
     return name
 
@@ -145,18 +145,20 @@ def fitted(world: World) -> RunState:
     return solve_runs(Model.linear(), [recording]).passes[0]
 
 
-def found(one: RunState) -> bool:
-    """Whether anything enters."""
-    return bool(scan([one], Model.linear()).found)
+def found(state: RunState) -> bool:
+    """Whether any effect enters."""
+    return bool(scan([state], Model.linear()).found)
 
 
-def told(pair: Pair, one: RunState, detection_model: DetectionModel) -> tuple[Hypothesis, np.ndarray]:
-    """The effect of a world in the product's words: its shape, and its coefficients per unit of the magnitude."""
-    shape, sizes = words(pair.effect, pair.shape, one.run.origins)
+def hypothesis_of(pair: Pair, state: RunState, detection_model: DetectionModel) -> tuple[Hypothesis, np.ndarray]:
+    """An effect of a world as a hypothesis of the product, and its coefficients per unit of the magnitude."""
+    shape, sizes = shape_and_coefficients(pair.effect, pair.shape, state.run.origins)
     return detection_model.item(pair.effect, shape), np.array(sizes)
 
 
-def words(effect: str, shape: Mapping[str, float], origins: Origins) -> tuple[dict[str, float], tuple[float, ...]]:
+def shape_and_coefficients(
+    effect: str, shape: Mapping[str, float], origins: Origins
+) -> tuple[dict[str, float], tuple[float, ...]]:
     """Shape parameters and coefficients, with the origins of time and position moved to the product's."""
     if effect in ("bias_step", "scale_step", "encoder_step"):
         return {"instant": shape["instant"] - origins.t}, (1.0,)
@@ -193,10 +195,10 @@ PAIRS = (
     Pair("encoder_step", "bursts", "CXL02", 6.0, {"instant": 8.7}),
     Pair("bias_random_walk", "interleaved", "ADXL105", 4.0),
 )
-"""One coefficient; with a shape to be found; two columns, with a shape and without; a wandering bias."""
+"""One coefficient; with a shape to be found; two columns, with a shape and without; a random bias."""
 
 PLANS = (
-    Ahead("quadratic", ("cubic",), "ADXL105", 4.5),
-    Ahead("cubic", ("quadratic",), "CXL02", 4.5),
-    Ahead("rail_curve", ("velocity_odd",), "ADXL105", 4.5),
+    Planned("quadratic", ("cubic",), "ADXL105", 4.5),
+    Planned("cubic", ("quadratic",), "CXL02", 4.5),
+    Planned("rail_curve", ("velocity_odd",), "ADXL105", 4.5),
 )

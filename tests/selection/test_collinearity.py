@@ -14,10 +14,10 @@ from accelcal.diagnosis.verdict import Confounded, sentence_with_rivals
 from accelcal.effects import HOUSE, find
 from accelcal.selection.collinearity import (
     confounding_families,
-    family_replacing_sum,
     families_with_remainder,
-    random_bias_replacing,
+    family_replacing_sum,
     log_significance,
+    random_bias_replacing,
     sum_families,
 )
 from accelcal.selection.stepwise import SelectionHistory
@@ -111,7 +111,10 @@ def test_an_effect_whose_rival_shares_a_variable_with_another_is_confounded_with
     history = SelectionHistory()
     history.enter(finding("coulomb"), 400.0)
     history.enter(DetectedEffect("creep", {}, ("creep", "velocity"), "move faster"), 300.0)
-    assert [group.members for group in history.final_classes([])] == [("coulomb", "shape_of_velocity"), ("creep", "velocity")]
+    assert [group.members for group in history.final_classes([])] == [
+        ("coulomb", "shape_of_velocity"),
+        ("creep", "velocity"),
+    ]
 
 
 def test_the_sentence_names_rivals_and_the_experiment():
@@ -163,7 +166,9 @@ def test_a_random_bias_replaces_two_effects_that_are_confounded_with_it():
     assert itself is not None
     assert itself.replaced == ("temperature_bias", "bias_random_walk")
     assert itself.members.count("bias_random_walk") == 1
-    assert random_bias_replacing(classes, "warm_up", ("warm_up", "creep")) is None  # it is not confounded with the second
+    assert (
+        random_bias_replacing(classes, "warm_up", ("warm_up", "creep")) is None
+    )  # it is not confounded with the second
 
 
 def test_an_absent_effect_is_not_significant():

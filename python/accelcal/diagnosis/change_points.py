@@ -1,4 +1,4 @@
-"""Change points: instants at which the relation of output and encoder changes for good."""
+"""Change points: instants from which the relation of output and encoder no longer holds."""
 
 from __future__ import annotations
 
@@ -36,20 +36,20 @@ from accelcal.estimation.run import PreparedRun
 
 @dataclass(frozen=True, slots=True)
 class Usable:
-    """The stretch of a record on which one model can hold."""
+    """The part of a record on which one model can hold."""
 
     start: float
     """s"""
     end: float
     """s"""
     breaks: tuple[float, ...]
-    """Instants from which on no relation holds, s; empty when the whole record is good."""
+    """Instants from which no relation holds, s; empty when the whole record is usable."""
     columns: RelationColumns
     """Of the whole overlap of the channels."""
 
 
 def usable(recording: Recording) -> Usable:
-    """The stretch before the first break; the whole overlap of the channels when there is none.
+    """The part before the first break; the whole overlap of the channels if there is none.
 
     Raises
     ------
@@ -67,11 +67,11 @@ def usable(recording: Recording) -> Usable:
 
 
 def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
-    """First instant from which on no linear relation between output and encoder holds, to the end of the record.
+    """First instant from which no linear relation between output and encoder holds, to the end of the record.
 
     Parameters
     ----------
-    columns : of a record; nothing need be fitted.
+    columns : of a record; no fit is needed.
 
     Returns
     -------
@@ -79,10 +79,13 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
 
     Notes
     -----
-    For every split of the record, each side is fitted on its own; log-likelihood of two variances against one picks
-    the split. It is a break when the side before is explained, the side behind is not explained by any relation of its
-    own, and its residual is louder by a factor that effects, vibration and a change from rest to motion do not reach.
-    A slow departure shows in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
+    For every split of the record, each side is fitted separately; the log-likelihood of two variances against one
+    selects the
+    split. It is a break if the part before is explained, the part behind is not explained by any relation of its own,
+    and its
+    residual is larger by a factor that effects, vibration and a change from rest to motion do not reach. A slow
+    departure shows
+    in a narrow band first: the earliest instant counts, within a factor 8 of the widest band.
     """
     run = columns.run
     top = 0.1 / run.reading_step
@@ -94,7 +97,7 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     for band in np.geomspace(top, lowest, count):
         if band < widest / BREAK_BAND_RATIO:
             break
-        split = _split(columns.inside(float(band)))
+        split = _split(columns.in_band(float(band)))
         if split is not None:
             widest, found = max(widest, float(band)), min(found, split)
     if widest == 0.0:
@@ -103,20 +106,20 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
 
 
 IMPACT_SAMPLES = 5
-"""It is shorter than twice this many samples."""
+"""An impact is shorter than twice this many samples."""
 
 
 def impact(run: PreparedRun) -> float:
-    """Instant of a blow that hits both channels at once, s; infinite when there is none.
+    """Instant of an impact that shows on both channels at once, s; infinite if there is none.
 
-    A blow lasts for several samples of the output, surpasses all else in it, and throws the encoder off in the same
-    tenth of a second. This is what is left to see where no relation ever held (a barometer as encoder).
+    An impact lasts for several samples of the output, exceeds all other peaks in it, and shifts the encoder within the
+    same tenth of a second. It is the only sign of a break where no relation ever held (a barometer as encoder).
     """
     t, u = run.accel.t, run.accel.y
     if len(u) < 4 * LOCAL:
         return math.inf
-    usual = scipy.ndimage.median_filter(u, 2 * IMPACT_SAMPLES + 1, mode="nearest")
-    excess = np.abs(u - usual)
+    filtered = scipy.ndimage.median_filter(u, 2 * IMPACT_SAMPLES + 1, mode="nearest")
+    excess = np.abs(u - filtered)
     pair = np.minimum(excess[1:], excess[:-1])
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
@@ -131,17 +134,17 @@ def impact(run: PreparedRun) -> float:
         or pair[hit] == 0.0
     ):
         return math.inf
-    bent = np.abs(np.diff(run.z, 2))
+    second_difference = np.abs(np.diff(run.z, 2))
     begin = int(np.searchsorted(run.t, t[hit] - IMPACT_COINCIDENCE))
-    usually = float(np.median(bent[max(0, begin - 4 * LOCAL) : max(1, begin)])) + run.least_step
-    jumps = run.t[1:-1][bent > IMPACT_ENCODER_RATIO * usually]
-    thrown = [*(f.time for f in glitches(run.recording, run)), *(float(time) for time in jumps)]
-    near = [time for time in thrown if abs(time - float(t[hit])) < IMPACT_COINCIDENCE]
+    usually = float(np.median(second_difference[max(0, begin - 4 * LOCAL) : max(1, begin)])) + run.least_step
+    jumps = run.t[1:-1][second_difference > IMPACT_ENCODER_RATIO * usually]
+    disturbed = [*(f.time for f in glitches(run.recording, run)), *(float(time) for time in jumps)]
+    near = [time for time in disturbed if abs(time - float(t[hit])) < IMPACT_COINCIDENCE]
     return min([float(t[hit]), *near]) if near else math.inf
 
 
 def _split(relation: BandRelation) -> float | None:
-    """Time of the break inside one band, if there is one."""
+    """Instant of the break inside one band, if there is one."""
     gram, edges = relation.blocks(MOST_BLOCKS)
     K = len(gram)
     if K < 2 * RELATION_LEAST_BLOCKS:
@@ -165,5 +168,5 @@ def _split(relation: BandRelation) -> float | None:
     held = _solve(forward[best])
     if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * power1[best]:
         return None
-    near = (edges[max(0, best - 1)], edges[min(K, best + 4)])
-    return relation.departure(held, float(power1[best]), near)
+    interval = (edges[max(0, best - 1)], edges[min(K, best + 4)])
+    return relation.departure(held, float(power1[best]), interval)

@@ -1,4 +1,4 @@
-"""Faults of the data: dropouts, glitches, stuck or clipped channels, lost samples, steps of position."""
+"""Faults of the data: dropouts, glitches, stuck or saturated channels, lost samples, steps of position."""
 
 from __future__ import annotations
 
@@ -39,27 +39,24 @@ class Fault:
     kind: Kind
     channel: str
     time: float
-    """Where it begins, s."""
+    """Its beginning, s."""
     size: float
     """dropout, rail_hit, stuck: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
     sentence: str
 
 
-# ---- faults ------------------------------------------------------------------------------------------------------
-
-
 def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | None = None) -> tuple[Fault, ...]:
-    """What a channel did that no physics of the sensor explains, in order of time.
+    """Faults that no physics of the sensor explains, in order of time.
 
     Parameters
     ----------
     recording : for its channels as they were read.
-    run : the stretch in use; faults outside of it are not reported.
-    columns : of that run, where they are at hand.
+    run : the stretch in use; faults outside it are not reported.
+    columns : of that run, if available.
 
     Returns
     -------
-    Dropouts, glitches, rail hits, stuck stretches, position steps (missed counts) and dropped samples.
+    Dropouts, glitches, saturation, stuck stretches, position steps (missed counts) and dropped samples.
     """
     found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
     found += [*rail_hits(run), *stuck(run)]
@@ -75,8 +72,8 @@ def dropouts(channel: Channel) -> list[Fault]:
     if len(intervals) < 16:
         return []
     step = float(np.median(intervals))
-    lost = max(0.0, 1.0 - step * len(intervals) / float(channel.t[-1] - channel.t[0]))
-    by_chance = math.log(DROPOUT_ALPHA / len(intervals)) / math.log(min(max(lost, 1e-12), 0.9))
+    lost_share = max(0.0, 1.0 - step * len(intervals) / float(channel.t[-1] - channel.t[0]))
+    by_chance = math.log(DROPOUT_ALPHA / len(intervals)) / math.log(min(max(lost_share, 1e-12), 0.9))
     longest = step * (1.5 + max(HOLE, by_chance))
     return [
         Fault(
@@ -84,33 +81,33 @@ def dropouts(channel: Channel) -> list[Fault]:
             channel.name,
             float(channel.t[i]),
             float(intervals[i]),
-            f"{channel.name}: nothing was read for {intervals[i]:.3g} s from t = {channel.t[i]:.6g} s on",
+            f"{channel.name}: no readings for {intervals[i]:.3g} s from t = {channel.t[i]:.6g} s on",
         )
         for i in np.flatnonzero(intervals > longest)
     ]
 
 
 def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
-    """Encoder readings that jump away and come back; the replay leaves them out."""
+    """Encoder readings that jump and return; the replay skips them."""
     if run.left_out == 0:
         return []
     t, z = recording.position.t, recording.position.y
     inside = (t >= run.t[0]) & (t <= run.t[-1])
     t, z = t[inside], z[inside]
-    gone = ~np.isin(t, run.t)
-    begins = np.flatnonzero(gone & ~np.concatenate([[False], gone[:-1]]))
-    ends = np.flatnonzero(gone & ~np.concatenate([gone[1:], [False]]))
+    skipped = ~np.isin(t, run.t)
+    begins = np.flatnonzero(skipped & ~np.concatenate([[False], skipped[:-1]]))
+    ends = np.flatnonzero(skipped & ~np.concatenate([skipped[1:], [False]]))
     found = []
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        text = f"position: {b - a + 1} readings jump away by {size:.3g} m at t = {t[a]:.6g} s and come back"
+        text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {t[a]:.6g} s and return"
         found.append(Fault("glitch", "position", float(t[a]), size, text))
     return found
 
 
 def rail_hits(run: PreparedRun) -> list[Fault]:
-    """Stretches in which the output lies at the limit of its range."""
+    """Stretches in which the output saturates at the limit of its range."""
     t, u = run.accel.t, run.accel.y
     declared = run.rig.sensor.range
     steps = np.abs(np.diff(u))
@@ -123,21 +120,19 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
             if limit or jump > 8.0 * quantum:
                 begin, size = float(t[a]), float(t[b] - t[a])
-                text = (
-                    f"accel: the output lies at its limit, {extreme:.4g} m/s², for {size:.2g} s from {begin:.6g} s on"
-                )
+                text = f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {begin:.6g} s on"
                 found.append(Fault("rail_hit", "accel", begin, size, text))
     return found
 
 
 def stuck(run: PreparedRun) -> list[Fault]:
-    """Stretches in which one channel repeats a value while the other shows that it should move."""
+    """Stretches in which one channel repeats a value while the other one moves."""
     found = []
-    wobble = math.sqrt(run.reading_variance_guess) + run.least_step
+    noise = math.sqrt(run.reading_variance_guess) + run.least_step
     for a, b in _runs(np.diff(run.accel.y) == 0.0, STUCK_SAMPLES):
         begin, end = run.accel.t[a], run.accel.t[b + 1]
         rows = slice(*np.searchsorted(run.t, [begin, end]))
-        if rows.stop - rows.start >= 8 and _bent(run.t[rows], run.z[rows], 2) > 10.0 * wobble:
+        if rows.stop - rows.start >= 8 and _departure_from_polynomial(run.t[rows], run.z[rows], 2) > 10.0 * noise:
             text = (
                 f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, from t = {begin:.6g} s on"
             )
@@ -148,22 +143,22 @@ def stuck(run: PreparedRun) -> list[Fault]:
         u, step = run.accel.y[rows], run.accel_step
         if len(u) < 8:
             continue
-        path = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
-        walk = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
-        if _bent(run.accel.t[rows], path, 1) > 20.0 * wobble + 5.0 * walk:
+        position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
+        random_motion = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
+        if _departure_from_polynomial(run.accel.t[rows], position, 1) > 20.0 * noise + 5.0 * random_motion:
             text = f"position: the reading stays {run.z[a]:.6g} m while the output changes, from t = {begin:.6g} s on"
             found.append(Fault("stuck", "position", float(begin), float(end - begin), text))
     return found
 
 
-def _bent(t: Array, y: Array, degree: int) -> float:
-    """How far a stretch departs from a straight line (1) or from constant acceleration (2), peak to peak."""
+def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
+    """Peak-to-peak departure of a stretch from a straight line (degree 1) or from constant acceleration (degree 2)."""
     x = t - t[0]
     return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
 
 
 def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
-    """First and last index of each run of true flags that is at least so long."""
+    """First and last index of each run of true flags of at least this length."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
@@ -171,10 +166,10 @@ def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
 def position_steps(columns: RelationColumns) -> list[Fault]:
     """Instants at which the encoder lost or gained counts: its reading jumps and stays.
 
-    The innovations behind a fast filter answer a step by a pulse; the pulse is sought against the local spread.
+    The innovations behind a fast filter respond to a step with a pulse; the pulse is detected against the local spread.
     """
     run = columns.run
-    relation = columns.inside(0.1 / run.reading_step)
+    relation = columns.in_band(0.1 / run.reading_step)
     if len(relation.t) < 8 * LOCAL:
         return []
     X, y = relation.columns[:, :4], relation.columns[:, 4] * relation.size[4]
@@ -185,17 +180,17 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
     single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
     score = np.abs(matched) / local_spread(matched)
     limit = -float(scipy.special.stdtrit(0.7 * LOCAL, 0.5 * FAULT_ALPHA / len(score)))
-    quiet = float(np.median(np.abs(residual))) / 0.6745
+    noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
     found, last = [], -PULSE
     for k in (int(k) for k in np.flatnonzero((score > limit) & ~behind_gap)):
-        near = slice(max(0, k - PULSE), k + PULSE)
-        if k - last < PULSE or np.max(np.abs(matched[near])) > abs(matched[k]):
+        neighbours = slice(max(0, k - PULSE), k + PULSE)
+        if k - last < PULSE or np.max(np.abs(matched[neighbours])) > abs(matched[k]):
             continue
-        if np.max(np.abs(single[near])) > 1.05 * abs(matched[k]):
+        if np.max(np.abs(single[neighbours])) > 1.05 * abs(matched[k]):
             continue
         around = residual[max(0, k - PULSE) : k + 2 * PULSE]
-        if matched[k] ** 2 < STEP_PULSE_SHARE * float(np.sum(around**2) - len(around) * quiet**2):
+        if matched[k] ** 2 < STEP_PULSE_SHARE * float(np.sum(around**2) - len(around) * noise**2):
             continue
         size = float(matched[k] / np.linalg.norm(step))
         if abs(size) < STEP_LEAST_COUNTS * run.least_step:
@@ -212,27 +207,27 @@ PULSE = 16
 
 
 def dropped_samples(columns: RelationColumns) -> list[Fault]:
-    """An instant at which the delay between the channels jumps for good by a whole sample of either clock.
+    """An instant at which the delay between the channels jumps for good by whole samples of either clock.
 
     Parameter change by cumulated scores, variances from the scatter of blocks (Andrews 1993), the largest over all
     instants; two of three bands must agree, and on a whole number of samples.
     """
     run = columns.run
-    seen: list[tuple[float, float, float]] = []
+    changes: list[tuple[float, float, float]] = []
     for band in np.geomspace(0.1, 0.005, 3) / run.reading_step:
-        relation = columns.inside(float(band))
+        relation = columns.in_band(float(band))
         gram, edges = relation.blocks(MOST_BLOCKS)
         if len(gram) >= 4 * RELATION_LEAST_BLOCKS:
             k, jump, std = _delay_change(gram, relation.size)
             shift = 2.0 * run.accel_step
-            seen.append((std * shift, jump * shift, float(edges[k])))
-    sure = sorted(one for one in seen if abs(one[1]) > DELAY_CHANGE_SIGMA * one[0])
-    if len(sure) < 2:
+            changes.append((std * shift, jump * shift, float(edges[k])))
+    significant = sorted(change for change in changes if abs(change[1]) > DELAY_CHANGE_SIGMA * change[0])
+    if len(significant) < 2:
         return []
-    std_s, jump_s, time = sure[0]
+    std_s, jump_s, time = significant[0]
     for channel, step in ((run.accel.name, run.accel_step), ("position", run.reading_step)):
         samples = jump_s / step
-        agreed = sum(abs(other - jump_s) < WHOLE_SAMPLE_TOLERANCE * step for _, other, _ in sure)
+        agreed = sum(abs(other - jump_s) < WHOLE_SAMPLE_TOLERANCE * step for _, other, _ in significant)
         if (
             abs(samples) > 0.5
             and abs(samples - round(samples)) < WHOLE_SAMPLE_TOLERANCE
@@ -241,16 +236,17 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
         ):
             text = (
                 f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {time:.6g} s and stays: "
-                f"{abs(round(samples))} samples were lost or doubled without a trace in the stamps"
+                f"{abs(round(samples))} samples were lost or duplicated without a trace in the time stamps"
             )
             return [Fault("dropped_samples", channel, time, float(round(samples)), text)]
     return []
 
 
 def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
-    """Where the delay changes most: blocks before it, change of delay in shifts of `RelationColumns`, and its std.
+    """Instant of the largest change of delay: blocks before it, change in shifts of `RelationColumns`, and its std.
 
-    The instant is chosen with the scatter of scores under no change; the variance there is that under the change.
+    The instant is chosen with the scatter of scores under no change; the variance at that instant is that under the
+    change.
     """
     c = _solve(gram.sum(axis=0))
     A = gram[:, :4, :4]

@@ -24,7 +24,7 @@ def separate_lines(cleaned: CleanFit) -> list[Term]:
     them."""
     if LINE in cleaned.solution.model.effects:
         return []
-    fastest = 0.4 / max(signals_of(cleaned).step for cleaned in cleaned.solution.passes)
+    fastest = 0.4 / max(signals_of(state).step for state in cleaned.solution.passes)
     lines = [test.parts for test in cleaned.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
     return [
         term

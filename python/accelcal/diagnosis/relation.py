@@ -1,4 +1,4 @@
-"""Relation of output and encoder in bands of frequency, block by block: how a change of either shows."""
+"""Relation of output and encoder in bands of frequency, block by block: changes of either show in it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 
 BANDS_PER_DECADE = 4
-"""Bands tried between the slowest that the record can show and a tenth of the encoder's rate."""
+"""Bands between the slowest that the record resolves and a tenth of the encoder's rate."""
 MOST_BLOCKS = 512
-"""Blocks of a scan; longer records take longer blocks."""
+"""Blocks of a scan; longer records have longer blocks."""
 
 
 class RelationColumns:
-    """What a filter of any band is driven with: encoder, output, the output a little late and early, a constant."""
+    """Columns that drive a filter of any band: encoder, output, its first and second difference, a constant."""
 
     def __init__(self, run: PreparedRun) -> None:
         self.run = run
@@ -41,7 +41,7 @@ class RelationColumns:
         ]
         self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
 
-    def inside(self, band: float) -> BandRelation:
+    def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
         run = self.run
         r = run.reading_variance_guess
@@ -56,7 +56,8 @@ class RelationColumns:
         return BandRelation(run.t[settled], rows.T, size, band)
 
     def response(self, band: float, z: NDArray[np.bool_]) -> Array:
-        """Innovations that a reading of this shape, one unit high, causes from its middle on; readings are even."""
+        """Innovations caused by readings of this shape, one unit high, from the middle of the shape on; readings are
+        even."""
         run = self.run
         r = run.reading_variance_guess
         noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
@@ -77,9 +78,9 @@ class BandRelation:
     t: Array
     """Times of settled readings, (n,) s."""
     columns: Array
-    """(n, 5): output, its first and second difference, constant, encoder; each of unit mean square, in one piece."""
+    """(n, 5): output, its first and second difference, constant, encoder; each of unit mean square."""
     size: Array
-    """(5,) what each column was divided by, m."""
+    """(5,) root mean square by which each column was divided, m."""
     band: float
     """Hz"""
 
@@ -107,32 +108,33 @@ class BandRelation:
         return gram, edges
 
     def power(self, gram: Array, c: Array) -> Array:
-        """Mean square residual of each block under one relation; empty blocks are left out."""
+        """Mean square residual of each block under one relation; empty blocks are skipped."""
         gram = gram[gram[:, 5, 5] > 0]
         X, y, yy = gram[:, :4, :4], gram[:, :4, 4], gram[:, 4, 4]
         total = yy - 2.0 * (y @ c) + np.einsum("kij,i,j->k", X, c, c)
         return np.asarray(np.maximum(total, 0.0) / gram[:, 5, 5])
 
-    def departure(self, c: Array, power: float, near: tuple[float, float]) -> float:
-        """Most likely instant in `near` from which readings leave a relation whose residual had this power, s."""
-        rows = slice(*np.searchsorted(self.t, near))
+    def departure(self, c: Array, power: float, interval: tuple[float, float]) -> float:
+        """Most likely instant in `interval` from which readings depart from a relation whose residual had this power,
+        s."""
+        rows = slice(*np.searchsorted(self.t, interval))
         squares = (self.columns[rows, 4] - self.columns[rows, :4] @ c) ** 2
         behind = np.cumsum(squares[::-1])[::-1]
         count = np.arange(len(squares), 0, -1)
-        loud = np.maximum(behind / count, power)
-        gain = 0.5 * (behind / power - count * (1.0 + np.log(loud / power)))
+        mean_square = np.maximum(behind / count, power)
+        gain = 0.5 * (behind / power - count * (1.0 + np.log(mean_square / power)))
         return float(self.t[rows][int(np.argmax(gain))])
 
 
 def _solve(gram: Array) -> Array:
-    """Coefficients of the four columns; a whisper of ridge keeps a silent column from deciding."""
+    """Coefficients of the four columns; a small ridge keeps a column without power from deciding."""
     A = gram[..., :4, :4]
     ridge = 1e-9 * np.trace(A, axis1=-2, axis2=-1)[..., None, None] * np.eye(4) + 1e-300 * np.eye(4)
     return np.asarray(np.linalg.solve(A + ridge, gram[..., :4, 4][..., None])[..., 0])
 
 
 def _unexplained(gram: Array) -> tuple[Array, Array]:
-    """Sum of squares that the best relation leaves, and the share it explains of what a constant leaves; (K,)."""
+    """Sum of squares that the best relation leaves, and the share of the variance that it explains; (K,)."""
     c = _solve(gram)
     left = np.maximum(gram[:, 4, 4] - np.einsum("ki,ki->k", c, gram[:, :4, 4]), 1e-12 * gram[:, 4, 4] + 1e-300)
     constant = gram[:, 3, 4] ** 2 / np.maximum(gram[:, 3, 3], 1e-300)

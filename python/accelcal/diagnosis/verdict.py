@@ -149,10 +149,8 @@ def verdict_on(
     significant = independent_tests(
         [t for t in tests if t.p_value < level and t.effect not in model.effects], no_effect_found=not found.found
     )
-    largest, sizes = (
-        contributions(profiled, solution),
-        sizes_of(profiled, solution.passes, found.candidates, significant),
-    )
+    largest = contributions(profiled, solution)
+    sizes = sizes_of(profiled, solution.passes, found.candidates, significant)
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     for state in solution.passes:  # what follows predicts anew: one set of signals at a time

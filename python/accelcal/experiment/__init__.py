@@ -1,9 +1,11 @@
 """Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
 from accelcal.diagnosis.search.thresholds import predicted_detection
-from accelcal.experiment.design import Limits, Plan, plan
-from accelcal.experiment.detectability import Detectability, Group, Power, power
+from accelcal.experiment.design import Plan, plan
+from accelcal.experiment.detectability import Detectability, Group, Power
+from accelcal.experiment.planned_bursts import Limits
 from accelcal.experiment.planned_motion import power_of_motion, power_of_set_points, through
+from accelcal.experiment.power_analysis import power
 
 __all__ = [
     "Detectability",

@@ -1,7 +1,7 @@
-"""A motion that separates named effects within stroke, speed and acceleration (derivations D3.5, D7).
+"""Design of a motion that separates named effects within stroke, speed and acceleration (derivations D3.5, D7).
 
-Bursts of several tones at several amplitudes alternate with moves over the whole stroke and rests between them: the
-first tell powers of acceleration apart, the second everything that depends on place, direction and time.
+Bursts of several tones at several amplitudes alternate with moves over the whole stroke and rests between them: bursts
+separate powers of acceleration, moves and rests everything that depends on position, direction and time.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations, cycle, product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -23,115 +23,26 @@ from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
-from accelcal.experiment.detectability import (
-    Detectability,
-    Power,
-    detectability_of,
-    detectability_to_dict,
-    most_visible_direction,
-)
+from accelcal.experiment.detectability import Detectability, Power, detectability_to_dict
 from accelcal.experiment.detection_probability import evidence_of, rules_for
+from accelcal.experiment.planned_bursts import PATTERNS, Limits, Recipe, build
 from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
+from accelcal.experiment.power_analysis import detectability_of, most_visible_direction
 from accelcal.model import Model
-from accelcal.simulation.motion import Motion, Move, Part, Tones, Windowed
+from accelcal.simulation.motion import Motion
 
 SCHEMA = "accelcal/plan/1"
-MARGIN = 0.999
-"""Share of every limit that is used: more than what a peak can hide between two samples of the search for it."""
-PEAK_SAMPLES = 100.0
-"""Samples per period of the highest tone in the search for peaks; they miss at most (pi/100)²/2 = 5e-4 of one."""
-STEP_SPEED = 35.0 / 16.0
-"""Top speed of a move over distance/duration."""
-STEP_ACCELERATION = 84.0 * math.sqrt(5.0) / 25.0
-"""Top acceleration of a move over distance/duration²."""
-FADE = 0.3
-"""Time in which a burst fades in, and out, s; at most 0.3 of its length."""
-REST = 0.25
-"""Rest after a move or a burst, s; after a burst at most a fifth of its length."""
-SHORTEST = 0.4
-"""A burst shorter than this is left out, s."""
-TONES = 6
-"""Tones of a burst."""
-PLACES = (0.0, 0.25, -0.25)
-"""Where bursts happen, as shares of the stroke."""
 SHARES = (0.2, 0.5)
-"""Shares of the time that are tried for moves."""
+"""Shares of the time for moves that are tried."""
 SEEDS = 12
-"""Draws of tones that are tried once everything else is chosen."""
+"""Random draws of tones that are tried for the best recipe."""
 LEAST_SECONDS = 5.0
 """Shorter motions are not planned."""
 
 
 @dataclass(frozen=True, slots=True)
-class Burst:
-    """One burst of a pattern."""
-
-    seconds: float
-    low: float
-    """Hz"""
-    high: float
-    """Hz"""
-    level: float = 1.0
-    """Share of what the limits allow."""
-
-
-PATTERNS = (
-    (Burst(2.5, 2.0, 6.0),),
-    (Burst(2.5, 3.0, 12.0),),
-    (Burst(2.5, 5.0, 20.0),),
-    (Burst(2.5, 8.0, 30.0),),
-    (Burst(2.5, 8.0, 30.0), Burst(2.5, 8.0, 30.0, 0.5), Burst(2.5, 8.0, 30.0, 0.25)),
-    (Burst(2.5, 8.0, 30.0), Burst(2.5, 2.0, 6.0)),
-    (Burst(1.0, 8.0, 30.0), Burst(4.0, 2.0, 30.0, 0.5)),
-    (Burst(0.7, 8.0, 30.0), Burst(2.0, 5.0, 15.0), Burst(4.0, 2.0, 6.0)),
-    (Burst(0.5, 8.0, 30.0), Burst(5.0, 2.0, 6.0)),
-)
-"""Sequences of bursts that are tried. A short loud one among long quiet ones tells odd powers of acceleration apart:
-the quiet ones fix the scale factor, the others are left to say how the error grows."""
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the stage can do."""
-
-    stroke: float
-    """Largest travel from end to end, m."""
-    speed: float
-    """m/s"""
-    acceleration: float
-    """m/s²"""
-
-    def __post_init__(self) -> None:
-        for name in ("stroke", "speed", "acceleration"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"{name} must be positive, not {getattr(self, name):g}")
-
-    def scaled(self, factor: float) -> Limits:
-        """All of them, `factor` times as large."""
-        return Limits(factor * self.stroke, factor * self.speed, factor * self.acceleration)
-
-    def duration(self, distance: float) -> float:
-        """Least duration of a move, s."""
-        return max(
-            STEP_SPEED * abs(distance) / self.speed, math.sqrt(STEP_ACCELERATION * abs(distance) / self.acceleration)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Recipe:
-    """What is varied in search of a motion."""
-
-    pattern: tuple[Burst, ...]
-    share: float
-    """Of the time, for moves."""
-    aligned: bool
-    """Whether the tones of a burst meet in one peak at its middle; otherwise their phases are random."""
-    seed: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class Plan:
-    """A motion that separates named effects, and what it would see."""
+    """A motion that separates named effects, and its detection limits."""
 
     motion: Motion
     effects: tuple[str, ...]
@@ -142,17 +53,18 @@ class Plan:
     correlations: tuple[tuple[str, str, float], ...]
     """|rho| of every pair of the named effects."""
     typical: tuple[float, ...]
-    """Standard deviations at which the typical size of each effect would stand, the other named ones taken out."""
+    """Distance from zero, in standard deviations, of the typical size of each effect, the other named ones estimated
+    jointly."""
     tried: int
 
     @property
     def detectabilities(self) -> tuple[Detectability, ...]:
-        """How well each of the named effects would be seen."""
+        """Detection limit of each of the named effects."""
         return tuple(self.power[name] for name in self.effects)
 
     @property
     def separated(self) -> bool:
-        """Whether every pair could be told apart, each of them seen."""
+        """Whether every pair is separated, and each effect visible."""
         return all(correlation < CONFOUNDED_CORRELATION for *_, correlation in self.correlations) and all(
             s.seen for s in self.detectabilities
         )
@@ -219,8 +131,8 @@ def plan(
     Returns
     -------
     Plan
-        Of the motions tried the one in which the worst pair can be told apart (|rho| < 0.95), and the typical size of
-        the effect that is seen worst, once the other effects are taken out, stands furthest from nothing.
+        Of the motions tried the one that separates the most correlated pair (|rho| < 0.95), and the typical size of
+        the least visible effect, the other effects estimated jointly, is furthest from zero.
 
     Raises
     ------
@@ -261,7 +173,7 @@ def plan(
 
 
 def require_plannable(names: Sequence[str]) -> None:
-    """Refuse what no motion can show."""
+    """Raise for effects that no motion can show."""
     if not names:
         raise ValueError("name at least one effect that the motion should show")
     for name in names:
@@ -278,7 +190,7 @@ def require_plannable(names: Sequence[str]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One motion of the search, and how well it does."""
+    """One motion of the search with its figures of merit."""
 
     recipe: Recipe
     motion: Motion
@@ -289,7 +201,7 @@ class Trial:
     def of(
         cls, recipe: Recipe, limits: Limits, seconds: float, rig: Rig, noise: Noise, wanted: tuple[str, ...]
     ) -> Trial:
-        """Build the motion of a recipe and look at the wanted effects only."""
+        """Build the motion of a recipe, and evaluate the wanted effects only."""
         motion = build(recipe, limits, seconds)
         state = planned_state(motion, rig, seconds, noise, Model.linear(), ACCEL_RATE, POSITION_RATE)
         evidence = evidence_of_best(state, wanted)
@@ -302,13 +214,14 @@ class Trial:
 
     @property
     def score(self) -> tuple[float, float]:
-        """How far the worst pair is from being told apart, then the distance of the effect that is seen worst."""
+        """Correlation of the worst pair beyond what is separated, then the distance of the least visible effect from
+        zero."""
         worst = max((rho for *_, rho in self.correlations), default=0.0)
         return -max(0.0, worst - PLAN_CORRELATION), min(self.typical)
 
 
 def evidence_of_best(state: RunState, wanted: tuple[str, ...]) -> CandidateScores:
-    """Information on the wanted effects, in their order, each at the trial shape at which it is seen best."""
+    """Information on the wanted effects, in their order, each at its most visible trial shape."""
     model = Model.linear()
     items = [item for item in hypotheses_for(state, model) if item.effect.name in wanted]
     if any(item.shape for item in items):
@@ -323,7 +236,7 @@ def evidence_of_best(state: RunState, wanted: tuple[str, ...]) -> CandidateScore
 
 
 def correlations(evidence: CandidateScores) -> Array:
-    """Correlation of the whitened signatures, (effects, effects); of several columns the mixture that is seen best."""
+    """Correlation of the whitened signatures, (effects, effects); of several columns their most visible mixture."""
     mix = np.zeros((len(evidence.c), len(evidence.items)))
     for i in range(len(evidence.items)):
         mix[evidence.columns[i], i] = most_visible_direction(evidence, i)
@@ -333,90 +246,10 @@ def correlations(evidence: CandidateScores) -> Array:
 
 
 def separated_distances(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:
-    """Distance of the typical size of each effect once the others are taken out: d sqrt(1 - R²)."""
+    """Distance of the typical size of each effect from zero, the others estimated jointly: d sqrt(1 - R²)."""
     unshared = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
     found = []
     for i, item in enumerate(evidence.items):
         power = float(np.max(np.diag(evidence.G[evidence.columns[i], evidence.columns[i]])))
         found.append(item.effect.scale * math.sqrt(max(0.0, power * float(unshared[i]))))
     return tuple(found)
-
-
-# ---- the motion of a recipe --------------------------------------------------------------------------------------
-
-
-def build(recipe: Recipe, limits: Limits, seconds: float) -> Motion:
-    """Bursts and groups of moves in turn; position begins and ends at the middle of the stroke."""
-    inner, rng = limits.scaled(MARGIN), np.random.default_rng(recipe.seed)
-    group = _group_seconds(inner)
-    count = max(1, math.floor(recipe.share * seconds / group))
-    reach = _reach(inner, recipe.share * seconds) if count == 1 else 1.0
-    moves = [_moves(inner, reach, k, count) for k in range(count)]
-    slot = (seconds - sum(lasts for _, lasts in moves)) / count
-    bursts = cycle(recipe.pattern)
-    t, parts = 0.0, list[Part]()
-    for k, (group_of_moves, lasts) in enumerate(moves):
-        stop = t + slot
-        while stop - t >= SHORTEST:
-            burst = next(bursts)
-            length = min(burst.seconds, stop - t)
-            parts.append(_shake(burst, t, length, _place(k, count) * reach, recipe.aligned, inner, rng))
-            t += length
-        parts += [replace(move, start=move.start + stop) for move in group_of_moves]
-        t = stop + lasts
-    return Motion(tuple(parts), seconds, name="planned")
-
-
-def _place(k: int, count: int) -> float:
-    """Where burst group `k` happens, as a share of the stroke; the motion begins and ends in the middle."""
-    return PLACES[k % len(PLACES)] if k < count else 0.0
-
-
-def _legs(k: int, count: int) -> tuple[float, ...]:
-    """Legs of group `k` as shares of the stroke: to one end, to the other, to the next place."""
-    here, there, side = _place(k, count), _place(k + 1, count), 0.5 if k % 2 == 0 else -0.5
-    return side - here, -2.0 * side, there + side
-
-
-def _moves(limits: Limits, reach: float, k: int, count: int) -> tuple[list[Move], float]:
-    """Group `k` of moves from time 0, with rests, and how long it lasts."""
-    t, moves = 0.0, list[Move]()
-    for leg in _legs(k, count):
-        distance = leg * reach * limits.stroke
-        duration = limits.duration(distance)
-        moves.append(Move(t, duration, distance))
-        t += duration + REST
-    return moves, t
-
-
-def _group_seconds(limits: Limits) -> float:
-    """Longest that a group of moves over the whole stroke can last, s."""
-    return max(_moves(limits, 1.0, k, 2 * len(PLACES))[1] for k in range(2 * len(PLACES)))
-
-
-def _reach(limits: Limits, seconds: float) -> float:
-    """Share of the stroke that one group of moves can cover in the time there is, by bisection."""
-    if _moves(limits, 1.0, 0, 1)[1] <= seconds:
-        return 1.0
-    low, high = 0.0, 1.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _moves(limits, middle, 0, 1)[1] <= seconds else (low, middle)
-    return low
-
-
-def _shake(
-    burst: Burst, start: float, length: float, place: float, aligned: bool, limits: Limits, rng: np.random.Generator
-) -> Windowed:
-    """Tones of equal acceleration, as loud as the limits allow about a place, times the level; a rest at their end."""
-    stop = start + length - min(REST, 0.2 * length)
-    frequency = np.exp(rng.uniform(math.log(burst.low), math.log(burst.high), TONES))
-    phase = rng.uniform(0.0, 2.0 * math.pi, TONES)
-    if aligned:
-        phase = 0.5 * math.pi - math.pi * frequency * (start + stop)
-    tones = Tones(1.0 / (2.0 * math.pi * frequency) ** 2, frequency, phase)
-    part = Windowed(tones, start, stop, min(FADE, 0.3 * length))
-    peaks = np.max(np.abs(part.derivatives(np.arange(start, stop, 1.0 / (PEAK_SAMPLES * burst.high)))), axis=1)
-    room = (0.5 - abs(place)) * limits.stroke
-    gain = burst.level * min(room / peaks[0], limits.speed / peaks[1], limits.acceleration / peaks[2])
-    return replace(part, part=replace(tones, amplitude=gain * tones.amplitude))

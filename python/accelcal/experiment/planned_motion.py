@@ -21,7 +21,8 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import SmoothedMotion as Sampled
 from accelcal.estimation.smoothing import Thinning
 from accelcal.estimation.values import Noise, Values
-from accelcal.experiment.detectability import Power, detectability_of
+from accelcal.experiment.detectability import Power
+from accelcal.experiment.power_analysis import detectability_of
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass, motion_bandwidth
 from accelcal.simulation.motion import Motion

@@ -1,4 +1,4 @@
-"""Results of improving a model: its steps, and the falling error of several models."""
+"""Results of improving a model: its steps, and the error reduction of several models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from accelcal.validation.comparison import Comparison
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One model on the way, on the data it was fitted to and on held-out data."""
+    """One model of the selection, on the data it was fitted to and on held-out data."""
 
     effects: tuple[str, ...]
     fit: Fit
@@ -25,7 +25,7 @@ class Step:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Improvement:
-    """The falling error: every step, and what is still missing from the last model."""
+    """The error reduction: every step, and what the last model still lacks."""
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
@@ -53,14 +53,16 @@ class Improvement:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class History:
-    """Models in the order of their story, each compared with the same recording: the falling error."""
+    """Models in the order of their selection, each compared with one recording: the error reduction."""
 
     fits: tuple[Fit, ...]
     steps: tuple[Comparison, ...]
     """One for each fit."""
 
     def __repr__(self) -> str:
-        each = (f"{name}: {seen.simulated_rms:.3g} m" for name, seen in zip(self.names, self.steps, strict=True))
+        each = (
+            f"{name}: {comparison.simulated_rms:.3g} m" for name, comparison in zip(self.names, self.steps, strict=True)
+        )
         return f"History(rms free-running error of {', '.join(each)})"
 
     def __len__(self) -> int:
@@ -74,5 +76,5 @@ class History:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each model holds beyond the base, as in "base + cubic"."""
+        """Effects of each model beyond the base, as in "base + cubic"."""
         return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)

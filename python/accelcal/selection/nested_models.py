@@ -1,4 +1,4 @@
-"""The falling error of one model: its effects taken away and put back one by one, each fit judged on unseen data."""
+"""Nested models: effects of one model removed and added again one by one, each fit compared on held-out data."""
 
 from __future__ import annotations
 
@@ -20,28 +20,28 @@ from accelcal.validation.evaluation import compare
 
 @dataclass(frozen=True, slots=True)
 class NestedModel:
-    """One model on the way."""
+    """One model of the series."""
 
     effect: str
-    """What is new here; empty for the base."""
+    """Effect that is new here; empty for the base."""
     in_model: bool
-    """False for an effect that the model lacks and that the record asks for."""
+    """False for an effect that the model lacks and that the record requires."""
     fit: Fit
     heldout: Comparison
 
 
 @dataclass(frozen=True, slots=True)
 class NestedModels:
-    """Models of growing size on data that none of them was fitted to."""
+    """Models of growing size on data to which none of them was fitted."""
 
     models: tuple[NestedModel, ...]
-    """The base first."""
+    """Base first."""
     same_run: bool
-    """Unseen data are the end of the fitted run: set-up and slow-drift errors cannot show."""
+    """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
     horizon: float | None
-    """Time without position after which the drift is compared, s; None where the unseen data are too short for any."""
+    """Time without position after which drifts are compared, s; None where the held-out data are too short for any."""
     remarks: tuple[str, ...] = ()
-    """What could not be fitted, and why."""
+    """Models that could not be fitted, and why."""
 
     @property
     def errors(self) -> tuple[float, ...]:
@@ -50,13 +50,13 @@ class NestedModels:
 
     @property
     def floor(self) -> float:
-        """What noise alone would give, m: the least of all models, for what is missing passes for noise."""
+        """Error of noise alone, m: the least of all models, because a missing effect raises the fitted noise."""
         return min(_floor(member.heldout, self.horizon) for member in self.models)
 
     @property
     def shares(self) -> tuple[float | None, ...]:
-        """Share of the base's mean square above the floor that each member takes away; None for the base, or when the
-        base is at the floor already."""
+        """Share of the base's mean square above the floor that each model removes; None for the base, or when the base
+        is at the floor already."""
         squares = [e**2 for e in self.errors]
         above = squares[0] - self.floor**2
         if above <= 0.0:
@@ -65,7 +65,7 @@ class NestedModels:
 
     @property
     def measure(self) -> str:
-        """What is compared, in words."""
+        """Name of the error that is compared."""
         if self.horizon is None:
             return "free-running error"
         return f"unaided drift after {self.horizon:g} s"
@@ -74,13 +74,13 @@ class NestedModels:
 def nested_models(
     fitted: Fit, recording: Recording, diagnosis: Diagnosis | None = None, *, holdout: Recording | None = None
 ) -> NestedModels:
-    """Fit the base of a model, then one effect more each time, and compare each with unseen data.
+    """Fit the base of a model, then one more effect at a time, and compare each with held-out data.
 
     Parameters
     ----------
-    fitted : the model at the top; with `holdout` it stands there as it is.
+    fitted : the largest model; with `holdout` it is used as it is.
     recording : what the other models are fitted to.
-    diagnosis : of `fitted` on `recording`; effects it found stand above the model.
+    diagnosis : of `fitted` on `recording`; effects it found are added to the model.
     holdout : unseen recording; by default the last 30 % of `recording`, which then is fitted without them.
 
     Raises
@@ -100,16 +100,16 @@ def nested_models(
             found = fit(model, recording, start=begin, end=split, origins=fitted.origins)
         return NestedModel(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
 
-    # What turning the sensor or the tolerance of a low-pass brought in depends on the recordings, not on the model.
-    brought = [name for name in fitted.model.added if not find(name).traits.visible]
-    whole = fitted.model.drop(*brought)
+    # Effects that a turned sensor or the tolerance of a low-pass added depend on the recordings, not on the model.
+    set_by_recordings = [name for name in fitted.model.added if not find(name).traits.visible]
+    whole = fitted.model.drop(*set_by_recordings)
     added = whole.added
     models, remarks = [], []
     for count in range(len(added) + 1):
         model = whole.drop(*added[count:])
-        top = fitted if count == len(added) and not same_run else None
+        ready_fit = fitted if count == len(added) and not same_run else None
         try:
-            models.append(member(added[count - 1] if count else "", model, True, top))
+            models.append(member(added[count - 1] if count else "", model, True, ready_fit))
         except ValueError as error:
             if count == 0:
                 raise
@@ -122,7 +122,7 @@ def nested_models(
         except ValueError as error:
             remarks.append(f"{finding.effect} could not be added: {error}")
             break
-    horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
+    horizons = [h for h in models[0].heldout.coast_rms if all(each.heldout.coast_rms[h] is not None for each in models)]
     return NestedModels(tuple(models), same_run, max(horizons, default=None), tuple(remarks))
 
 
@@ -131,11 +131,11 @@ def _stretch(recording: Recording) -> tuple[float, float]:
     return found.start, found.end
 
 
-def _error(seen: Comparison, horizon: float | None) -> float:
-    value = seen.simulated_rms if horizon is None else seen.coast_rms[horizon]
+def _error(comparison: Comparison, horizon: float | None) -> float:
+    value = comparison.simulated_rms if horizon is None else comparison.coast_rms[horizon]
     return math.nan if value is None else value
 
 
-def _floor(seen: Comparison, horizon: float | None) -> float:
-    value = float(np.sqrt(np.mean(seen.simulated_std**2))) if horizon is None else seen.coast_floor[horizon]
+def _floor(comparison: Comparison, horizon: float | None) -> float:
+    value = float(np.sqrt(np.mean(comparison.simulated_std**2))) if horizon is None else comparison.coast_floor[horizon]
     return math.nan if value is None else value

@@ -1,4 +1,4 @@
-"""Simulated records with one disturbance that the mean cannot see, added by hand to what the rig simulator says."""
+"""Simulated records with one disturbance that leaves the mean unchanged, added to the simulated rig by hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated, Vibration, simulate
 
 PARAMETERS = {"bias": 0.1, "scale_factor": 0.02, "time_offset": 1e-3}
-"""What every sensor here has; the base model knows of all three."""
+"""Parameters of every sensor here; the base model estimates all three."""
 
 
 def good(motion: str, rig: Rig, seed: int, **more: object) -> Simulated:
@@ -34,10 +34,10 @@ def fitted(recording: Recording) -> RunState:
 
 
 def findings(recording: Recording) -> dict[str, NoiseTest]:
-    """By effect; the loudest line stands for all."""
+    """By effect; of several lines the most significant."""
     found: dict[str, NoiseTest] = {}
-    for one in run_noise_tests(fitted(recording)):
-        found.setdefault(one.effect, one)
+    for test in run_noise_tests(fitted(recording)):
+        found.setdefault(test.effect, test)
     return found
 
 
@@ -93,7 +93,7 @@ def coarse_converter(motion: str, rig: Rig, seed: int) -> Recording:
 
 
 def jitter(motion: str, rig: Rig, seed: int, *, std: float) -> Recording:
-    """Samples taken at other instants than their stamps say: to first order an error of jerk times jitter."""
+    """Samples at other instants than their time stamps: to first order an error of jerk times jitter."""
     s, rng = good(motion, rig, seed), np.random.default_rng(seed + 1000)
     t = s.recording.accel.t
     late = PARAMETERS["time_offset"] + 1.0 / (2.0 * math.pi * 159.0)

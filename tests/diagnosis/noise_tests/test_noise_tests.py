@@ -1,6 +1,6 @@
-"""Effects that the mean cannot see are found, measured, and never where there is nothing.
+"""Noise tests find and measure effects that leave the mean unchanged, and nothing on records without such effects.
 
-One test alarms at 1e-4; eight tests look at a record, so a good record alarms with a chance of at most 8e-4.
+One test alarms at 1e-4; eight tests examine a record, so a good record alarms with a probability of at most 8e-4.
 """
 
 from __future__ import annotations
@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel
-from accelcal.diagnosis.local_spread import local_spread
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_trend_test
-from accelcal.diagnosis.noise_tests.contamination import contamination_test
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
+from accelcal.diagnosis.noise_tests.robust import contamination_test, local_spread, outliers, spread_of
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
-from accelcal.diagnosis.noise_tests.tones import driven, lines_of, stands_alone
+from accelcal.diagnosis.noise_tests.tones import is_single_line, motion_makes_lines, spectral_peaks
 from accelcal.diagnosis.noise_tests.whiteness import portmanteau
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
@@ -36,9 +34,9 @@ def test_nothing_is_found_where_there_is_nothing(motion, rig):
     """4 records each, 40 in all, 10 % missing: any alarm at 1e-4 has a chance of 4 x 8e-4 = 0.3 % here."""
     alarms, least = [], {}
     for seed in range(4):
-        for one in run_noise_tests(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
-            least[one.effect] = min(least.get(one.effect, 1.0), one.p_value)
-            alarms += [(seed, one.effect, one.p_value)] if one.p_value < NOISE_TEST_ALPHA else []
+        for test in run_noise_tests(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
+            least[test.effect] = min(least.get(test.effect, 1.0), test.p_value)
+            alarms += [(seed, test.effect, test.p_value)] if test.p_value < NOISE_TEST_ALPHA else []
     print(f"{motion} {rig}: {len(alarms)} alarms in 4 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
     assert alarms == []
 
@@ -52,7 +50,7 @@ def test_nothing_is_found_in_short_records(seconds, rig):
         rng = np.random.default_rng(seed)
         record = simulate("tones", seconds=seconds, rig=RIGS[rig], parameters={"bias": 0.1}, rng=rng, missing=0.1)
         found = run_noise_tests(world.fitted(record.recording))
-        alarms += [(seed, one.effect, one.p_value) for one in found if one.p_value < NOISE_TEST_ALPHA]
+        alarms += [(seed, test.effect, test.p_value) for test in found if test.p_value < NOISE_TEST_ALPHA]
     assert alarms == []
 
 
@@ -61,7 +59,7 @@ def test_motion_that_is_not_subtracted_alarms(rig):
     """The sister that must fail: power of the plain output follows speed without any vibration."""
     seen = Residuals(world.fitted(world.good("interleaved", RIGS[rig], 100).recording))
     plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
-    spectra = BlockSpectra.of(plain, seen.taken, seen.rate, 0.0)
+    spectra = BlockSpectra.of(plain, seen.sampled, seen.rate, 0.0)
     _, p_value = power_trend_test(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
     assert p_value < NOISE_TEST_ALPHA
 
@@ -76,11 +74,11 @@ NUISANCES = {
 @pytest.mark.parametrize("nuisance", NUISANCES)
 @pytest.mark.parametrize("rig", RIGS)
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_one_disturbance_is_not_taken_for_another(motion, rig, nuisance):
+def test_no_disturbance_passes_for_another(motion, rig, nuisance):
     """30 records; false alarms as above, 8e-4 each."""
     more, allowed = NUISANCES[nuisance]
     found = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
-    assert {name for name, one in found.items() if one.p_value < NOISE_TEST_ALPHA} <= allowed
+    assert {name for name, test in found.items() if test.p_value < NOISE_TEST_ALPHA} <= allowed
 
 
 CASES = {
@@ -119,24 +117,24 @@ CASES = {
 @pytest.mark.parametrize(("motion", "rig"), [("interleaved", "ADXL105"), ("interleaved", "CXL02"), ("fast", "CXL02")])
 def test_disturbance_is_found_and_measured(case, motion, rig):
     make, effect, size, particular, value = CASES[case]
-    one = world.findings(make(motion, RIGS[rig], 7))[effect]
+    test = world.findings(make(motion, RIGS[rig], 7))[effect]
     print(
-        f"{case}, {motion} {rig}: p {one.p_value:.1g}, {one.estimate:.4g} +- {one.std:.2g} {one.unit} (put in {size})"
+        f"{case}, {motion} {rig}: p {test.p_value:.1g}, {test.estimate:.4g} +- {test.std:.2g} {test.unit} (put in {size})"
     )
-    assert one.p_value < NOISE_TEST_ALPHA
+    assert test.p_value < NOISE_TEST_ALPHA
     # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
-    assert abs(one.estimate - size) < 4.0 * one.std + 0.15 * size
+    assert abs(test.estimate - size) < 4.0 * test.std + 0.15 * size
     if particular is not None:
-        assert one.parts[particular] == pytest.approx(value, rel=3e-3)  # a third of a bin of the record's length
+        assert test.parts[particular] == pytest.approx(value, rel=3e-3)  # a third of a bin of the record's length
 
 
 def test_jitter_of_30_us_is_found_where_jerk_is_large():
-    one = world.findings(world.jitter("fast", ADXL105_RIG, 7, std=30e-6))["timing_jitter"]
-    assert one.p_value < NOISE_TEST_ALPHA
-    assert one.estimate == pytest.approx(30e-6, abs=4.0 * one.std)
+    test = world.findings(world.jitter("fast", ADXL105_RIG, 7, std=30e-6))["timing_jitter"]
+    assert test.p_value < NOISE_TEST_ALPHA
+    assert test.estimate == pytest.approx(30e-6, abs=4.0 * test.std)
 
 
-@pytest.mark.parametrize("name", ["outliers", "steady outliers", "portmanteau", "lines", "ranks", "power", "few loud"])
+@pytest.mark.parametrize("name", ["outliers", "steady outliers", "portmanteau", "lines", "ranks", "power", "few large"])
 def test_p_values_are_no_smaller_than_they_say(name):
     """2000 draws under the stated null: the share below 1 % stays under 2 % (4.5 standard deviations)."""
     rng = np.random.default_rng(11)
@@ -146,11 +144,11 @@ def test_p_values_are_no_smaller_than_they_say(name):
             rng.standard_normal(16384)
         ),
         "power": lambda: power_trend_test(rng.gamma(16.0, size=400), np.cumsum(rng.standard_normal(400)) ** 4)[1],
-        "few loud": lambda: power_trend_test(
+        "few large": lambda: power_trend_test(
             rng.gamma(16.0, size=400), (rng.random(400) < 0.02) * rng.exponential(size=400)
         )[1],
         "portmanteau": lambda: portmanteau(rng.standard_normal(512) * np.linspace(0.2, 3.0, 512))[1],
-        "lines": lambda: _line_chance(rng.standard_normal(4096)),
+        "lines": lambda: _line_p_value(rng.standard_normal(4096)),
         "ranks": lambda: rank_correlation(rng.standard_normal(300), np.cumsum(rng.standard_normal(300)))[1],
     }[name]
     p = np.array([draw() for _ in range(2000)])
@@ -169,7 +167,7 @@ def _order(spread, dof, n):
 
 
 @pytest.mark.parametrize(("share", "size"), [(1e-3, 2.8), (3e-4, 4.0), (2e-5, 30.0)])
-def test_contamination_is_seen_where_no_sample_stands_out(share, size):
+def test_contamination_is_detected_without_a_single_certain_outlier(share, size):
     """Twice the expected log-likelihood gain is about 12² each time; one in a hundred may be missed."""
     rng = np.random.default_rng(5)
     least = []
@@ -183,20 +181,20 @@ def test_contamination_is_seen_where_no_sample_stands_out(share, size):
 
 
 def test_a_tooth_of_a_comb_is_no_line():
-    """Vibration whose frequency wanders to and fro once a second has lines 1 Hz apart; a hum stands alone."""
+    """Vibration whose frequency swings to and fro once a second has lines 1 Hz apart; a hum is a single line."""
     t = np.arange(100_000) / 1667.0
     noise = np.random.default_rng(6).standard_normal(len(t))
-    wandering = np.cos(2.0 * np.pi * 250.0 * t + 45.0 * np.sin(2.0 * np.pi * t))
-    peaks, _ = lines_of(noise + wandering, 1667.0, 100.0, 833.0)
+    swept = np.cos(2.0 * np.pi * 250.0 * t + 45.0 * np.sin(2.0 * np.pi * t))
+    peaks, _ = spectral_peaks(noise + swept, 1667.0, 100.0, 833.0)
     assert all(chance > NOISE_TEST_ALPHA / 50_000 for _, _, chance in peaks)
-    peaks, _ = lines_of(noise + 0.1 * np.cos(2.0 * np.pi * 250.0 * t), 1667.0, 100.0, 833.0)
+    peaks, _ = spectral_peaks(noise + 0.1 * np.cos(2.0 * np.pi * 250.0 * t), 1667.0, 100.0, 833.0)
     assert peaks[0][0] == pytest.approx(250.0, abs=0.01)
     assert peaks[0][2] < NOISE_TEST_ALPHA / 50_000
-    assert stands_alone(np.ones(200) + 99.0 * (np.arange(200) == 100), np.ones(200), 100, 50)
+    assert is_single_line(np.ones(200) + 99.0 * (np.arange(200) == 100), np.ones(200), 100, 50)
 
 
-def _line_chance(y):
-    peaks, bins = lines_of(y, 1.0, 0.0, 0.5)
+def _line_p_value(y):
+    peaks, bins = spectral_peaks(y, 1.0, 0.0, 0.5)
     return min(1.0, peaks[0][2] * bins)
 
 
@@ -209,9 +207,9 @@ def test_a_periodic_motion_makes_lines_of_its_own_and_a_broad_one_makes_none():
     periodic, broad = signals_of("tones"), signals_of("interleaved")
     n = 16 * len(periodic.a)  # zero padding: a sixteenth of a bin
     spectrum = np.abs(np.fft.rfft(periodic.a * np.hanning(len(periodic.a)), n))
-    loudest = float(np.fft.rfftfreq(n, periodic.step)[np.argmax(spectrum)])
-    assert driven(periodic, 3.0 * loudest, 1e-3)
-    assert not driven(broad, 3.0 * loudest, 1e-3)
+    strongest = float(np.fft.rfftfreq(n, periodic.step)[np.argmax(spectrum)])
+    assert motion_makes_lines(periodic, 3.0 * strongest, 1e-3)
+    assert not motion_makes_lines(broad, 3.0 * strongest, 1e-3)
 
 
 @pytest.mark.parametrize("size", [3e-7, 1e-6])
@@ -221,7 +219,7 @@ def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
     wrong = z.y + size * np.sin(2.0 * np.pi * made.truth.motion.position(z.t) / 2e-5)
     spoiled = replace(made.recording, position=Channel(z.name, z.t, wrong, z.unit))
     found, good = (
-        next(one for one in run_noise_tests(world.fitted(record)) if one.effect == "encoder_cyclic")
+        next(test for test in run_noise_tests(world.fitted(record)) if test.effect == "encoder_cyclic")
         for record in (spoiled, made.recording)
     )
     assert found.p_value < NOISE_TEST_ALPHA

@@ -1,4 +1,4 @@
-"""What a diagnosis costs beside a fit, and that its memory does not grow with the columns of a long record."""
+"""Cost of a diagnosis over that of a fit, and that its memory does not grow with the columns of a long record."""
 
 import dataclasses
 import json
@@ -50,41 +50,41 @@ GROWTH = 10.0
 
 
 @pytest.fixture(scope="module")
-def bent() -> Recording:
+def recording() -> Recording:
     parameters = {"quadratic": 1e-3, "cubic": 1e-4}
     rng = np.random.default_rng(8)
     return simulate("bursts", seconds=60.0, rig=ADXL105_RIG, parameters=parameters, rng=rng).recording
 
 
 @pytest.fixture(scope="module")
-def fitted(bent: Recording) -> RunState:
-    return solve_runs(Model.linear(), [bent]).passes[0]
+def fitted(recording: Recording) -> RunState:
+    return solve_runs(Model.linear(), [recording]).passes[0]
 
 
-def plain_sums(one: RunState, terms: list[Term], group: int) -> Array:
+def plain_sums(state: RunState, terms: list[Term], group: int) -> Array:
     """The columns at the full rate, as a fit takes them, summed afterwards; (terms, rows)."""
-    assert one.signals is not None
-    parts = [columns for _, columns in one.run.columns(one.track, one.drive, terms, one.signals)]
-    counted = np.concatenate(parts)[one.counts]
+    assert state.signals is not None
+    parts = [columns for _, columns in state.run.columns(state.track, state.drive, terms, state.signals)]
+    counted = np.concatenate(parts)[state.counts]
     rows = len(counted) // group
     return counted[: rows * group].reshape(rows, group, len(terms)).sum(axis=1).T / np.sqrt(group)
 
 
 @pytest.mark.parametrize("readings", [1 << 18, 7001])
-def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
+def test_sums_are_those_of_columns_at_the_full_rate_for_any_stretches(
     fitted: RunState, readings: int, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
     items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
-    carrier = ColumnFilter(fitted)
-    found, expected = carrier.whole(terms), plain_sums(fitted, terms, carrier.group)
+    column_filter = ColumnFilter(fitted)
+    found, expected = column_filter.whole(terms), plain_sums(fitted, terms, column_filter.group)
     assert found.shape == expected.shape
     size = np.sqrt(np.mean(expected**2, axis=1))
     worst = np.max(np.abs(found - expected), axis=1) / np.maximum(size, 1e-300)
     assert np.max(worst[size > 0.0]) < 1e-9  # both double, sums over a filter with a memory of a thousand readings
-    shifted = plain_sums(fitted, terms[:3], carrier.group + 1)
+    shifted = plain_sums(fitted, terms[:3], column_filter.group + 1)
     assert shifted.shape[1] != found.shape[1]
 
 
@@ -119,13 +119,13 @@ def test_an_effect_without_memory_has_its_values_on_any_stretch(effect: Effect):
 
 
 @pytest.mark.parametrize("name", ["hysteresis", "creep", "self_heating", "encoder_backlash", "shape_since_reversal"])
-def test_an_effect_with_memory_has_not(name: str):
+def test_an_effect_with_memory_has_other_values_on_a_stretch(name: str):
     effect = find(name)
     assert not is_local(effect)
     assert off_in_a_part(effect) > 1e-6
 
 
-def test_an_effect_that_is_not_of_the_house_is_taken_to_have_a_memory():
+def test_an_effect_outside_the_catalogue_counts_as_one_with_memory():
     own = dataclasses.replace(find("quadratic"), name="quadratic")
     assert is_local(find("quadratic"))
     assert not is_local(own)
@@ -138,16 +138,16 @@ def seconds(work: Callable[[], object]) -> float:
     return time.process_time() - begin
 
 
-def test_a_diagnosis_costs_no_more_than_a_few_fits(bent: Recording):
-    made = fit(Model.linear(), bent)
+def test_a_diagnosis_costs_no_more_than_a_few_fits(recording: Recording):
+    made = fit(Model.linear(), recording)
     ratios = [
-        seconds(lambda: diagnose(made, bent)) / seconds(lambda: fit(Model.linear(), bent)) for _ in range(5)
+        seconds(lambda: diagnose(made, recording)) / seconds(lambda: fit(Model.linear(), recording)) for _ in range(5)
     ]  # side by side, the least counts: a busy machine can only add
     print(f"diagnose over fit: {min(ratios):.1f} of {[round(r, 1) for r in ratios]}")
-    assert min(ratios) < 8.0  # 5 on an idle machine; 9 before columns went abreast
+    assert min(ratios) < 8.0  # 5 on an idle machine; 9 before columns were filtered in parallel
 
 
-def grown(kind: str) -> float:
+def growth(kind: str) -> float:
     """What a scan adds to the peak of the fit before it, MB for each further minute of record."""
     extra = {}
     for minutes in (10, 20):
@@ -159,8 +159,8 @@ def grown(kind: str) -> float:
 
 
 def test_memory_of_a_scan_grows_by_the_record_and_not_by_its_columns():
-    assert grown("bounded") < GROWTH
+    assert growth("bounded") < GROWTH
 
 
 def test_memory_of_a_scan_would_grow_by_its_columns_if_stretches_had_no_bound():
-    assert grown("unbounded") > GROWTH
+    assert growth("unbounded") > GROWTH

@@ -21,22 +21,22 @@ from tests.diagnosis.search.records import fitted
 INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}
 
 
-def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:
-    one = fitted(plain, np.zeros_like)
+def test_a_second_wave_is_offered_next_to_a_first_one_only(plain: Simulated) -> None:
+    state = fitted(plain, np.zeros_like)
     held = Model.linear().add("rail_wave", shapes={"rail_wave": {"period": 0.03}})
-    assert "rail_second_wave" not in {item.effect.name for item in hypotheses_for(one, Model.linear())}
-    assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(one, held)}
+    assert "rail_second_wave" not in {item.effect.name for item in hypotheses_for(state, Model.linear())}
+    assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(state, held)}
     with pytest.raises(ValueError, match="add that first"):
         add(ac.fit(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
 
 
-def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_often(plain: Simulated) -> None:
-    one = fitted(plain, np.zeros_like)
-    wandering = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
+def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_bias(plain: Simulated) -> None:
+    state = fitted(plain, np.zeros_like)
+    random_bias = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
     for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
         alone, beside = (
-            next(item.comparisons for item in hypotheses_for(one, model) if item.effect.name == name)
-            for model in (Model.linear(), wandering)
+            next(item.comparisons for item in hypotheses_for(state, model) if item.effect.name == name)
+            for model in (Model.linear(), random_bias)
         )
         assert (alone, beside) == (1, more)
 
@@ -50,19 +50,19 @@ def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_of
     ],
     ids=["square", "cube", "wave"],
 )
-def test_a_curve_is_as_fine_as_the_record_pays_for(
+def test_a_curve_is_as_fine_as_the_record_requires(
     plain: Simulated, hidden: Callable[[Array], Array], coarse: bool
 ) -> None:
-    one = fitted(plain, lambda t: hidden(plain.truth.motion.position(t)))
-    (found,) = scan([one], Model.linear(), only=(find("shape_of_position"),)).entered
+    state = fitted(plain, lambda t: hidden(plain.truth.motion.position(t)))
+    (found,) = scan([state], Model.linear(), only=(find("shape_of_position"),)).entered
     assert (set(found.fixed) >= INNER) == coarse
 
 
 def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:
-    one = fitted(plain, np.zeros_like)
-    offered = [item for item in hypotheses_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
+    state = fitted(plain, np.zeros_like)
+    offered = [item for item in hypotheses_for(state, Model.linear()) if item.effect.name == "shape_of_position"]
     fine, coarse = offered
-    runs = [BaseProjection(one, Model.linear())]
+    runs = [BaseProjection(state, Model.linear())]
     both, alone = CandidateScores(runs, [coarse, fine]), CandidateScores(runs, [coarse])
     assert [part.stop - part.start for part in both.columns] == [3, 9]
     assert (len(both.terms), len(alone.terms)) == (9, 3)
@@ -70,8 +70,8 @@ def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(pla
 
 
 def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
-    one = fitted(plain, lambda t: 0.01 * np.sin(300.0 * plain.truth.motion.position(t)))
-    run, s = one.run.recording, one.signals
+    state = fitted(plain, lambda t: 0.01 * np.sin(300.0 * plain.truth.motion.position(t)))
+    run, s = state.run.recording, state.signals
     assert s is not None
     ends = {"shape_of_position": {"low": float(np.min(s.p)), "high": float(np.max(s.p))}}
     coarse = ac.fit(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)

@@ -1,4 +1,4 @@
-"""Columns that are multiples of one another are carried once, and say what each would have said."""
+"""Columns that are multiples of one another are filtered once, and give the gains that each would have given."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.refine import direction
+from accelcal.diagnosis.search.refine import profile_loss
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import solve_runs
@@ -28,41 +28,41 @@ def shape_of(effect: Effect, share: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("effect", WITH_BASIS, ids=lambda e: e.name)
-@given(one=st.floats(0.0, 1.0), other=st.floats(0.0, 1.0))
-def test_refined_shapes_set_the_sizes_of_columns_and_nothing_else(effect: Effect, one: float, other: float):
+@given(share=st.floats(0.0, 1.0), other_share=st.floats(0.0, 1.0))
+def test_refined_shapes_set_the_sizes_of_columns_and_nothing_else(effect: Effect, share: float, other_share: float):
     s = MOTION
-    before, after = shape_of(effect, one), shape_of(effect, other)
+    before, after = shape_of(effect, share), shape_of(effect, other_share)
     factor = sizes(effect, after, s) / sizes(effect, before, s)
     np.testing.assert_allclose(effect.column(s, **before) * factor, effect.column(s, **after), rtol=1e-9, atol=1e-15)
 
 
-def test_what_shares_a_basis_is_a_multiple_of_the_first_and_nothing_else_is():
+def test_effects_that_share_a_basis_are_multiples_of_the_first_and_no_others_are():
     s = MOTION
-    walk, markov, time, drift = (
+    random_walk, markov, time, drift = (
         find(name) for name in ("bias_random_walk", "bias_gauss_markov", "shape_of_time", "bias_drift")
     )
-    terms = [term for effect in (drift, walk, markov, time) for term in terms_of(effect, shape_of(effect, 0.5))]
+    terms = [term for effect in (drift, random_walk, markov, time) for term in terms_of(effect, shape_of(effect, 0.5))]
     found = multiples(terms, s)
-    assert sorted(found) == list(range(1 + walk.width, len(terms)))
+    assert sorted(found) == list(range(1 + random_walk.width, len(terms)))
     for k, (source, factor) in found.items():
-        assert terms[source].effect is walk
+        assert terms[source].effect is random_walk
         np.testing.assert_allclose(factor * terms[source].column(s), terms[k].column(s), rtol=1e-9, atol=1e-15)
 
 
 def test_cosines_of_another_stretch_of_time_are_no_multiples():
-    walk = find("bias_random_walk")
-    here = shape_of(walk, 0.5)
-    terms = [*terms_of(walk, here), *terms_of(walk, {**here, "length": 0.9 * here["length"]})]
+    random_walk = find("bias_random_walk")
+    here = shape_of(random_walk, 0.5)
+    terms = [*terms_of(random_walk, here), *terms_of(random_walk, {**here, "length": 0.9 * here["length"]})]
     assert multiples(terms, MOTION) == {}
 
 
-def test_the_gain_along_a_size_is_that_of_columns_carried_anew():
+def test_the_gain_along_a_size_is_that_of_columns_filtered_anew():
     recording = simulate("bursts", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(3)).recording
     model = Model.linear()
-    known = [BaseProjection(one, model) for one in solve_runs(model, [recording]).passes]
+    runs = [BaseProjection(state, model) for state in solve_runs(model, [recording]).passes]
     effect = find("bias_gauss_markov")
-    shape = {n: sh.grid(known[0].carrier.signals)[0] for n, sh in effect.shapes.items()}
-    loss = direction(known, Hypothesis(effect, shape), shape, "tau")
+    shape = {n: sh.grid(runs[0].column_filter.signals)[0] for n, sh in effect.shapes.items()}
+    loss = profile_loss(runs, Hypothesis(effect, shape), shape, "tau")
     for tau in (0.5, 2.0, 7.0):
-        anew = CandidateScores(known, [Hypothesis(effect, {**shape, "tau": tau})]).gain(0)[0]
+        anew = CandidateScores(runs, [Hypothesis(effect, {**shape, "tau": tau})]).gain(0)[0]
         assert -loss(tau) == pytest.approx(anew, rel=1e-6, abs=1e-9)

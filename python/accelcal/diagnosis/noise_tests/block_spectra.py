@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 
-FINE_BANDS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
-"""Window of blocks that resolve colour: it hides what is 90 dB louder 100 Hz away, at a few kHz."""
-BRIEF: Array = scipy.signal.windows.hann(32, sym=False)
-"""Window of blocks that resolve the peaks of a move's speed; for series without anything loud below them."""
-TOGETHER = 4096
-"""Blocks that are transformed at a time."""
-MEMORY = 200
+LONG_BLOCKS: Array = scipy.signal.windows.blackmanharris(128, sym=False)
+"""Window of blocks that resolve colour: it suppresses a line 90 dB stronger at 100 Hz distance, at a few kHz."""
+SHORT_BLOCKS: Array = scipy.signal.windows.hann(32, sym=False)
+"""Window of blocks that resolve the peaks of a move's speed; for series without strong lines below them."""
+BATCH = 4096
+"""Blocks transformed at a time."""
+MOST_LAGS = 200
 """Blocks over which the scatter may be correlated."""
 
 
@@ -33,33 +33,33 @@ class BlockSpectra:
     power: Array
     """(K, F)"""
     kept: NDArray[np.bool_]
-    """(all blocks,) whether a block holds enough samples to stand among the K."""
+    """(all blocks,) whether a block holds enough samples to be among the K."""
     window: Array
 
     @classmethod
     def of(
-        cls, y: Array, taken: NDArray[np.bool_], rate: float, low: float, window: Array = FINE_BANDS
+        cls, y: Array, sampled: NDArray[np.bool_], rate: float, low: float, window: Array = LONG_BLOCKS
     ) -> BlockSpectra:
-        """Blocks of a uniform series `y` (n,), frequencies from `low` on; `taken` (n,) marks what was measured."""
+        """Blocks of a uniform series `y` (n,), frequencies from `low` on; `sampled` (n,) marks what was measured."""
         n = len(window)
         f = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), dtype=np.float64)
         rows = slice(int(np.searchsorted(f, low)), len(f) - 1)
-        kept = _block_means(taken.astype(np.float64), window) > 0.7
+        kept = _block_means(sampled.astype(np.float64), window) > 0.7
         if len(y) < n:
             return cls(f[rows], np.zeros((0, len(f[rows]))), kept, window)
         blocks = np.lib.stride_tricks.sliding_window_view(y, n)[:: n // 2]
         weight = window / math.sqrt(float(window @ window))
         power = np.empty((int(np.sum(kept)), len(f[rows])))
         filled = 0
-        for begin in range(0, len(blocks), TOGETHER):
-            part = blocks[begin : begin + TOGETHER][kept[begin : begin + TOGETHER]]
+        for begin in range(0, len(blocks), BATCH):
+            part = blocks[begin : begin + BATCH][kept[begin : begin + BATCH]]
             transform = scipy.fft.rfft(part * weight, axis=1)[:, rows]
             power[filled : filled + len(part)] = transform.real**2 + transform.imag**2
             filled += len(part)
         return cls(f[rows], power, kept, window)
 
     def means(self, x: Array) -> Array:
-        """Mean of a uniform series (n,) over each block that is kept, weighed as its power is, (K,)."""
+        """Mean of a uniform series (n,) over each block that is kept, weighted as its power is, (K,)."""
         return _block_means(x, self.window)[self.kept]
 
 
@@ -72,7 +72,7 @@ def _block_means(x: Array, window: Array) -> Array:
 
 
 def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
-    """Whether the power of blocks grows with a variable: standardised score, and its chance when it does not.
+    """Test whether the power of blocks grows with a variable: standardised score, and its probability under the null.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
     Notes
     -----
     Score of x in power = c0 + c1 x at c1 = 0, one-sided. Its spread is that of the residual from the fitted line,
-    correlation from block to block included (Bartlett); the few loud blocks that carry x make it skew, and a gamma
+    correlation from block to block included (Bartlett). The few blocks in which x is large make it skew, and a gamma
     distribution with the same three cumulants (Pearson's type III) gives the tail.
     """
     deviation = x - x.mean()
@@ -89,13 +89,13 @@ def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
     if total <= 0.0:
         return 0.0, 1.0
     c, _ = power_fit(power, np.column_stack([np.ones_like(x), x]))
-    rest = power / np.maximum(c[0] + c[1] * x, 0.05 * float(np.median(power)) + 1e-300) - 1.0
-    scatter = max(float(np.mean(rest**2)), 1e-12)
-    wander = 0.0
-    for lag in range(1, min(MEMORY, len(x) // 8)):
-        common = float(deviation[lag:] @ deviation[:-lag]) / total
-        wander += common * float(rest[lag:] @ rest[:-lag]) / (len(rest) * scatter)
-    scatter *= max(1.0, 1.0 + 2.0 * wander)
+    residual = power / np.maximum(c[0] + c[1] * x, 0.05 * float(np.median(power)) + 1e-300) - 1.0
+    scatter = max(float(np.mean(residual**2)), 1e-12)
+    correlation = 0.0
+    for lag in range(1, min(MOST_LAGS, len(x) // 8)):
+        lag_correlation = float(deviation[lag:] @ deviation[:-lag]) / total
+        correlation += lag_correlation * float(residual[lag:] @ residual[:-lag]) / (len(residual) * scatter)
+    scatter *= max(1.0, 1.0 + 2.0 * correlation)
     z = float(deviation @ (power / power.mean())) / math.sqrt(scatter * total)
     skew = 2.0 * math.sqrt(scatter) * float(np.sum(deviation**3)) / total**1.5
     if skew < 1e-3:

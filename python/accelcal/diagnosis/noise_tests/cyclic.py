@@ -1,4 +1,4 @@
-"""The encoder's interpolation error: a wave in position."""
+"""The encoder's interpolation error: a wave over position."""
 
 from __future__ import annotations
 
@@ -10,33 +10,36 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.tones import carried, local_level, pair_fit
+from accelcal.diagnosis.noise_tests.tones import filtered_columns, local_level, pair_fit
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.estimation.adjoint import asked_of_readings
 
 SHORTEST, LONGEST = 2e-6, 5e-3
-"""Periods of the scale that are looked for, m; the shortest is at least three counts."""
+"""Periods that are tested, m; the shortest is at least three counts."""
 PERIODS = 64
-"""Neighbouring periods over which the level of the spectrum is taken; rests at few places give a strong line side lobes
-over all of them, so the level over sixteen times as many counts where it is lower."""
+"""Neighbouring periods over which the level of the spectrum is taken.
+
+Rests at few places give a strong line side lobes over all of them, so the level over sixteen times as many counts where
+it is lower.
+"""
 MOST_CELLS = 2**19
 """Cells of position; a longer travel raises the shortest period."""
 
 
-def encoder_cyclic(seen: Residuals) -> NoiseTest:
-    """Error periodic in position (derivations 7.4): a spectrum of the innovations over position, not time.
+def encoder_cyclic(residuals: Residuals) -> NoiseTest:
+    """Test for an error periodic in position (derivations 7.4): a spectrum of the innovations over position, not time.
 
-    The score of every period is one transform of the innovations, taken back through the filter, over cells of
-    position; the best periods are taken again with exact columns of the replay. Null: twice the log-likelihood gained
-    is chi-square with two degrees of freedom, times the number of periods looked at.
+    The score of every period is one transform of the innovations, referred back through the filter, over cells of
+    position; the best periods are fitted with exact columns of the replay. Null: twice the log-likelihood gained is
+    chi-square with two degrees of freedom, times the number of periods.
     """
-    travel = float(np.ptp(seen.smooth_position[seen.state.counts]))
-    shortest = max(SHORTEST, 3.0 * seen.run.least_step, 12.0 * travel / MOST_CELLS)
-    nothing = NoiseTest(POSITION_WAVE, 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
-    if travel < 8.0 * shortest or len(seen.readings) < 256:
+    travel = float(np.ptp(residuals.smooth_position[residuals.state.counts]))
+    shortest = max(SHORTEST, 3.0 * residuals.run.least_step, 12.0 * travel / MOST_CELLS)
+    nothing = NoiseTest(POSITION_WAVE, 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short for this test")
+    if travel < 8.0 * shortest or len(residuals.readings) < 256:
         return nothing
     cell = shortest / 6.0
-    cells = over_position(seen, cell, travel)
+    cells = over_position(residuals, cell, travel)
     kappa = np.fft.rfftfreq(len(cells), cell)
     rows = slice(*np.searchsorted(kappa, [max(1.0 / LONGEST, 4.0 / travel), 1.0 / shortest]))
     spectrum = np.abs(scipy.fft.rfft(cells)[rows]) ** 2
@@ -50,28 +53,34 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
     for k in tops if chance[0] < 0.01 else tops[:1]:
         for shift in (-0.35, 0.0, 0.35) if chance[0] < 0.01 else (0.0,):
             trial = float(kappa[rows][k]) + shift * step
-            best = max(best, cyclic_fit(seen, trial), key=lambda f: f[0])
+            best = max(best, cyclic_fit(residuals, trial), key=lambda f: f[0])
     gained, amplitude, std, at = best
     p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
     found = p_value < NOISE_TEST_ALPHA
-    text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
+    text = (
+        f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um"
+        if found
+        else "no cyclic error of the encoder"
+    )
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
     return NoiseTest(POSITION_WAVE, gained, p_value, amplitude, "m", std, text, parts)
 
 
-def over_position(seen: Residuals, cell: float, travel: float) -> Array:
-    """Innovations, taken back through the filter, over cells of position and a quarter of the travel (m) more."""
+def over_position(residuals: Residuals, cell: float, travel: float) -> Array:
+    """Innovations, referred back through the filter, over cells of position and a quarter of the travel (m) more."""
     n = scipy.fft.next_fast_len(int(travel / cell) + 2 + int(0.25 * travel / cell), real=True)
-    wanted = asked_of_readings(seen.state, seen.readings)
-    p = seen.smooth_position[seen.state.counts]
+    reading_score = asked_of_readings(residuals.state, residuals.readings)
+    p = residuals.smooth_position[residuals.state.counts]
     place = (p - p.min()) / cell
     low = place.astype(np.intp)
     share = place - low
-    return np.asarray(np.bincount(low, wanted * (1.0 - share), n) + np.bincount(low + 1, wanted * share, n))
+    return np.asarray(
+        np.bincount(low, reading_score * (1.0 - share), n) + np.bincount(low + 1, reading_score * share, n)
+    )
 
 
-def cyclic_fit(seen: Residuals, kappa: float) -> tuple[float, float, float, float]:
+def cyclic_fit(residuals: Residuals, kappa: float) -> tuple[float, float, float, float]:
     """Gain of twice the log-likelihood, amplitude, its standard deviation, and 1/period, by exact columns."""
-    phase = 2.0 * np.pi * kappa * seen.smooth_position
-    X = carried(seen, np.zeros((4, 0)), np.column_stack([np.cos(phase), np.sin(phase)]), seen.step)
-    return (*pair_fit(X, seen.readings), kappa)
+    phase = 2.0 * np.pi * kappa * residuals.smooth_position
+    X = filtered_columns(residuals, np.zeros((4, 0)), np.column_stack([np.cos(phase), np.sin(phase)]), residuals.step)
+    return (*pair_fit(X, residuals.readings), kappa)

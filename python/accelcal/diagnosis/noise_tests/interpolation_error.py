@@ -1,4 +1,4 @@
-"""What each sample is off by when its neighbours are right, and what lost samples must be for none to be off."""
+"""Interpolation error of each sample given its neighbours, with lost samples filled in."""
 
 from __future__ import annotations
 
@@ -15,20 +15,21 @@ from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
 Places = NDArray[np.intp]
 
 REACH = 16
-"""Samples on either side that matter for what one should be."""
-KNOWN = 0.5
-"""Share of what is known of a sample that neighbours which are lost may take away."""
-FILLINGS = 12
-"""Steps of conjugate gradients for lost samples; most of them stand alone, and few steps fill those."""
-FEW = 1024
-"""So many lost samples act on each other through a matrix, 8 MB; more of them through a transform of the series."""
+"""Samples on either side that contribute to the interpolation of one."""
+LEAST_INFORMATION = 0.5
+"""Share of the information on a sample that lost neighbours may take away."""
+MOST_ITERATIONS = 12
+"""Iterations of conjugate gradients for lost samples; most of them are isolated, and few iterations suffice for those.
+"""
+DENSE_MOST = 1024
+"""Up to this many lost samples are solved with a dense matrix, 8 MB; more of them with a transform of the series."""
 
 
 @dataclass(frozen=True, slots=True)
 class InterpolationError:
-    """Filter that tells what a sample is off by when its neighbours are right: the noise is white behind its root.
+    """Filter that gives the interpolation error of each sample; the noise is white behind the filter's square root.
 
-    A single wrong sample is white: the filter divides by the power of the noise at each frequency.
+    A single wrong sample is white, so the matched filter divides by the power of the noise at each frequency.
     """
 
     gain: Array
@@ -40,58 +41,66 @@ class InterpolationError:
     def of(cls, spectra: BlockSpectra, n: int, rate: float, edge: float) -> InterpolationError:
         """The filter for noise with these spectra, above the frequency `edge`, Hz."""
         f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate)
-        gain = soft_edge(f, edge)
+        gain = soft_high_pass(f, edge)
         if len(spectra.power):
             gain /= np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), 1e-300))
         return cls(gain / np.mean(gain), n)
 
     def __call__(self, y: Array) -> Array:
-        """What each sample of a series (n,) is off by."""
+        """Interpolation error of each sample of a series, (n,)."""
         return filtered(y, self.gain)
 
-    def correction(self, off: Array, lost: Places) -> Array:
-        """What lost samples must be corrected by for none of them to be off, (n,); `off` is what each is, (n,)."""
+    def correction(self, errors: Array, lost: Places) -> Array:
+        """Correction (n,) of lost samples that makes their interpolation errors zero.
+
+        Parameters
+        ----------
+        errors : (n,) interpolation errors with the lost samples as they are.
+        lost : indices of the lost samples.
+        """
         correction = np.zeros(self.n)
         if len(lost) == 0:
             return correction
-        if len(lost) <= FEW:
+        if len(lost) <= DENSE_MOST:
             matrix = self.response[np.abs(lost[:, None] - lost)]
-            correction[lost] = filled(lambda x: matrix @ x, off[lost])
+            correction[lost] = solve_corrections(lambda x: matrix @ x, errors[lost])
             return correction
 
         def act(x: Array) -> Array:
             correction[lost] = x
             return self(correction)[lost]
 
-        correction[lost] = filled(act, off[lost])
+        correction[lost] = solve_corrections(act, errors[lost])
         return correction
 
-    def corrected(self, off: Array, correction: Array, lost: Places) -> Array:
-        """What each sample is off by once lost ones are corrected, (n,).
+    def corrected(self, errors: Array, correction: Array, lost: Places) -> Array:
+        """Interpolation errors (n,) once lost samples are corrected.
 
-        Beside a lost sample less is known: the first is scaled to the spread that it has elsewhere. Beside several too
-        little is known, and nothing is said.
+        Next to a lost sample less is known: errors there are scaled to the spread that they have elsewhere. Next to
+        several lost samples too little is known, and the error is set to zero.
         """
         if len(lost) == 0:
-            return off
+            return errors
         response = self.response[: REACH + 1]
-        near, known = knowledge((response[1:] / response[0]) ** 2, lost, self.n)
-        off = off - self(correction)
-        off[near] = np.where(known > KNOWN, off[near] / np.sqrt(np.maximum(known, KNOWN)), 0.0)
-        return off
+        affected, information = remaining_information((response[1:] / response[0]) ** 2, lost, self.n)
+        errors = errors - self(correction)
+        errors[affected] = np.where(
+            information > LEAST_INFORMATION, errors[affected] / np.sqrt(np.maximum(information, LEAST_INFORMATION)), 0.0
+        )
+        return errors
 
     @property
     def response(self) -> Array:
-        """What a sample that is off by one unit does to those at each distance."""
+        """Effect of a unit error of one sample on the interpolation errors at each distance."""
         return np.asarray(scipy.fft.irfft(self.gain, scipy.fft.next_fast_len(self.n, real=True)))
 
 
-def filled(act: Callable[[Array], Array], off: Array) -> Array:
-    """Corrections (m,) of lost samples that are `off` (m,); `act` tells what corrections do to all of them."""
-    x, r = np.zeros_like(off), off
+def solve_corrections(act: Callable[[Array], Array], errors: Array) -> Array:
+    """Corrections (m,) of lost samples with `errors` (m,); `act` maps corrections to the errors that they cause."""
+    x, r = np.zeros_like(errors), errors
     p, power = r, float(r @ r)
     least = 1e-8 * power
-    for _ in range(FILLINGS):
+    for _ in range(MOST_ITERATIONS):
         if power <= least:
             break
         q = act(p)
@@ -102,40 +111,40 @@ def filled(act: Callable[[Array], Array], off: Array) -> Array:
     return x
 
 
-def knowledge(reach: Array, lost: Places, n: int) -> tuple[Places, Array]:
-    """Samples near lost ones, and the share of what is known of them that is left, (m,) each.
+def remaining_information(reach: Array, lost: Places, n: int) -> tuple[Places, Array]:
+    """Samples near lost ones, and the share of the information on them that remains, (m,) each.
 
     Parameters
     ----------
-    reach : share that each neighbour knows, by its distance from 1 on.
+    reach : share that each neighbour contributes, by its distance from 1 on.
     lost : which of the `n` samples are lost.
     """
-    away = np.arange(1, len(reach) + 1)
-    around = (lost[:, None] + np.concatenate([-away, away])).ravel()
-    near, index = np.unique(np.concatenate([lost, around]), return_inverse=True)
-    taken_away = np.bincount(index[len(lost) :], np.tile(reach, 2 * len(lost)), len(near))
-    inside = (near >= 0) & (near < n)
-    return np.asarray(near[inside]), np.asarray(1.0 - taken_away[inside])
+    distance = np.arange(1, len(reach) + 1)
+    neighbours = (lost[:, None] + np.concatenate([-distance, distance])).ravel()
+    affected, index = np.unique(np.concatenate([lost, neighbours]), return_inverse=True)
+    lost_information = np.bincount(index[len(lost) :], np.tile(reach, 2 * len(lost)), len(affected))
+    inside = (affected >= 0) & (affected < n)
+    return np.asarray(affected[inside]), np.asarray(1.0 - lost_information[inside])
 
 
-def above(y: Array, rate: float, edge: float) -> Array:
+def high_passed(y: Array, rate: float, edge: float) -> Array:
     """Part of uniform samples above a frequency, with a soft edge that reaches 30 % higher."""
     f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(len(y), real=True), 1.0 / rate)
-    gain = soft_edge(f, edge)
+    gain = soft_high_pass(f, edge)
     del f
     y = y - np.mean(y)  # what was given goes
     return filtered(y, gain)
 
 
 def filtered(y: Array, gain: Array) -> Array:
-    """A series (n,) behind a filter without phase, given by its gain at the frequencies of the transform."""
+    """A series (n,) behind a zero-phase filter, given by its gain at the frequencies of the transform."""
     n = scipy.fft.next_fast_len(len(y), real=True)
     spectrum = scipy.fft.rfft(y, n)
     spectrum *= gain
     return np.asarray(scipy.fft.irfft(spectrum, n, overwrite_x=True)[: len(y)])
 
 
-def soft_edge(f: Array, edge: float) -> Array:
+def soft_high_pass(f: Array, edge: float) -> Array:
     """Gain that rises from 0 at a frequency to 1 at 30 % more."""
     weight = np.clip((f - edge) / (0.3 * edge), 0.0, 1.0)
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * weight))

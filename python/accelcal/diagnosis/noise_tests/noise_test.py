@@ -1,4 +1,4 @@
-"""What one test says of one effect."""
+"""The result of one noise test of one effect."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ POSITION_WAVE = found_by("wave over position").name
 
 @dataclass(frozen=True, slots=True)
 class NoiseTest:
-    """What one test says of one effect; significant or not."""
+    """Result of one test of one effect, significant or not."""
 
     effect: str
     statistic: float
     p_value: float
-    """Chance of such a statistic when the effect is absent, all that this test has looked at included."""
+    """Probability of such a statistic under the null, with everything that this test has compared included."""
     estimate: float
     unit: str
     std: float
@@ -32,4 +32,4 @@ class NoiseTest:
     parts: Mapping[str, float] = field(default_factory=dict)
     """Particulars in SI: frequency, wavelength, step, count, ..."""
     at: tuple[float, ...] = ()
-    """Instants it was seen at, where it has any, s on the clock of its channel."""
+    """Instants of the effect, where it has any, s on the clock of its channel."""

@@ -1,4 +1,4 @@
-"""Single readings that are wrong, of the output and of the encoder."""
+"""Outliers of the output and of the encoder: single samples that their noise does not allow."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 
 
-def course(seen: Residuals, gain: Array) -> Array:
-    """Standard deviation that noise which follows the motion, named or not, gives `matched` in its course, (n,) m/s².
+def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
+    """Standard deviation of the interpolation errors as a function of the motion, (n,) m/s².
 
-    Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², put back to every sample.
+    Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², interpolated to every sample; noise that follows
+    the motion is no outlier, whatever causes it.
     """
-    spectra = seen.spectra
+    spectra = residuals.spectra
     if len(spectra.power) < NOISE_TEST_LEAST_BLOCKS:
-        return np.ones(seen.n)
-    f = np.linspace(0.0, 0.5 * seen.rate, len(gain))
+        return np.ones(residuals.n)
+    f = np.linspace(0.0, 0.5 * residuals.rate, len(gain))
     power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
-    c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *seen.motion_blocks(spectra)]))
-    v, jerk = seen.motion
+    c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *residuals.motion_blocks(spectra)]))
+    v, jerk = residuals.motion
     v2 = v**2
     behind = c[2] * v2
     behind += c[1]
@@ -38,39 +39,41 @@ def course(seen: Residuals, gain: Array) -> Array:
     return np.asarray(np.sqrt(behind, out=behind))
 
 
-def accelerometer_outliers(seen: Residuals) -> NoiseTest:
-    """Single samples of the output that its local noise does not allow."""
-    y, gain = seen.matched
-    usual = course(seen, gain)[seen.taken]
-    y = y[seen.taken]
+def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
+    """Test for single samples of the output that its local noise does not allow."""
+    y, gain = residuals.interpolation_errors
+    usual = motion_noise_level(residuals, gain)[residuals.sampled]
+    y = y[residuals.sampled]
     y /= usual
     spread, dof = spread_of(y)
     spread *= usual
     y *= usual
     del usual
-    np.hypot(spread, seen.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
+    np.hypot(spread, residuals.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
     found = outliers(y, spread, len(y), dof)
     text = (
-        found.sentence("samples of the output", "m/s²") if found.p_value < NOISE_TEST_ALPHA else "the output has none"
+        found.sentence("samples of the output", "m/s²")
+        if found.p_value < NOISE_TEST_ALPHA
+        else "the output has no outliers"
     )
-    n = len(seen.u)
-    at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])
+    n = len(residuals.u)
+    at = tuple(float(t) for t in residuals.t[residuals.sampled][found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
     return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
 
 
-def encoder_outliers(seen: Residuals) -> NoiseTest:
-    """Single readings that the smoothed position does not allow; those that the replay left out count as well."""
-    found = seen.loud_readings
-    left_out = seen.run.left_out
-    n = len(seen.readings) + left_out
+def encoder_outliers(residuals: Residuals) -> NoiseTest:
+    """Test for single readings that the smoothed position does not allow; those skipped by the replay count too."""
+    found = residuals.reading_outliers
+    left_out = residuals.run.left_out
+    n = len(residuals.readings) + left_out
     p = 0.0 if left_out else found.p_value
     count = found.count + left_out
-    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks]) if p < NOISE_TEST_ALPHA else ()
+    at = tuple(float(t) for t in residuals.run.t[residuals.state.counts][found.peaks]) if p < NOISE_TEST_ALPHA else ()
     text = (
-        f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um"
+        f"{count:.0f} readings of the encoder are outliers of up to {found.size * 1e6:.2g} um"
         if p < NOISE_TEST_ALPHA
-        else "none"
+        else "the encoder has no outliers"
     )
     parts = {**found.parts, "count": count, "left_out": float(left_out)}
     std = math.sqrt(max(count, 1.0)) / max(1, n)

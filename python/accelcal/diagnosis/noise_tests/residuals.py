@@ -1,4 +1,4 @@
-"""What the model leaves of a run, as the tests see it: the output above the motion, whitened innovations, speeds."""
+"""Residuals of a fitted run as the noise tests use them: the output above the motion, and whitened innovations."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.robust import local_spread
-from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, BlockSpectra
-from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, above
-from accelcal.diagnosis.noise_tests.robust import Outliers, isolated, outliers, spread_of
+from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpectra
+from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, high_passed
+from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, local_spread, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.signals import Signals
 
-HIGH = 0.09
-"""Share of the sampling rate above which no motion leaks: a stage that starts with a jump in snap leaves f^-3."""
-MEMORY = 4.0
+MOTION_FREE = 0.09
+"""Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""
+FORGOTTEN_AFTER = 4.0
 """Time constants after which the filter has forgotten an outlier."""
 REPAIRS = 2
-"""Rounds of filling in loud samples; the noise that tells how to is known better without them."""
+"""Rounds of filling in outlying samples; the noise spectrum that fills them in is more accurate without them."""
 
 
 class Residuals:
-    """What both channels say beyond the fitted model, on uniform times."""
+    """Residuals of both channels beyond the fitted model, on uniform times."""
 
     def __init__(self, state: RunState) -> None:
         assert state.signals is not None, "the fit has not been iterated"
@@ -36,23 +35,23 @@ class Residuals:
         self.step = run.accel_step
         self.tau = run.tau(state.values)
         self.rate = 1.0 / self.step
-        spoiled = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
-        spoiled = min(spoiled, 0.05 * float(run.t[-1] - run.t[0]))
+        settling = 2.0 / s.cutoff if s.cutoff > 0.0 else 0.0
+        settling = min(settling, 0.05 * float(run.t[-1] - run.t[0]))
         t = run.accel.t
-        begin = int(np.searchsorted(t, run.t[0] + spoiled))
-        inside = slice(begin, int(np.searchsorted(t, run.t[-1] - spoiled, side="right")))
+        begin = int(np.searchsorted(t, run.t[0] + settling))
+        inside = slice(begin, int(np.searchsorted(t, run.t[-1] - settling, side="right")))
         self.t_u, self.u = t[inside], run.accel.y[inside]
         place = self.place
         self.n = int(place[-1]) + 1
-        self.taken = np.zeros(self.n, dtype=np.bool_)
-        self.taken[place] = True
-        self.edge = min(max(HIGH * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
+        self.sampled = np.zeros(self.n, dtype=np.bool_)
+        self.sampled[place] = True
+        self.edge = min(max(MOTION_FREE * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
-        self.taken[:ends] = self.taken[self.n - ends :] = False
+        self.sampled[:ends] = self.sampled[self.n - ends :] = False
 
     @property
     def place(self) -> Places:
-        """Uniform time of each sample, counted from the first."""
+        """Index of the uniform time of each sample, counted from the first."""
         return np.asarray(np.rint((self.t_u - self.t_u[0]) / self.step).astype(np.intp))
 
     @property
@@ -62,7 +61,7 @@ class Residuals:
 
     @property
     def model(self) -> Array:
-        """Output that the model expects at uniform times: smoothed motion through scale, effects, delay and RC."""
+        """Output that the model predicts at uniform times: smoothed motion through scale, effects, delay and RC."""
         s, values, run = self.signals, self.state.values, self.run
         grid = values.scale * s.a + values.bias
         for term, coefficient in values.additive("output"):
@@ -85,46 +84,49 @@ class Residuals:
 
     @cached_property
     def background(self) -> Array:
-        """Residual above the band of any motion, (n,) m/s², lost and loud single samples filled in from their
-        neighbours, so that none rings in its block."""
+        """Residual above the band of any motion, (n,) m/s².
+
+        Lost and outlying single samples are filled in from their neighbours, so that none rings in its block.
+        """
         lost, correction = self.lost, np.zeros(self.n)
         for _ in range(REPAIRS):
             before = lost
-            correction, lost = self.repaired(correction, before)
+            correction, lost = self.refilled(correction, before)
             if lost is before:
                 break
-        return above(self.residual - correction, self.rate, self.edge)
+        return high_passed(self.residual - correction, self.rate, self.edge)
 
     def release(self) -> None:
-        """Give up `background`, once its spectra are known; who asks for it again waits for it again."""
+        """Free `background` once its spectra are computed; reading it again computes it again."""
         vars(self).pop("background", None)
 
-    def repaired(self, correction: Array, lost: Places) -> tuple[Array, Places]:
-        """Corrections of lost samples (n,) by the noise that is left after earlier ones; loud samples are lost too."""
-        whole = above(self.residual - correction, self.rate, self.edge)
-        surprise = self.surprise(BlockSpectra.of(whole, self.taken, self.rate, 1.3 * self.edge))
+    def refilled(self, correction: Array, lost: Places) -> tuple[Array, Places]:
+        """Corrections (n,) of lost samples, from the noise left after earlier corrections; outlying samples count as
+        lost."""
+        whole = high_passed(self.residual - correction, self.rate, self.edge)
+        interpolation = self.interpolation_filter(BlockSpectra.of(whole, self.sampled, self.rate, 1.3 * self.edge))
         del whole
-        off = surprise(self.residual - np.mean(self.residual))
-        correction = surprise.correction(off, lost)
-        y = surprise.corrected(off, correction, lost)[self.taken]
+        errors = interpolation(self.residual - np.mean(self.residual))
+        correction = interpolation.correction(errors, lost)
+        y = interpolation.corrected(errors, correction, lost)[self.sampled]
         spread, _ = spread_of(y)
-        np.hypot(spread, self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0), out=spread)
+        np.hypot(spread, self.lsb * math.sqrt(float(np.mean(interpolation.gain**2)) / 12.0), out=spread)
         score = np.abs(y)
         score /= np.maximum(spread, 1e-300)
-        loud = isolated(score, np.flatnonzero(score > OUTLIER_SIGMA))
-        if len(loud) == 0:
+        outlying = isolated_peaks(score, np.flatnonzero(score > OUTLIER_SIGMA))
+        if len(outlying) == 0:
             return correction, lost
-        loud = np.flatnonzero(self.taken)[loud]
-        lost = np.union1d(lost, np.clip(loud[:, None] + np.arange(-1, 2), 0, self.n - 1))
-        return surprise.correction(off, lost), lost
+        outlying = np.flatnonzero(self.sampled)[outlying]
+        lost = np.union1d(lost, np.clip(outlying[:, None] + np.arange(-1, 2), 0, self.n - 1))
+        return interpolation.correction(errors, lost), lost
 
-    def surprise(self, spectra: BlockSpectra) -> InterpolationError:
-        """Filter that tells what a sample is off by, for noise with these spectra."""
+    def interpolation_filter(self, spectra: BlockSpectra) -> InterpolationError:
+        """Filter that gives interpolation errors, for noise with these spectra."""
         return InterpolationError.of(spectra, self.n, self.rate, self.edge)
 
     @property
     def lost(self) -> Places:
-        """Uniform times at which no sample was taken."""
+        """Indices of uniform times without a sample."""
         missing = np.ones(self.n, dtype=np.bool_)
         missing[self.place] = False
         return np.flatnonzero(missing)
@@ -132,19 +134,19 @@ class Residuals:
     @cached_property
     def spectra(self) -> BlockSpectra:
         """Power of `background` in blocks."""
-        return BlockSpectra.of(self.background, self.taken, self.rate, 1.3 * self.edge)
+        return BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge)
 
     @cached_property
-    def brief(self) -> BlockSpectra:
-        """The same in blocks that are as short as the peaks of a move's speed."""
-        return BlockSpectra.of(self.background, self.taken, self.rate, 1.3 * self.edge, BRIEF)
+    def short_spectra(self) -> BlockSpectra:
+        """Power of `background` in blocks as short as the peaks of a move's speed."""
+        return BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS)
 
     @property
-    def matched(self) -> tuple[Array, Array]:
-        """What each sample of the residual is off by when its neighbours are right, (n,) m/s²; the filter's gain."""
-        surprise, lost = self.surprise(self.spectra), self.lost
-        off = surprise(self.residual - np.mean(self.residual))
-        return surprise.corrected(off, surprise.correction(off, lost), lost), surprise.gain
+    def interpolation_errors(self) -> tuple[Array, Array]:
+        """Interpolation error of each sample of the residual given its neighbours, (n,) m/s²; gain of the filter."""
+        interpolation, lost = self.interpolation_filter(self.spectra), self.lost
+        errors = interpolation(self.residual - np.mean(self.residual))
+        return interpolation.corrected(errors, interpolation.correction(errors, lost), lost), interpolation.gain
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
@@ -160,7 +162,7 @@ class Residuals:
 
     @cached_property
     def lsb(self) -> float:
-        """Step of the grid that the output lies on, m/s²; 0 when it lies on none."""
+        """Step of the grid on which the output lies, m/s²; 0 if it lies on none."""
         return grid_step(self.u)
 
     @cached_property
@@ -170,7 +172,7 @@ class Residuals:
         return np.asarray(p)
 
     @cached_property
-    def loud_readings(self) -> Outliers:
+    def reading_outliers(self) -> Outliers:
         """Outliers among the settled readings, against the smoothed position; see `outliers`."""
         z = (self.run.z - self.smooth_position)[self.state.counts]
         z = z - np.median(z)
@@ -179,26 +181,26 @@ class Residuals:
 
     @cached_property
     def readings(self) -> Array:
-        """Whitened innovations of settled readings, (m,); zero from an outlier on while the filter remembers it."""
+        """Whitened innovations of settled readings, (m,); zero from an outlier on until the filter has forgotten it."""
         y = self.state.whitened[self.state.counts]
         limit = 5.0 * local_spread(y)
         y = np.clip(y, -limit, limit)
-        peaks = self.loud_readings.peaks
-        if self.loud_readings.p_value < NOISE_TEST_ALPHA:
-            memory = MEMORY / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
+        peaks = self.reading_outliers.peaks
+        if self.reading_outliers.p_value < NOISE_TEST_ALPHA:
+            memory = FORGOTTEN_AFTER / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
             forgotten = np.zeros(len(y) + 1)
             np.add.at(forgotten, peaks, 1.0)
             np.add.at(forgotten, np.minimum(peaks + int(memory) + 1, len(y)), -1.0)
             y = np.where(np.cumsum(forgotten)[:-1] > 0.0, 0.0, y)
         return y
 
-    def rc_gain(self, frequency: float) -> float:
-        """What the declared low-pass leaves of a line."""
+    def lowpass_gain(self, frequency: float) -> float:
+        """Gain of the declared low-pass at a frequency, Hz."""
         return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
 
 
 def grid_step(y: Array) -> float:
-    """Spacing of the values of a quantised channel; 0 when they are not on a grid that is used again and again."""
+    """Spacing of the values of a quantised channel; 0 when they do not lie on a grid that is used repeatedly."""
     levels = np.unique(y)
     if len(levels) < 2:
         return 0.0
@@ -212,18 +214,18 @@ def grid_step(y: Array) -> float:
     return step if float(np.max(off)) < 0.1 else 0.0
 
 
-def coarse(seen: Residuals) -> bool:
-    """Whether the step of the converter outweighs the noise, so that the noise itself depends on the motion."""
-    return seen.lsb > 0.8 * sample_noise(seen)
+def is_coarse(residuals: Residuals) -> bool:
+    """Whether the step of the converter exceeds the noise, so that the noise itself depends on the motion."""
+    return residuals.lsb > 0.8 * sample_noise(residuals)
 
 
-def sample_noise(seen: Residuals) -> float:
-    """Standard deviation of one sample: what the fitted density implies, quantisation taken off, m/s².
+def sample_noise(residuals: Residuals) -> float:
+    """Standard deviation of one sample: that of the fitted density with quantisation subtracted, m/s².
 
-    Coarse steps leave nothing to take off; then the declared density speaks, if there is one.
+    Coarse steps leave nothing after subtraction; then the declared density counts, if there is one.
     """
-    run, noise = seen.run, seen.state.noise
-    bandwidth = 1.0 / (2.0 * seen.tau) if seen.tau > 0.0 else seen.rate
-    variance = noise.q * seen.state.values.scale**2 * bandwidth
+    run, noise = residuals.run, residuals.state.noise
+    bandwidth = 1.0 / (2.0 * residuals.tau) if residuals.tau > 0.0 else residuals.rate
+    variance = noise.q * residuals.state.values.scale**2 * bandwidth
     declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
-    return math.sqrt(max(variance - seen.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))
+    return math.sqrt(max(variance - residuals.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))

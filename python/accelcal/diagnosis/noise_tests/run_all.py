@@ -1,8 +1,8 @@
-"""Effects that the mean cannot see: noise that follows the motion, lines, outliers, steps of a converter, colour.
+"""All noise tests: noise that follows the motion, lines, outliers, quantisation, colour. The mean shows none of these.
 
-Each test takes a fitted state, removes the motion that the model explains, and states its null distribution. What is
-left of the output above the motion's bandwidth, `high`, carries vibration, stamp jitter, outliers and lines; the
-whitened innovations carry the encoder's cyclic error, lines below that, and whatever has no name.
+Each test takes a fitted state, subtracts the motion that the model explains, and states its null distribution. The
+residual of the output above the motion's bandwidth carries vibration, time-stamp jitter, outliers and lines; the
+whitened innovations carry the encoder's cyclic error, lines below that, and colour of unknown cause.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     One finding for each of vibration, timing_jitter, accelerometer_outliers, encoder_outliers, quantisation,
     encoder_cyclic, whiteness, and one for each of at most five lines (`tone`; at least one, the loudest).
     """
-    seen = Residuals(state)
-    lines = tones(seen)
-    vibration, jitter = motion_noise(seen, lines)
-    seen.release()
+    residuals = Residuals(state)
+    line_tests = tones(residuals)
+    vibration, jitter = motion_noise(residuals, line_tests)
+    residuals.release()
     return (
         vibration,
         jitter,
-        accelerometer_outliers(seen),
-        encoder_outliers(seen),
-        quantisation(seen),
-        *(line for line in lines if not line.parts["follows_motion"]),
-        encoder_cyclic(seen),
-        whiteness(seen),
+        accelerometer_outliers(residuals),
+        encoder_outliers(residuals),
+        quantisation(residuals),
+        *(line for line in line_tests if not line.parts["follows_motion"]),
+        encoder_cyclic(residuals),
+        whiteness(residuals),
     )
 
 

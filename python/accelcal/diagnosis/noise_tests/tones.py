@@ -1,4 +1,4 @@
-"""Lines at fixed frequencies, in the output and among the innovations."""
+"""Spectral lines at fixed frequencies, in the output and in the innovations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest
-from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
+from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
 from accelcal.diagnosis.policy import (
     COMB_HALF_WIDTH,
     COMB_POWER_RATIO,
@@ -26,49 +26,51 @@ from accelcal.diagnosis.policy import (
 from accelcal.signals.signals import Signals
 
 FEWEST_BINS = 64
-"""Fewer bins than this have no level."""
+"""Least number of bins from which a noise level is estimated."""
 LEVEL_SPAN = 0.04
-"""Share of the sampling rate over which the level of the noise may be taken as one."""
+"""Share of the sampling rate over which the noise level counts as constant."""
 NEIGHBOURS = 1001
-"""Bins of the periodogram over which its local level is taken."""
+"""Bins of the periodogram over which its local level is estimated."""
 
 
-def tones(seen: Residuals) -> tuple[NoiseTest, ...]:
-    """Lines at fixed frequency: in the output above the motion, in the whitened innovations below.
+def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
+    """Tests for lines at fixed frequency: in the output above the motion, in the whitened innovations below.
 
     Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
-    exceeds x times the level with chance (1 + x/(m/4))^-(m/4), times the number of bins. `follows_motion` marks a line
-    whose power goes with speed: that is vibration.
+    exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the number of bins. `follows_motion` marks a
+    line whose power follows speed: that is vibration.
     """
-    t, y, rate = reading_grid(seen)
-    split = max(2.0 * seen.signals.cutoff, 1.0 / max(seen.t[-1] - seen.t[0], 1e-9))
-    below, bins_below = lines_of(y, rate, 0.0, min(split, 0.45 * rate))
-    beyond, bins_beyond = lines_of(seen.residual, seen.rate, split, 0.5 * seen.rate, seen.tau)
+    t, y, rate = reading_grid(residuals)
+    split = max(2.0 * residuals.signals.cutoff, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
+    below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate))
+    beyond, bins_beyond = spectral_peaks(residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.tau)
     bins = bins_below + bins_beyond
     peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
     peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
     peaks.sort()
-    loud = [peak for peak in peaks if peak[0] < NOISE_TEST_ALPHA] or peaks[:1]
-    of_output, of_readings = (seen.t, seen.residual, seen.rate), (t, y, rate)
-    return tuple(line(seen, of_output if up else of_readings, f, -minus, p, up) for p, minus, f, up in loud)
+    significant = [candidate for candidate in peaks if candidate[0] < NOISE_TEST_ALPHA] or peaks[:1]
+    of_output, of_readings = (residuals.t, residuals.residual, residuals.rate), (t, y, rate)
+    return tuple(
+        tone_test(residuals, of_output if up else of_readings, f, -minus, p, up) for p, minus, f, up in significant
+    )
 
 
-def reading_grid(seen: Residuals) -> tuple[Array, Array, float]:
-    """Whitened innovations at uniform times, zero where none was taken."""
-    step = seen.run.reading_step
-    t = seen.run.t[seen.state.counts]
+def reading_grid(residuals: Residuals) -> tuple[Array, Array, float]:
+    """Whitened innovations at uniform times, zero where no reading was taken."""
+    step = residuals.run.reading_step
+    t = residuals.run.t[residuals.state.counts]
     place = np.rint((t - t[0]) / step).astype(np.intp)
     y = np.zeros(int(place[-1]) + 1)
-    y[place] = seen.readings
+    y[place] = residuals.readings
     return t[0] + step * np.arange(len(y)), y, 1.0 / step
 
 
-def lines_of(
+def spectral_peaks(
     y: Array, rate: float, low: float, high: float, tau: float = 0.0
 ) -> tuple[list[tuple[float, float, float]], int]:
-    """Peaks of the periodogram between two frequencies, loudest first: Hz, ratio to the level, chance of one bin.
+    """Peaks of the periodogram between two frequencies, largest first: Hz, ratio to the level, probability for one bin.
 
-    The slope that a low-pass of time constant `tau` gives to white noise is taken off first.
+    The slope that a low-pass of time constant `tau` gives to white noise is divided out first.
     """
     n = len(y)
     if n < 256:
@@ -83,36 +85,39 @@ def lines_of(
         return [], 0
     level, m = local_level(part, max(FEWEST_BINS, min(NEIGHBOURS, int(LEVEL_SPAN * n))))
     ratio = part / level
-    worth = m / 4.0
-    chance = np.exp(-worth * np.log1p(ratio / worth))
+    equivalent = m / 4.0
+    chance = np.exp(-equivalent * np.log1p(ratio / equivalent))
     peaks: list[tuple[float, float, float]] = []
-    around = max(16, int(COMB_HALF_WIDTH * n / rate))
+    neighbours = max(16, int(COMB_HALF_WIDTH * n / rate))
     for k in np.argsort(-ratio)[: 8 * REPORTED_LINES]:
         at = float(f[rows][k])
-        if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks) and stands_alone(part, level, int(k), around):
+        if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks) and is_single_line(
+            part, level, int(k), neighbours
+        ):
             i = int(k) + rows.start
             if 0 < i < len(spectrum) - 1:
                 a, b, c = np.log(spectrum[i - 1 : i + 2] + 1e-300)
-                bend = a - 2.0 * b + c
-                at += 0.5 * (a - c) / bend * float(f[1]) if bend < 0.0 else 0.0
+                curvature = a - 2.0 * b + c
+                at += 0.5 * (a - c) / curvature * float(f[1]) if curvature < 0.0 else 0.0
             peaks.append((at, float(ratio[k]), float(chance[k])))
         if len(peaks) == REPORTED_LINES:
             break
     return peaks, len(part)
 
 
-def stands_alone(part: Array, level: Array, k: int, around: int) -> bool:
-    """Whether a peak is more than one tooth of a comb: what its neighbours hold beyond the noise, each no more than it.
+def is_single_line(part: Array, level: Array, k: int, neighbours: int) -> bool:
+    """Whether a peak is more than one line of a comb, by the power of its neighbours beyond the noise, each at most its
+    own.
 
-    Noise alone adds up to that with the chance of six standard deviations.
+    Noise alone adds up to such a power with the probability of six standard deviations.
     """
-    rows = slice(max(0, k - around), k + around + 1)
+    rows = slice(max(0, k - neighbours), k + neighbours + 1)
     excess = np.minimum(part[rows], part[k]) - level[rows]
     own = slice(max(0, k - 4 - rows.start), k + 5 - rows.start)
-    mine = float(np.sum(excess[own]))
-    others = float(np.sum(excess)) - mine
+    own_power = float(np.sum(excess[own]))
+    other_power = float(np.sum(excess)) - own_power
     noise = 1.5 * level[k] * math.sqrt(len(excess))
-    return bool(others < COMB_POWER_RATIO * mine + 6.0 * noise)
+    return bool(other_power < COMB_POWER_RATIO * own_power + 6.0 * noise)
 
 
 def local_level(part: Array, m: int = NEIGHBOURS) -> tuple[Array, int]:
@@ -130,91 +135,104 @@ def medians_between(y: Array, edges: NDArray[np.intp]) -> Array:
     """Median of each stretch of a series between neighbouring edges, (len(edges) - 1,)."""
     length = np.diff(edges)
     medians = np.empty(len(length))
-    for several in np.unique(length):
-        alike = length == several
-        medians[alike] = np.median(y[edges[:-1][alike][:, None] + np.arange(several)], axis=1)
+    for stretch in np.unique(length):
+        equal = length == stretch
+        medians[equal] = np.median(y[edges[:-1][equal][:, None] + np.arange(stretch)], axis=1)
     return medians
 
 
-def line(
-    seen: Residuals, data: tuple[Array, Array, float], frequency: float, ratio: float, p_value: float, of_output: bool
+def tone_test(
+    residuals: Residuals,
+    data: tuple[Array, Array, float],
+    frequency: float,
+    ratio: float,
+    p_value: float,
+    of_output: bool,
 ) -> NoiseTest:
-    """Amplitude of one line at the sensor, and whether it comes and goes with speed."""
+    """Amplitude of one line at the sensor, and whether its power follows speed."""
     t, y, rate = data
-    turned = -2j * np.pi * frequency * (t - t[0])
-    np.exp(turned, out=turned)
-    turned *= y
+    demodulated = -2j * np.pi * frequency * (t - t[0])
+    np.exp(demodulated, out=demodulated)
+    demodulated *= y
     if of_output:
-        amplitude = 2.0 * abs(complex(np.mean(turned))) / seen.rc_gain(frequency)
-        std = amplitude / math.sqrt(2.0 * max(ratio, 1e-9) / 1.5)  # Hann: a line stands 1.5 times lower over the noise
+        amplitude = 2.0 * abs(complex(np.mean(demodulated))) / residuals.lowpass_gain(frequency)
+        std = amplitude / math.sqrt(
+            2.0 * max(ratio, 1e-9) / 1.5
+        )  # Hann: the ratio of a line to the noise is 1.5 times lower
     else:
-        amplitude, std = line_fit(seen, frequency)
+        amplitude, std = fitted_amplitude(residuals, frequency)
     length = max(1, int(0.1 * rate))
     K = len(y) // length
-    heard = turned[: K * length].reshape(K, length).mean(axis=1)
-    del turned
-    speed = np.mean(np.interp(t[: K * length], seen.t, seen.motion[0]).reshape(K, length) ** 2, axis=1)
+    amplitudes = demodulated[: K * length].reshape(K, length).mean(axis=1)
+    del demodulated
+    speed = np.mean(np.interp(t[: K * length], residuals.t, residuals.motion[0]).reshape(K, length) ** 2, axis=1)
     follows = False
     if K >= NOISE_TEST_LEAST_BLOCKS and p_value < NOISE_TEST_ALPHA and np.ptp(speed) > 0.0:
-        at_rest = abs(complex(np.mean(heard[speed <= np.quantile(speed, 0.4)])))
-        fades = at_rest < 0.5 * abs(complex(np.mean(heard)))
-        follows = fades and rank_correlation(np.abs(heard) ** 2, speed)[1] < NOISE_TEST_ALPHA
-    if coarse(seen) and amplitude * seen.rc_gain(frequency) < CONVERTER_LINE_SHARE * seen.lsb:
+        at_rest = abs(complex(np.mean(amplitudes[speed <= np.quantile(speed, 0.4)])))
+        fades = at_rest < 0.5 * abs(complex(np.mean(amplitudes)))
+        follows = fades and rank_correlation(np.abs(amplitudes) ** 2, speed)[1] < NOISE_TEST_ALPHA
+    if is_coarse(residuals) and amplitude * residuals.lowpass_gain(frequency) < CONVERTER_LINE_SHARE * residuals.lsb:
         p_value = 1.0  # steps crossed by a periodic motion make lines of their own
     span = float(t[-1] - t[0])
-    within = frequency < seen.signals.cutoff
+    within_motion = frequency < residuals.signals.cutoff
     parts = {
         "frequency": float(frequency),
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
         "follows_motion": float(follows),
-        "within_motion": float(within),
-        "made_by_motion": float(within and p_value < NOISE_TEST_ALPHA and driven(seen.signals, frequency, amplitude)),
+        "within_motion": float(within_motion),
+        "made_by_motion": float(
+            within_motion and p_value < NOISE_TEST_ALPHA and motion_makes_lines(residuals.signals, frequency, amplitude)
+        ),
     }
-    text = (
-        f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < NOISE_TEST_ALPHA else "no line stands out"
-    )
+    text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < NOISE_TEST_ALPHA else "no spectral line"
     return NoiseTest(LINE, ratio, p_value, amplitude, "m/s²", std, text, parts)
 
 
-def driven(s: Signals, frequency: float, amplitude: float) -> bool:
-    """Whether a motion makes lines at a frequency: a nonlinearity that is missing would show as a tone there.
+def motion_makes_lines(s: Signals, frequency: float, amplitude: float) -> bool:
+    """Whether a motion makes lines at a frequency, so that a missing nonlinearity would show as a tone there.
 
-    The smoothed motion holds a part of any line of the output. Where it has little more of it than that, the line is
-    taken out of it first, or it would pass for its own cause.
+    The smoothed motion contains a part of any line of the output. Where it contains little more than that, the line is
+    subtracted first, or it would pass for its own cause.
     """
-    window, turning = np.hanning(len(s.t)), 2j * np.pi * frequency
-    near, beside = np.arange(-2, 3) / 2.0, np.concatenate([np.arange(-24, -3), np.arange(4, 25)])
-    turns = np.exp(-(turning + 2j * np.pi * np.concatenate([near, beside])[:, None] / s.length) * s.t) * window
+    window, omega = np.hanning(len(s.t)), 2j * np.pi * frequency
+    peak_bins, neighbours = np.arange(-2, 3) / 2.0, np.concatenate([np.arange(-24, -3), np.arange(4, 25)])
+    phasors = np.exp(-(omega + 2j * np.pi * np.concatenate([peak_bins, neighbours])[:, None] / s.length) * s.t) * window
 
-    def stands(made: Array) -> bool:
-        power = np.abs(turns @ (made - np.mean(made))) ** 2
-        top = float(np.max(power[: len(near)]))
-        share = 2.0 * top / np.sum(window) ** 2 / max(float(np.var(made)), 1e-300)
-        return bool(top > DRIVEN_LINE_RATIO * np.median(power[len(near) :]) and share > DRIVEN_LINE_SHARE)
+    def has_line(function: Array) -> bool:
+        power = np.abs(phasors @ (function - np.mean(function))) ** 2
+        top = float(np.max(power[: len(peak_bins)]))
+        share = 2.0 * top / np.sum(window) ** 2 / max(float(np.var(function)), 1e-300)
+        return bool(top > DRIVEN_LINE_RATIO * np.median(power[len(peak_bins) :]) and share > DRIVEN_LINE_SHARE)
 
-    wave = np.exp(turning * s.t)
+    wave = np.exp(omega * s.t)
     own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
     if abs(own) > MOTION_LINE_RATIO * amplitude:
-        if stands(s.a):
+        if has_line(s.a):
             return True
         own = 0.0
-    a, v, p = (y - np.real(own * wave / turning**k) for k, y in enumerate((s.a, s.v, s.p)))
-    signs = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
-    return any(stands(made) for made in (a**2, a**3, np.abs(a), v**2, p**2, *signs))
+    a, v, p = (y - np.real(own * wave / omega**k) for k, y in enumerate((s.a, s.v, s.p)))
+    directions = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
+    return any(has_line(function) for function in (a**2, a**3, np.abs(a), v**2, p**2, *directions))
 
 
-def line_fit(seen: Residuals, frequency: float) -> tuple[float, float]:
+def fitted_amplitude(residuals: Residuals, frequency: float) -> tuple[float, float]:
     """Amplitude of a line at the output and its standard deviation, by exact columns of the replay, m/s²."""
-    phase = 2.0 * np.pi * frequency * np.arange(int((seen.run.t[-1] - seen.run.t[0]) / seen.step) + 4) * seen.step
-    grid = np.column_stack([np.cos(phase), np.sin(phase)]) / seen.state.values.scale
-    X = carried(seen, grid, np.zeros((len(seen.run.t), 0)), seen.step)
-    _, amplitude, std = pair_fit(X, seen.readings)
+    phase = (
+        2.0
+        * np.pi
+        * frequency
+        * np.arange(int((residuals.run.t[-1] - residuals.run.t[0]) / residuals.step) + 4)
+        * residuals.step
+    )
+    grid = np.column_stack([np.cos(phase), np.sin(phase)]) / residuals.state.values.scale
+    X = filtered_columns(residuals, grid, np.zeros((len(residuals.run.t), 0)), residuals.step)
+    _, amplitude, std = pair_fit(X, residuals.readings)
     return amplitude, std
 
 
-def carried(seen: Residuals, on_grid: Array, direct: Array, step: float) -> Array:
+def filtered_columns(residuals: Residuals, on_grid: Array, direct: Array, step: float) -> Array:
     """Whitened columns of settled readings, either driven by accelerations on a grid or added to the readings."""
-    run, state = seen.run, seen.state
+    run, state = residuals.run, residuals.state
     columns = on_grid.shape[1] + direct.shape[1]
     whitened = np.empty((len(run.t), columns))
     state.track.carry(

@@ -13,16 +13,16 @@ from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 
 LAGS = 5
-"""Lags looked at on each scale of time."""
+"""Lags on each time scale."""
 
 
-def whiteness(seen: Residuals) -> NoiseTest:
+def whiteness(residuals: Residuals) -> NoiseTest:
     """Autocorrelation of the whitened innovations, at full rate and over ever longer block sums (Ljung and Box 1978).
 
-    Each lag is scaled by its own sum of squared products, so that noise that comes and goes does not count as colour.
+    Each lag is scaled by its own sum of squared products, so that noise of varying level does not count as colour.
     Null: chi-square with five degrees of freedom on each scale, times the number of scales.
     """
-    y = seen.readings
+    y = residuals.readings
     scales: dict[int, tuple[float, float]] = {}
     length = 1
     while len(y) // length >= 4 * NOISE_TEST_LEAST_BLOCKS:
@@ -31,11 +31,11 @@ def whiteness(seen: Residuals) -> NoiseTest:
         scales[length] = portmanteau(sums)
         length *= 4
     if not scales:
-        return NoiseTest("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings to tell")
+        return NoiseTest("whiteness", 0.0, 1.0, 0.0, "", math.inf, "too few readings for this test")
     worst = min(scales, key=lambda k: scales[k][1])
     Q, p = scales[worst]
     p = min(1.0, p * len(scales))
-    lag = worst * seen.run.reading_step
+    lag = worst * residuals.run.reading_step
     first = float(np.mean(y[1:] * y[:-1]) / np.mean(y**2))
     text = (
         f"innovations are correlated over {lag:.2g} s and longer"
@@ -47,7 +47,7 @@ def whiteness(seen: Residuals) -> NoiseTest:
 
 
 def portmanteau(y: Array) -> tuple[float, float]:
-    """Sum of squared autocorrelations, each over its own variance, and its chance in white noise."""
+    """Sum of squared autocorrelations, each over its own variance, and its probability in white noise."""
     y = y - y.mean()
     Q = 0.0
     for lag in range(1, LAGS + 1):

@@ -1,0 +1,197 @@
+"""Power analysis: detection limits of a record or a fitted run, and the effects that it confounds.
+
+The distance of an effect from zero is d = |theta| sqrt(A), A = its information once the base is projected out
+(derivations D3.5). A depends on motion and noise alone; what was measured does not enter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.change_points import usable
+from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, DETECTION_PROBABILITY, FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.beam import SearchRules
+from accelcal.diagnosis.search.confounding import contribution_correlation
+from accelcal.diagnosis.search.detection_limits import detectable_sizes
+from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.diagnosis.search.likelihood_gain import scale_of, variance_gain
+from accelcal.diagnosis.search.scan import largest
+from accelcal.diagnosis.search.scores import CandidateScores
+from accelcal.diagnosis.search.thresholds import entry_gains
+from accelcal.effects import Effect
+from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.run_state import RunState
+from accelcal.experiment.detectability import Detectability, Group, Power
+from accelcal.experiment.detection_probability import DetectionModel
+from accelcal.model import Model
+
+RANDOM_BIAS_PATHS = 40
+"""Simulated paths from which the smallest detectable intensity of a random bias is read."""
+
+
+def power(
+    source: Recording | RunState,
+    model: Model | None = None,
+    *,
+    extra: Sequence[Effect] | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
+    start: float | None = None,
+    end: float | None = None,
+) -> Power:
+    """What a record can detect: the smallest detectable size of every effect, and the effects that it confounds.
+
+    Parameters
+    ----------
+    source : a recording, which is fitted first up to its first break, or a run that has been fitted.
+    model : what is known already; the linear model by default. For a fitted run the model it was fitted with.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    alpha : family-wise false-alarm rate of `diagnose`.
+    start, end : s, optional; only this part of a recording is used.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the motion does not excite what the model already contains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> made = ac.simulate("bursts", seconds=20.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    >>> limits = power(made.recording)
+    >>> limits.detection("quadratic", limits["quadratic"].smallest[0]) > 0.94
+    True
+    """
+    model = Model.linear() if model is None else model
+    if isinstance(source, RunState):
+        return detectability_of(source, model, extra, alpha)
+    if start is None and end is None:
+        whole = usable(source)
+        start, end = whole.start, whole.end
+    solution = solve_runs(model, [source], start=start, end=end)
+    return detectability_of(solution.passes[0], model, extra, alpha)
+
+
+def detectability_of(
+    state: RunState, model: Model, extra: Sequence[Effect] | None = None, alpha: float = FAMILYWISE_ALPHA
+) -> Power:
+    """What the motion and the noise of one run can detect."""
+    detection_model = DetectionModel.of(state, model, extra, alpha)
+    items, rules, evidence = detection_model.items, detection_model.rules, detection_model.evidence
+    best: dict[str, tuple[int, tuple[float, ...], tuple[float, ...]]] = {}
+    for i, item in enumerate(items):
+        d, smallest = detectable_sizes(evidence, i, rules)
+        name = item.effect.name
+        if name not in best or min(smallest) < min(best[name][2]):
+            best[name] = (i, d, smallest)
+    for name, (i, d, _) in best.items():
+        if items[i].effect.port == "process":
+            best[name] = (i, d, (intensity(evidence, i, rules),))
+    invisible = {name for name, (_, _, smallest) in best.items() if not math.isfinite(min(smallest))}
+    best_index = {name: i for name, (i, _, _) in best.items() if name not in invisible}
+    rivals_of = {name: rivals(evidence, i, best_index) for name, i in best_index.items()}
+    detectabilities = tuple(
+        Detectability(
+            effect=name,
+            unit=items[i].effect.unit,
+            shape=dict(items[i].shape),
+            parts=items[i].effect.parts if len(d) > 1 else ("",),
+            d=d,
+            smallest=smallest,
+            largest=contribution_at_limit(items[i], smallest, state),
+            largest_unit="m" if items[i].effect.port == "position" else "m/s²",
+            members=(name, *rivals_of.get(name, {})),
+            experiment=items[i].effect.experiment,
+        )
+        for name, (i, d, smallest) in best.items()
+    )
+    return Power(
+        detectabilities=detectabilities,
+        ties=confounded_groups(detectabilities, rivals_of),
+        examined=rules.examined,
+        blocks=rules.blocks,
+        alpha=alpha,
+        name=state.run.recording.name,
+        detection_model=detection_model,
+    )
+
+
+def intensity(evidence: CandidateScores, i: int, rules: SearchRules) -> float:
+    """Least intensity s of a random bias that enters on 95 % of its paths: scores b ~ N(0, A + s² A²).
+
+    Evaluated on `RANDOM_BIAS_PATHS` fixed paths; square roots of their gains are nearly normal, hence the quantile of
+    the roots.
+    """
+    A = evidence.G[evidence.columns[i], evidence.columns[i]]
+    required = math.sqrt(max(entry_gains(rules.examined, rules.blocks, rules.alpha)))
+    values, vectors = np.linalg.eigh(A)
+    values = np.maximum(values, 0.0)
+    z = np.random.default_rng(0).standard_normal((RANDOM_BIAS_PATHS, len(values)))
+
+    def undetected(log_s: float) -> bool:
+        spread = np.sqrt(values + math.exp(2.0 * log_s) * values**2)
+        roots = [math.sqrt(variance_gain(A, vectors @ (spread * path))[0]) for path in z]
+        return float(np.quantile(roots, 1.0 - DETECTION_PROBABILITY)) < required
+
+    low = -0.5 * math.log(float(np.max(values, initial=1e-300)))
+    high = low + math.log(1e3)  # a thousand standard deviations of the most visible mode
+    if undetected(high):
+        return math.inf
+    for _ in range(8):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if undetected(middle) else (low, middle)
+    return math.exp(0.5 * (low + high))
+
+
+def contribution_at_limit(item: Hypothesis, smallest: tuple[float, ...], state: RunState) -> float:
+    """Largest contribution of the most visible part, at its smallest detectable size."""
+    if not math.isfinite(min(smallest)):
+        return math.inf
+    estimate = np.zeros(1 if item.effect.port == "process" else len(item.terms))
+    k = int(np.argmin(smallest))
+    estimate[k] = smallest[k]
+    return largest(item, estimate, state)
+
+
+def rivals(evidence: CandidateScores, i: int, best_index: Mapping[str, int]) -> dict[str, float]:
+    """Effects whose signature at one of their trial shapes correlates with that of hypothesis `i`, with |rho|."""
+    item = evidence.items[i]
+    if item.effect.family:
+        return {}
+    direction = most_visible_direction(evidence, i)
+    found: dict[str, float] = {}
+    for j, rival in enumerate(evidence.items):
+        name = rival.effect.name
+        if name == item.effect.name or name not in best_index or rival.effect.family:
+            continue
+        rho = contribution_correlation(evidence, evidence.G, i, j, direction)
+        if rho > max(CONFOUNDED_CORRELATION, found.get(name, 0.0)):
+            found[name] = min(rho, 1.0)
+    return dict(sorted(found.items(), key=lambda pair: -pair[1]))
+
+
+def most_visible_direction(evidence: CandidateScores, i: int) -> Array:
+    """The mixture of a hypothesis's columns with the largest information."""
+    A = evidence.G[evidence.columns[i], evidence.columns[i]]
+    size = scale_of(np.diag(A))
+    return np.asarray(np.linalg.eigh(A / np.outer(size, size))[1][:, -1] / size)
+
+
+def confounded_groups(
+    detectabilities: Sequence[Detectability], rivals_of: Mapping[str, Mapping[str, float]]
+) -> tuple[Group, ...]:
+    """Each effect with all that are confounded with it, largest group first; a group that is part of another is
+    dropped."""
+    kept: list[Group] = []
+    for detectability in sorted(detectabilities, key=lambda s: -len(s.members)):
+        if len(detectability.members) == 1 or any(set(detectability.members) <= set(g.members) for g in kept):
+            continue
+        kept.append(
+            Group(detectability.members, min(rivals_of[detectability.effect].values()), detectability.experiment)
+        )
+    return tuple(kept)
