@@ -1,9 +1,8 @@
-"""What a diagnosis costs: processor time for unseen minutes, time and memory for an hour.
+"""Cost of a diagnosis: processor time for unseen minutes, time and memory for an hour.
 
-Run from the top of the repository: python -m benches.diagnose
-The minutes come from the independent worlds, with and without a hidden effect; the hour is four tones with a
-second-order nonlinearity. Each is diagnosed in a fresh process. Prints figure and threshold; exit
-code 1 when one is missed.
+Run from the top of the repository: python -m benches.diagnose The minutes come from the independent worlds, with and
+without a hidden effect; the hour is four tones with a second-order nonlinearity. Each is diagnosed in a fresh process.
+Prints figure and threshold; exit code 1 when one is missed.
 """
 
 from __future__ import annotations
@@ -20,11 +19,11 @@ from tests.worlds import Hidden, World, at_d
 from accelcal.data.recording import Recording
 
 SECONDS_FOR_A_MINUTE = 1.0
-"""Processor time, imports warm: all that `diagnose` does to a record it has not seen."""
+"""Processor time, imports warm: everything that `diagnose` does with a record it has not processed before."""
 SECONDS_FOR_AN_HOUR = 60.0
 MEGABYTES_FOR_AN_HOUR = 1500.0
 REPEATS = 3
-"""Diagnoses of a minute, of which the fastest counts: what else runs on the machine only adds."""
+"""Diagnoses of a minute, of which the fastest counts: other load on the machine only adds."""
 QUADRATIC = 1e-4
 """Second-order nonlinearity of the output of the hour, (m/s²)⁻¹."""
 MINUTES = (
@@ -34,7 +33,7 @@ MINUTES = (
     ("bursts", "ADXL105", "rail_wave"),
     ("moves", "CXL02", "encoder_backlash"),
 )
-"""Motion, sensor, and what is hidden at d = 20."""
+"""Motion, sensor, and the effect hidden at d = 20."""
 
 DIAGNOSE = """
 import json, sys, time
@@ -68,18 +67,18 @@ def cost(path: Path, fitted: float, repeats: int) -> dict[str, float]:
     return dict(json.loads(done.stdout))
 
 
-def bent(samples: int) -> Recording:
-    """The record of `benches.fit` with an output that is a little nonlinear."""
+def nonlinear_record(samples: int) -> Recording:
+    """The record of `benches.fit` with a small second-order nonlinearity of the output."""
     made = record(samples)
     made.accel.y[:] += QUADRATIC * made.accel.y**2
     return made
 
 
-def told(name: str, one: dict[str, float]) -> None:
-    """One line."""
+def print_cost(name: str, cost: dict[str, float]) -> None:
+    """Print one line."""
     print(
-        f"{name:34s} {one['samples']:9.0f} samples, {one['examined']} candidates: {one['seconds']:.2f} s processor "
-        f"time, peak {one['megabytes']:.0f} MB; {one['verdict']} {one['effects']}",
+        f"{name:34s} {cost['samples']:9.0f} samples, {cost['examined']} candidates: {cost['seconds']:.2f} s processor "
+        f"time, peak {cost['megabytes']:.0f} MB; {cost['verdict']} {cost['effects']}",
         flush=True,
     )
 
@@ -94,13 +93,13 @@ def main() -> int:
                 world = at_d(World(motion, sensor, (Hidden(hidden, 1e-3),), seed=2007 + number), 20.0)
             path = world.record().write(Path(folder, str(number)))
             minutes.append(cost(path, 20.0, REPEATS))
-            told(f"60 s of {motion}, {hidden or 'nothing hidden'}", minutes[-1])
+            print_cost(f"60 s of {motion}, {hidden or 'nothing hidden'}", minutes[-1])
         path = Path(folder, "hour.parquet")
-        write_sample(bent(6_001_200), path)
+        write_sample(nonlinear_record(6_001_200), path)
         hour = cost(path, 60.0, 1)
-        told("1 hour of tones, quadratic", hour)
+        print_cost("1 hour of tones, quadratic", hour)
     checks = [
-        ("diagnosis of a minute, the slowest, s", max(one["seconds"] for one in minutes), SECONDS_FOR_A_MINUTE),
+        ("diagnosis of a minute, the slowest, s", max(minute["seconds"] for minute in minutes), SECONDS_FOR_A_MINUTE),
         ("diagnosis of an hour, s", hour["seconds"], SECONDS_FOR_AN_HOUR),
         ("peak memory for an hour, MB", hour["megabytes"], MEGABYTES_FOR_AN_HOUR),
     ]

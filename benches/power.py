@@ -2,7 +2,8 @@
 
 Run from the top of the repository: python -m benches.power [--records 50] [--only velocity] [--write]
 Outcomes are kept line by line in OUT/*.jsonl; an interrupted run goes on where it stopped. Exit code 1 when a pair
-lies outside its band, when all together differ by more than 5 points, or when planned motions detect less than predicted.
+lies outside its band, when all together differ by more than 5 points, or when planned motions detect less than
+predicted.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ INSIDE = 0.999
 PREFACE = """# Power: detection as predicted, detection as observed
 
 Each record comes from `tests/worlds`, simulators that share no formula with the package, and was written to CSV and
-sidecar and read back. The probability of detection was predicted from the motion and the fitted noise of the record alone,
-by applying the rules of the search to drawn scores. An effect counts as found when any effect enters. `d` is its distance from
-zero in standard deviations, with the base estimated; for a random-walk bias its intensity relative to that which is
-found with 95 %, times the d at which one coefficient is. A band contains 99.9 % of the binomial distribution at
-the prediction. The last rows are motions made by `plan`: their power was predicted from limits and data sheet alone.
-`make bench` repeats the table.
+sidecar and read back. The probability of detection was predicted from the motion and the fitted noise of the record
+alone, by applying the rules of the search to drawn scores. An effect counts as found when any effect enters. `d` is
+its distance from zero in standard deviations, with the base estimated; for a random-walk bias its intensity relative
+to that which is found with 95 %, times the d at which one coefficient is. A band contains 99.9 % of the binomial
+distribution at the prediction. The last rows are motions made by `plan`: their power was predicted from limits and
+data sheet alone. `make bench` repeats the table.
 
 """
 

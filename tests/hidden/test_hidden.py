@@ -1,7 +1,7 @@
 """A small part of every claim on hidden effects, each with a counter-test that must fail; `make bench-hidden` runs all.
 
-Seeds are fixed. Where the whole meets its thresholds, a slice fails by chance with at most the rate beside each test.
-A twin hands the same judge outcomes for which its claim is wrong.
+Seeds are fixed. Where the whole meets its thresholds, a slice fails by chance with at most the rate given in each test.
+A counter-test hands the same judge outcomes for which its claim is wrong.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ def outcomes(*trials: Trial) -> list[Outcome]:
 
 def hold(group: int, found: list[Outcome], *claims: str) -> bool:
     """Whether all lines of a group hold, or those whose claim contains one of the words."""
-    told: list[Line] = lines(group, found)
-    chosen = [line for line in told if not claims or any(word in line.claim for word in claims)]
-    assert chosen, [line.text for line in told]
+    judged: list[Line] = lines(group, found)
+    chosen = [line for line in judged if not claims or any(word in line.claim for word in claims)]
+    assert chosen, [line.text for line in judged]
     return all(line.holds for line in chosen)
 
 
@@ -28,12 +28,12 @@ def test_nothing_is_named_where_nothing_is_hidden() -> None:
     # 4 records at a family-wise rate of 0.5 %: 2 %
     nulls = outcomes(*(Trial(1, n, 1) for n in (1, 4, 8, 12)))
     assert hold(1, nulls)
-    shaken = outcomes(Trial(2, 0, 1, ("bias_step",), 20.0))
-    assert not hold(1, shaken)
+    hidden = outcomes(Trial(2, 0, 1, ("bias_step",), 20.0))
+    assert not hold(1, hidden)
 
 
 @pytest.mark.parametrize("name", ["quadratic", "rail_slope", "scale_step", "coulomb"])
-def test_one_effect_of_d_twenty_is_detected_and_stands_in_a_reported_class(name: str) -> None:
+def test_one_effect_of_d_twenty_is_detected_and_in_a_reported_class(name: str) -> None:
     # 1 % outside the class
     found = outcomes(Trial(2, 3, 1, (name,), 20.0))
     assert hold(2, found, "d = 20: detected", "d = 20: in a class")
@@ -58,7 +58,7 @@ def test_two_effects_are_both_named() -> None:
 
 
 @pytest.mark.parametrize("name", ["tilt", "encoder_scale"])
-def test_what_a_level_rig_never_shows_is_not_named_but_listed(name: str) -> None:
+def test_effects_that_a_level_rig_never_shows_are_listed_and_not_named(name: str) -> None:
     # 0.5 % each
     found = outcomes(Trial(5, 1, 1, (name,)))
     assert hold(5, found)
@@ -66,7 +66,7 @@ def test_what_a_level_rig_never_shows_is_not_named_but_listed(name: str) -> None
     assert not hold(5, silent, "class and experiment")
 
 
-def test_a_shape_outside_the_catalogue_points_to_its_variable() -> None:
+def test_a_cause_outside_the_catalogue_is_found_in_its_variable() -> None:
     # 3 %
     found = outcomes(Trial(6, 1, 1, ("rail_bump",), 30.0))
     assert hold(6, found, "right variable")
@@ -74,7 +74,7 @@ def test_a_shape_outside_the_catalogue_points_to_its_variable() -> None:
     assert not hold(6, wrong, "right variable")
 
 
-def test_two_names_that_mend_each_other_are_one_shape() -> None:
+def test_two_collinear_effects_are_reported_as_one_curve() -> None:
     # 20 % on a motion drawn anew; this one is fixed
     found = outcomes(Trial(6, 1, 1, ("quintic",), 30.0))
     assert hold(6, found, "right shape", "certain")
@@ -88,7 +88,7 @@ def test_two_names_that_mend_each_other_are_one_shape() -> None:
     ("name", "shape"),
     [("drag_along_rail", "shape_of_position_and_velocity"), ("micro_nonlinearity", "shape_of_acceleration")],
 )
-def test_what_has_two_variables_or_a_fine_ripple_is_told_as_such(name: str, shape: str) -> None:
+def test_functions_of_two_variables_and_fine_ripples_are_reported_as_such(name: str, shape: str) -> None:
     # 5 %
     found = outcomes(Trial(6, 3, 1, (name,), 30.0))
     assert hold(6, found, "right variable", "certain")
@@ -103,12 +103,12 @@ def test_two_true_functions_of_one_variable_keep_their_names() -> None:
     assert hold(4, outcomes(Trial(4, 0, 1, ("quadratic", "cubic"), 20.0)), "pairs: both")
 
 
-def test_the_found_model_errs_on_another_motion_no_more_than_the_true_one() -> None:
+def test_the_found_model_errs_on_another_motion_as_little_as_the_true_one() -> None:
     found = outcomes(Trial(8, 2, 1, ("quadratic",), 30.0))
     assert hold(8, found, "1 s", "5 s")
     unchanged = [{**o, "found": {key: 3.0 * v for key, v in o["oracle"].items() if v is not None}} for o in found]
     assert not hold(8, unchanged, "1 s: within")
 
 
-def test_every_bar_has_a_judge() -> None:
+def test_every_group_has_a_judge() -> None:
     assert set(JUDGES) == {1, 2, 3, 4, 5, 6, 7, 8}

@@ -1,4 +1,4 @@
-"""Trials with hidden effects: a world is drawn, written to files, and the product is run on the files."""
+"""Trials with hidden effects: a world is drawn and written to files, and the product is run on the files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.worlds import CATALOGUE, MOTIONS, OUTSIDE, SENSORS, Hidden, Nuisances
 from tests.worlds.scene import REFERENCE_TEMPERATURE
 
 Outcome = dict[str, Any]
-"""What a trial found, as plain values for a line of JSON."""
+"""Result of a trial, as plain values for a line of JSON."""
 
 MIXES = [(motion, sensor) for motion in MOTIONS for sensor in SENSORS]
 VISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind != "invisible"]
@@ -30,7 +30,7 @@ ONE_PROCESS = ("bias_random_walk", "bias_gauss_markov")
 """A Gauss-Markov bias with a time constant of the record's length is a random walk."""
 DELAYS = ("time_offset", "sensor_lag", "sensor_resonance")
 MOST_ALIKE = 0.9
-"""Two effects of a pair are less alike than this."""
+"""Upper limit of the correlation of two effects of a pair."""
 STRENGTHS = (10.0, 20.0, 40.0)
 
 

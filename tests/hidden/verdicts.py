@@ -1,4 +1,4 @@
-"""What outcomes say about the groups: figure, count and threshold of every claim."""
+"""Judgement of the outcomes: figure, count and threshold of every claim of a group."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.worlds import CATALOGUE, OUTSIDE
 
 DELAY_CLASS = ("time_offset", "sensor_lag", "sensor_resonance")
 MANY = 0.97
-"""Beyond this correlation with a rival the first place is a coin's toss."""
+"""Correlation with a rival beyond which the first place is arbitrary."""
 LEAST_EXPLAINED = "shape_of_", "shape_since_", "encoder_shape_of_"
 
 
@@ -34,33 +34,36 @@ class Line:
         return f"group {self.group}: {self.claim}: {self.figure} ({self.count}), threshold {self.threshold}: {state}"
 
 
-def share(group: int, claim: str, good: Sequence[bool], least: float) -> Line:
+def share(group: int, claim: str, flags: Sequence[bool], least: float) -> Line:
     """At least this share must be good."""
-    rate = float(np.mean(good)) if good else float("nan")
-    return Line(group, claim, f"{rate:.1%}", f"{sum(good)} of {len(good)}", f">= {least:.0%}", bool(rate >= least))
+    rate = float(np.mean(flags)) if flags else float("nan")
+    return Line(group, claim, f"{rate:.1%}", f"{sum(flags)} of {len(flags)}", f">= {least:.0%}", bool(rate >= least))
 
 
-def at_most(group: int, claim: str, bad: Sequence[bool], most: float) -> Line:
+def at_most(group: int, claim: str, flags: Sequence[bool], most: float) -> Line:
     """At most this share may be bad."""
-    rate = float(np.mean(bad)) if bad else float("nan")
-    return Line(group, claim, f"{rate:.1%}", f"{sum(bad)} of {len(bad)}", f"<= {most:.1%}", bool(rate <= most))
+    rate = float(np.mean(flags)) if flags else float("nan")
+    return Line(group, claim, f"{rate:.1%}", f"{sum(flags)} of {len(flags)}", f"<= {most:.1%}", bool(rate <= most))
 
 
 def injected(outcome: Outcome) -> set[str]:
-    """Nuisances of a record that have a name in the catalogue, and the vibration that a rectified one lives on."""
-    shaken = outcome["nuisances"]["vibration"] > 0.0 or "vibration_rectification" in outcome["names"]
-    found = {"vibration"} if shaken else set()
+    """Nuisances of a record that have a name in the catalogue, and the vibration that a rectified one depends on."""
+    vibrates = outcome["nuisances"]["vibration"] > 0.0 or "vibration_rectification" in outcome["names"]
+    found = {"vibration"} if vibrates else set()
     return found | ({"quantisation"} if outcome["nuisances"]["converter_bits"] < 16 else set())
 
 
 def falsely_named(outcome: Outcome) -> list[str]:
-    """Effects that were named though nothing but nuisances was hidden."""
+    """Effects that were named although only nuisances were hidden."""
     return [name for name in outcome["effects"] if name not in injected(outcome)]
 
 
 def members(outcome: Outcome) -> list[set[str]]:
-    """Reported classes; the delay class is one."""
-    return [set(tie) | (set(DELAY_CLASS) if set(tie) & set(DELAY_CLASS) else set()) for tie in outcome["classes"]]
+    """Reported classes; the delay class counts as one."""
+    return [
+        set(reported) | (set(DELAY_CLASS) if set(reported) & set(DELAY_CLASS) else set())
+        for reported in outcome["classes"]
+    ]
 
 
 def injected_only(name: str, outcome: Outcome) -> bool:
@@ -74,26 +77,26 @@ def named(outcome: Outcome) -> list[str]:
 
 
 def channel(name: str) -> str:
-    """Where an effect shows itself: in the mean, or in the scatter of the samples."""
+    """Whether an effect changes the mean or the scatter of the samples."""
     effect = CATALOGUE.get(name)
     return "scatter" if effect is not None and effect.kind == "variance" else "mean"
 
 
 def detected(outcome: Outcome, name: str) -> bool:
-    """Whether an effect, class or shape on the channel of `name` entered."""
+    """Whether an effect or curve on the channel of `name` entered."""
     return any(channel(entered) == channel(name) for entered in named(outcome))
 
 
 def in_class(outcome: Outcome, name: str) -> bool:
-    """Whether an effect stands in one of the reported classes."""
+    """Whether an effect is in one of the reported classes."""
     return any(name in tie for tie in members(outcome))
 
 
 def first(outcome: Outcome, name: str) -> bool:
-    """Whether an effect was the first to be named; of the delays any will do."""
+    """Whether an effect was named first; of the delays any counts."""
     entered = named(outcome)
-    alike = DELAY_CLASS if name in DELAY_CLASS else (name,)
-    return bool(entered) and entered[0] in alike
+    accepted = DELAY_CLASS if name in DELAY_CLASS else (name,)
+    return bool(entered) and entered[0] in accepted
 
 
 def certain(outcome: Outcome) -> bool:
@@ -107,7 +110,7 @@ def _family(name: str) -> bool:
 
 
 def variables(name: str) -> set[str]:
-    """What an effect or shape is a function of."""
+    """Variables of an effect or a curve."""
     if name.startswith("encoder_shape_of_"):
         return {"encoder_position"}
     for head in LEAST_EXPLAINED:
@@ -172,29 +175,29 @@ def _several(ran: list[Outcome]) -> list[Line]:
 
 
 def _invisible(ran: list[Outcome]) -> list[Line]:
-    said = [all(any(name in tie for tie in o["inseparable"]) for name in INVISIBLE) for o in ran]
+    listed = [all(any(name in tie for tie in o["inseparable"]) for name in INVISIBLE) for o in ran]
     return [
         at_most(5, "an invisible effect named", [bool(named(o)) for o in ran], 0.01),
-        share(5, "class and experiment given", said, 1.0),
+        share(5, "class and experiment given", listed, 1.0),
     ]
 
 
 def right_variable(outcome: Outcome) -> bool:
-    """Whether the first name, or a member of its class, is a function of the right variable; or no name is given."""
+    """Whether the first effect, or a member of its class, is a function of the right variable; or none is named."""
     entered = named(outcome)
     if not entered:
         return bool(outcome["verdict"] == "unexplained")
     truth = set(OUTSIDE[outcome["names"][0]].explains)
-    alike = next((tie for tie in members(outcome) if entered[0] in tie), {entered[0]})
-    return any(variables(name) <= truth if "_and_" in name else truth & variables(name) for name in alike)
+    candidates = next((tie for tie in members(outcome) if entered[0] in tie), {entered[0]})
+    return any(variables(name) <= truth if "_and_" in name else truth & variables(name) for name in candidates)
 
 
 SUMS = {"rail_two_waves": {"rail_wave", "rail_second_wave"}}
-"""What is a sum of effects of the catalogue: to name them all is as right as to tell their shape."""
+"""Sums of effects of the catalogue: to name them all is as right as to report their curve."""
 
 
 def right_shape(outcome: Outcome) -> bool:
-    """Whether the shape of the right variable entered."""
+    """Whether the curve of the right variable entered."""
     truth = set(OUTSIDE[outcome["names"][0]].explains)
     if SUMS.get(outcome["names"][0], {""}) <= set(named(outcome)):
         return True
@@ -215,14 +218,14 @@ def _outside(ran: list[Outcome]) -> list[Line]:
 
 
 def _estimates(ran: list[Outcome]) -> list[Line]:
-    sure = [o for o in ran if set(o["effects"]) <= set(o["names"])]
-    effects = [(v - t) / s for o in sure for n, (v, s, t) in o["estimates"].items() if n in o["names"]]
-    every = [(v - t) / s for o in sure for v, s, t in o["estimates"].values()]
+    right_effects = [o for o in ran if set(o["effects"]) <= set(o["names"])]
+    effects = [(v - t) / s for o in right_effects for n, (v, s, t) in o["estimates"].items() if n in o["names"]]
+    all_errors = [(v - t) / s for o in right_effects for v, s, t in o["estimates"].values()]
     rms = float(np.sqrt(np.mean(np.square(effects)))) if effects else float("nan")
-    covered = float(np.mean(np.abs(every) < 1.96)) if every else float("nan")
+    covered = float(np.mean(np.abs(all_errors) < 1.96)) if all_errors else float("nan")
     return [
         Line(7, "normalised error, rms", f"{rms:.3f}", f"{len(effects)} fits", "0.9 to 1.1", 0.9 <= rms <= 1.1),
-        Line(7, "95 % intervals", f"{covered:.1%}", f"{len(every)}", "93 % to 97 %", 0.93 <= covered <= 0.97),
+        Line(7, "95 % intervals", f"{covered:.1%}", f"{len(all_errors)}", "93 % to 97 %", 0.93 <= covered <= 0.97),
     ]
 
 

@@ -45,7 +45,7 @@ def d2(world: World, base: Sequence[str] | None = None, index: int = -1) -> floa
     base = _default_base(hidden) if base is None else base
     chain = pass_through(world)
     if hidden.effect.kind == "wander":
-        return _wander(world, hidden, chain, index, base)
+        return _random_bias(world, hidden, chain, index, base)
     if hidden.effect.kind == "variance":
         return _variance(world, hidden, chain, index)
     return float(np.sum(_projected(world, chain, [index], base) ** 2))
@@ -184,12 +184,12 @@ def _projected(world: World, chain: Chain, indices: Sequence[int], base: Sequenc
     return _project(white, len(base))
 
 
-# --- wandering bias -------------------------------------------------------------------------------------------------
+# --- random bias ----------------------------------------------------------------------------------------------------
 
 _WAVES = 40
 
 
-def _wander(world: World, hidden: Hidden, chain: Chain, index: int, base: Sequence[str]) -> float:
+def _random_bias(world: World, hidden: Hidden, chain: Chain, index: int, base: Sequence[str]) -> float:
     """Expand the bias in cosines cos(pi j t/L), whose double integrals are known; covariance from its own kernel."""
     j = np.arange(1, _WAVES + 1)
     t = _encoder_times(world)
@@ -197,12 +197,12 @@ def _wander(world: World, hidden: Hidden, chain: Chain, index: int, base: Sequen
     columns = [*_base(world, chain, base), *(np.cos(np.outer(t, w)) / w**2).T]
     white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / ENCODER_RATE)
     gram, rank = white.T @ white, len(base)
-    beside = gram[rank:, rank:] - gram[rank:, :rank] @ np.linalg.solve(gram[:rank, :rank], gram[:rank, rank:])
+    given_base = gram[rank:, rank:] - gram[rank:, :rank] @ np.linalg.solve(gram[:rank, :rank], gram[:rank, rank:])
     coarse = (np.arange(800) + 0.5) / 800 * world.seconds
     cosines = np.cos(np.outer(coarse, w)) * (2 / len(coarse))
     prior = cosines.T @ _kernel(hidden, chain.shapes[index], coarse) @ cosines
     scale = np.linalg.cholesky(prior + 1e-14 * np.trace(prior) * np.eye(_WAVES))
-    eigenvalues = np.maximum(np.linalg.eigvalsh(scale.T @ beside @ scale), 0)
+    eigenvalues = np.maximum(np.linalg.eigvalsh(scale.T @ given_base @ scale), 0)
     return _gain(eigenvalues)
 
 

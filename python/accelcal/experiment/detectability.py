@@ -80,10 +80,10 @@ class Power:
     def detection(self, effect: str, size: float | Sequence[float], shape: Mapping[str, float] | None = None) -> float:
         """Probability that any effect enters when `effect` is present at a given size.
 
-        Rivals share its signature in part and have their own share of the noise, so one of them may enter where the effect
-        just fails; the search refines shapes and divides significance by the scatter of blocks. All of that is simulated
-        (:mod:`accelcal.experiment.detection_probability`); `predicted_detection` is the probability that an effect
-        enters on its own.
+        Rivals share its signature in part and have their own share of the noise, so one of them may enter where the
+        effect just fails; the search refines shapes and divides significance by the scatter of blocks. All of that is
+        simulated (:mod:`accelcal.experiment.detection_probability`); `predicted_detection` is the probability that an
+        effect enters on its own.
 
         Parameters
         ----------

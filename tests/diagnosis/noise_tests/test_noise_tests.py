@@ -118,9 +118,8 @@ CASES = {
 def test_disturbance_is_found_and_measured(case, motion, rig):
     make, effect, size, particular, value = CASES[case]
     test = world.findings(make(motion, RIGS[rig], 7))[effect]
-    print(
-        f"{case}, {motion} {rig}: p {test.p_value:.1g}, {test.estimate:.4g} +- {test.std:.2g} {test.unit} (put in {size})"
-    )
+    found = f"{test.estimate:.4g} +- {test.std:.2g} {test.unit}"
+    print(f"{case}, {motion} {rig}: p {test.p_value:.1g}, {found} (simulated {size})")
     assert test.p_value < NOISE_TEST_ALPHA
     # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
     assert abs(test.estimate - size) < 4.0 * test.std + 0.15 * size
