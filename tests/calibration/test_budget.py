@@ -65,7 +65,7 @@ def test_combined_uncertainty_is_that_of_drawn_rigs(cubic, axis):
 def test_a_wrong_power_would_be_seen(cubic):
     # The sister: a cubic that took the encoder scale once, not three times, would be outside.
     fit = on(cubic)
-    line = next(one for one in budget(fit).lines if one.estimate.name == "cubic")
+    line = next(line for line in budget(fit).lines if line.estimate.name == "cubic")
     once = math.hypot(STD["cubic"], DECLARED.encoder_scale * VALUES["cubic"])
     assert not math.isclose(line.combined, once, rel_tol=0.1)
 

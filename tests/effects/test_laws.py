@@ -64,8 +64,8 @@ def test_rounded_corners_are_the_sharp_ones_away_from_zero():
 
 
 def test_corners_are_as_wide_as_the_noise_asks():
-    quiet, noisy = one_tone(), one_tone(a_std=0.1)
-    assert quiet.a_width == pytest.approx(0.002 * AMPLITUDE, rel=1e-6)
+    exact, noisy = one_tone(), one_tone(a_std=0.1)
+    assert exact.a_width == pytest.approx(0.002 * AMPLITUDE, rel=1e-6)
     assert noisy.a_width == pytest.approx(0.4)
     least, most = find("dead_zone").shapes["width"].span(noisy)
     assert least == pytest.approx(0.4)
@@ -205,22 +205,22 @@ def test_the_cosines_of_a_random_walk_have_its_covariance():
     y = effect.column(s, start=0.0, length=s.length)
     t = s.t
     centred = np.eye(len(t)) - 1.0 / len(t)
-    walk = centred @ np.minimum.outer(t, t) @ centred
-    spectrum = np.linalg.eigvalsh(walk)[::-1][: effect.width]
+    random_process = centred @ np.minimum.outer(t, t) @ centred
+    spectrum = np.linalg.eigvalsh(random_process)[::-1][: effect.width]
     found = np.linalg.eigvalsh(y.T @ y)[::-1]
     # On 2000 samples instead of a line: an end counts half a spacing too much, j/2000 of a column.
     np.testing.assert_allclose(found, spectrum, rtol=0.02)
     # What is cut off: sum over j > 32 of 1/j², of pi²/6.
     kept = np.sum(1.0 / np.arange(1, effect.width + 1) ** 2) / (np.pi**2 / 6.0)
-    assert np.sum(found) / np.trace(walk) == pytest.approx(kept, rel=0.01)
+    assert np.sum(found) / np.trace(random_process) == pytest.approx(kept, rel=0.01)
 
 
 def test_a_slow_gauss_markov_bias_is_a_random_walk():
     s = sines(n=500)
     tau = 1e4 * s.length
     markov = find("bias_gauss_markov").column(s, start=0.0, length=s.length, tau=tau)
-    walk = find("bias_random_walk").column(s, start=0.0, length=s.length)
-    np.testing.assert_allclose(markov, walk * np.sqrt(2.0 / tau), rtol=1e-6, atol=1e-9)
+    random_process = find("bias_random_walk").column(s, start=0.0, length=s.length)
+    np.testing.assert_allclose(markov, random_process * np.sqrt(2.0 / tau), rtol=1e-6, atol=1e-9)
 
 
 def test_a_fast_gauss_markov_bias_has_variance_one():
@@ -299,17 +299,17 @@ def test_resampled_motion_is_the_motion_at_those_times(mount):
     assert len(every) == 6
     for effect in every:
         shape = {name: float(each.grid(fine)[0]) for name, each in effect.shapes.items()}
-        one, two = effect.column(found, **shape), effect.column(fine, **shape)
-        np.testing.assert_allclose(one, two, atol=2e-2 * np.max(np.abs(two)), err_msg=effect.name)
+        noisy, exact = effect.column(found, **shape), effect.column(fine, **shape)
+        np.testing.assert_allclose(noisy, exact, atol=2e-2 * np.max(np.abs(exact)), err_msg=effect.name)
 
 
 def test_shapes_of_a_record_describe_the_same_function_on_another():
-    one, two = sines(), sines(((8.0, 0.2, 0.0),))
+    first, second = sines(), sines(((8.0, 0.2, 0.0),))
     effect = find("shape_of_velocity")
-    shape = {name: float(each.grid(one)[0]) for name, each in effect.shapes.items()}
-    whole, part = effect.column(one, **shape), effect.column(two, **shape)
-    for k in range(0, len(two.t), 5000):
-        near = np.argmin(np.abs(one.v - two.v[k]))
+    shape = {name: float(each.grid(first)[0]) for name, each in effect.shapes.items()}
+    whole, part = effect.column(first, **shape), effect.column(second, **shape)
+    for k in range(0, len(second.t), 5000):
+        near = np.argmin(np.abs(first.v - second.v[k]))
         np.testing.assert_allclose(part[k], whole[near], atol=0.01)  # nearest of 25 000 speeds
 
 

@@ -155,6 +155,6 @@ def test_find_offers_the_nearest_names():
         find("cubik")
 
 
-def test_a_name_can_be_taken_once():
+def test_a_name_can_be_used_once():
     with pytest.raises(ValueError, match="already in the catalogue"):
         effect("cubic", unit="1", symbol="c", scale=1.0)(lambda s: s.a)

@@ -165,9 +165,9 @@ def test_the_live_filters_agree_with_the_replay(folder, choice):
     done = accelcal("fit", "one.csv", "--json", "--method", *choice, cwd=folder)
     assert done.returncode == 0, done.stderr
     filtered = json.loads(done.stdout)["parameters"]
-    for one, two in zip(replayed[:2], filtered[:2], strict=True):
+    for stored, two in zip(replayed[:2], filtered[:2], strict=True):
         # Both see the same record; they differ by what the noisy regressor and the start cost, a part of a sigma.
-        assert abs(one["value"] - two["value"]) < 1.5 * one["std"], one["name"]
+        assert abs(stored["value"] - two["value"]) < 1.5 * stored["std"], stored["name"]
 
 
 def test_init_writes_a_sidecar_once(tmp_path):

@@ -39,7 +39,7 @@ def test_a_table_that_is_wider_than_the_terminal_keeps_every_number(capsys):
     assert head.split("  ")[0] == "head 0"
 
 
-def test_a_fit_is_told_with_units_and_what_its_parameters_really_are(recording, capsys):
+def test_a_fit_is_printed_with_units_and_the_sums_that_its_parameters_estimate(recording, capsys):
     found = ac.fit(ac.Model.cubic(), recording)
     show_fit(found, recording)
     said = capsys.readouterr().out
@@ -48,7 +48,7 @@ def test_a_fit_is_told_with_units_and_what_its_parameters_really_are(recording, 
         assert estimate.unit in row.split()
         assert "…" not in row
     said = " ".join(said.split())
-    assert "bias really is K0 + g0 tilt + g0 misalignment here" in said
+    assert "bias estimates K0 + g0 tilt + g0 misalignment on this rig" in said
     assert re.search(r"noise: [\d.]+ ± [\d.]+ ug/sqrt\(Hz\), encoder [\d.]+ ± [\d.]+ um", said)
 
 
@@ -69,7 +69,7 @@ def test_an_interval_is_rounded_to_two_digits_of_the_deviation(value, std):
     assert high == pytest.approx(value + 1.96 * std, abs=0.51 * last)
 
 
-def test_a_simulation_tells_the_truth_with_units(tmp_path, capsys):
+def test_a_simulation_prints_its_true_values_with_units(tmp_path, capsys):
     with pytest.raises(SystemExit):
         app(["simulate", "-o", str(tmp_path / "run.csv"), "--seconds", "5", "--cubic", "1e-3", "--scale-factor", "0"])
-    assert "the truth is bias 0.05 m/s², cubic 0.001 (m/s²)⁻²" in capsys.readouterr().err
+    assert "true values: bias 0.05 m/s², cubic 0.001 (m/s²)⁻²" in capsys.readouterr().err

@@ -18,12 +18,12 @@ def whole():
 def test_part_and_the_rest_are_the_whole(whole):
     part, rest = whole.part(10.0, 20.0), whole.without((10.0, 20.0))
     for name in ("accel", "position"):
-        one, two, all_of_it = (getattr(r, name) for r in (part, rest, whole))
-        order = np.argsort(np.concatenate([one.t, two.t]))
-        np.testing.assert_array_equal(np.concatenate([one.t, two.t])[order], all_of_it.t)
-        np.testing.assert_array_equal(np.concatenate([one.y, two.y])[order], all_of_it.y)
-        assert one.t[0] >= 10.0
-        assert one.t[-1] <= 20.0
+        inside, outside, all_of_it = (getattr(r, name) for r in (part, rest, whole))
+        order = np.argsort(np.concatenate([inside.t, outside.t]))
+        np.testing.assert_array_equal(np.concatenate([inside.t, outside.t])[order], all_of_it.t)
+        np.testing.assert_array_equal(np.concatenate([inside.y, outside.y])[order], all_of_it.y)
+        assert inside.t[0] >= 10.0
+        assert inside.t[-1] <= 20.0
     assert len({whole.digest, part.digest, rest.digest}) == 3
     assert whole.part(10.0, 20.0).digest == part.digest
 
@@ -39,12 +39,12 @@ def test_nothing_left_is_refused(whole):
 
 def test_smoothed_motion_stays_within_the_travel_across_a_hole(whole):
     cut = whole.without((12.0, 22.0))
-    one = solve_runs(ac.Model.linear(), [cut]).passes[0]
+    state = solve_runs(ac.Model.linear(), [cut]).passes[0]
     travel = np.ptp(whole.position.y)
-    assert np.ptp(one.signals.p) < 1.01 * travel  # an integral through 10 s of hole leaves it by metres
-    inside = (one.signals.t > 12.1) & (one.signals.t < 21.9)
+    assert np.ptp(state.signals.p) < 1.01 * travel  # an integral through 10 s of hole leaves it by metres
+    inside = (state.signals.t > 12.1) & (state.signals.t < 21.9)
     assert inside.any()
-    bend = np.diff(one.signals.p[inside], 2)
+    bend = np.diff(state.signals.p[inside], 2)
     assert np.abs(bend).max() < 1e-9  # a straight line, m; the motion itself bends by 1e-6 a step
 
 

@@ -82,10 +82,10 @@ def test_every_key_is_optional_and_what_is_missing_is_said(tmp_path):
     ]
 
 
-def test_a_low_pass_without_tolerance_is_said_to_be_taken_as_exact(tmp_path):
+def test_a_low_pass_without_tolerance_is_stated_to_be_exact(tmp_path):
     text = '[channels]\naccel = {{ column = "a", lowpass = {{ kind = "RC", fc = "159 Hz"{} }} }}\n'
     said = [read(tmp_path, text.format(more)).rig.assumptions for more in ("", ", tolerance = 0.05")]
-    assert [any("its corner as exact" in s for s in one) for one in said] == [True, False]
+    assert [any("its corner as exact" in s for s in remarks) for remarks in said] == [True, False]
 
 
 @pytest.mark.parametrize("value", ['"0 mg"', '"-1 mg"', '"1 mm"'])

@@ -20,11 +20,11 @@ def linear():
 
 def test_it_ends_where_a_fit_of_its_own_does_and_asks_the_filter_less_often(linear, monkeypatch):
     asked, refresh = [], RunState.refresh
-    monkeypatch.setattr(RunState, "refresh", lambda one, **how: (asked.append(one), refresh(one, **how))[1])
+    monkeypatch.setattr(RunState, "refresh", lambda state, **how: (asked.append(state), refresh(state, **how))[1])
     model = linear.model.add("quadratic")
-    own = estimated(model, [RunState.begin(one.run, model, None) for one in linear.passes])
+    own = estimated(model, [RunState.begin(state.run, model, None) for state in linear.passes])
     alone = len(asked)
-    grown = estimated(model, [one.grown(model) for one in linear.passes], grown=True)
+    grown = estimated(model, [state.grown(model) for state in linear.passes], grown=True)
     std = np.sqrt(np.diag(own.covariance))
     assert np.all(np.abs(grown.x - own.x) < 0.05 * std)  # both stop at a hundredth, the noise a little apart
     np.testing.assert_allclose(np.sqrt(np.diag(grown.covariance)), std, rtol=0.02)
@@ -34,9 +34,9 @@ def test_it_ends_where_a_fit_of_its_own_does_and_asks_the_filter_less_often(line
 
 def test_its_first_step_uses_filter_and_signals_of_the_other(linear):
     model = linear.model.add("quadratic")
-    one = linear.passes[0]
-    begun = one.grown(model)
-    assert begun.track is one.track
-    assert begun.values.by_name == {**one.values.by_name, "quadratic": 0.0}
+    state = linear.passes[0]
+    begun = state.grown(model)
+    assert begun.track is state.track
+    assert begun.values.by_name == {**state.values.by_name, "quadratic": 0.0}
     assert begun.normal.gram.shape == (len(model.free), len(model.free))
-    np.testing.assert_array_equal(begun.normal.gram[:-1, :-1], one.normal_equations(one.terms).gram)
+    np.testing.assert_array_equal(begun.normal.gram[:-1, :-1], state.normal_equations(state.terms).gram)

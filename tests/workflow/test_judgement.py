@@ -1,4 +1,4 @@
-"""What is said beside a name: whether the effect matters, what was left out as wild, and what lies beyond the trained
+"""What a diagnosis states besides a name: importance of the effect, rejected outliers, and data beyond the trained
 range."""
 
 import dataclasses
@@ -30,18 +30,18 @@ def record(seed, seconds=40.0, rig=ac.CXL02_RIG, profile="interleaved", vibratio
 
 
 @pytest.fixture(scope="module")
-def bent():
+def nonlinear():
     return record(2, quadratic=1e-3)
 
 
 @pytest.mark.parametrize(("factor", "kind"), [(0.5, "matters"), (2.0, "below")])
-def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(bent, factor, kind):
+def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(nonlinear, factor, kind):
     # By hand: K2 a² at the largest acceleration of the planned motion.
     rng = np.random.default_rng(2).spawn(4)[0]
-    a = motion("interleaved", 40.0, rng).derivatives(bent.accel.t)[2]
+    a = motion("interleaved", 40.0, rng).derivatives(nonlinear.accel.t)[2]
     largest = 1e-3 * float(np.max(a**2))
-    rig = dataclasses.replace(bent.rig, tolerance=factor * largest)
-    found = diagnose(ac.fit(ac.Model.linear(), bent), dataclasses.replace(bent, rig=rig))
+    rig = dataclasses.replace(nonlinear.rig, tolerance=factor * largest)
+    found = diagnose(ac.fit(ac.Model.linear(), nonlinear), dataclasses.replace(nonlinear, rig=rig))
     content = diagnosis_json.diagnosis_to_dict(found)
     assert content["effects"] == ["quadratic"]
     assert content["tolerance"][kind] == ["quadratic"]
@@ -53,8 +53,8 @@ def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(b
     assert size["percent_of_full_scale"] == pytest.approx(100.0 * size["m_per_s2"] / full_scale, rel=1e-12)
 
 
-def test_without_a_declared_tolerance_nothing_is_split(bent):
-    found = improve(bent)
+def test_without_a_declared_tolerance_nothing_is_split(nonlinear):
+    found = improve(nonlinear)
     assert found.importance is None
     content = diagnosis_json.improvement_to_dict(found)
     assert content["tolerance"] is None
@@ -68,7 +68,7 @@ def test_metres_are_not_compared_with_an_acceleration():
     assert found.not_comparable == ("encoder_cyclic", "whiteness")
 
 
-# ---- channels and wild readings --------------------------------------------------------------------------------------
+# ---- channels and outliers -----------------------------------------------------------------------------------------
 
 
 def test_channels_are_tested_anew_once_an_effect_has_entered():
@@ -79,7 +79,7 @@ def test_channels_are_tested_anew_once_an_effect_has_entered():
     assert improve(record(11, quadratic=1e-3)).effects == ("quadratic",)
 
 
-def wild(recording, channel, sizes, seed=5, share=1e-3):
+def outlying(recording, channel, sizes, seed=5, share=1e-3):
     """One reading in a thousand wrong by a size between two; not at the ends, where no spectrum tells them apart."""
     rng = np.random.default_rng(seed)
     good = getattr(recording, channel)
@@ -93,11 +93,11 @@ def wild(recording, channel, sizes, seed=5, share=1e-3):
     ("effect", "channel", "sizes"),
     [("accelerometer_outliers", "accel", (0.3, 1.0)), ("encoder_outliers", "position", (12e-6, 40e-6))],
 )
-def test_wild_readings_are_left_out_and_no_longer_inflate_the_noise(effect, channel, sizes):
+def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, sizes):
     clean = record(12)
-    spoiled, at = wild(clean, channel, sizes)
+    spoiled, at = outlying(clean, channel, sizes)
     level = {"accel": lambda f: f.runs[0].noise.all.density, "position": lambda f: f.runs[0].noise.all.reading}[channel]
-    good, bad = (level(ac.fit(ac.Model.linear(), one)) for one in (clean, spoiled))
+    good, bad = (level(ac.fit(ac.Model.linear(), run)) for run in (clean, spoiled))
     found = diagnose(ac.fit(ac.Model.linear(), clean), spoiled)
     assert effect in found.effects
     assert bad > 1.2 * good
@@ -114,9 +114,9 @@ def test_nothing_is_left_out_of_a_good_record():
     assert diagnose(ac.fit(ac.Model.linear(), good), good).dropped == ()
 
 
-def test_held_out_data_lose_their_wild_readings_for_every_step_alike():
-    spoiled, _ = wild(record(13, quadratic=1e-3), "position", (12e-6, 40e-6))
-    test, at = wild(record(14, quadratic=1e-3), "position", (12e-6, 40e-6), seed=6)
+def test_held_out_data_lose_their_outliers_for_every_step():
+    spoiled, _ = outlying(record(13, quadratic=1e-3), "position", (12e-6, 40e-6))
+    test, at = outlying(record(14, quadratic=1e-3), "position", (12e-6, 40e-6), seed=6)
     found = improve(spoiled, holdout=test)
     assert found.effects == ("quadratic", "encoder_outliers")
     lost = [d for d in found.diagnosis.dropped if d.recording.startswith("held out")]
@@ -156,9 +156,9 @@ def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
 def test_errors_inside_and_outside_add_up_to_the_whole():
     fitted = ac.fit(ac.Model.linear(), record(23, profile="bursts"))
     seen = compare(fitted, record(24, profile="interleaved"))
-    for one in seen.outside:
-        for horizon, (near, far) in one.coast.items():
-            n, m = one.starts[horizon]
+    for region in seen.outside:
+        for horizon, (near, far) in region.coast.items():
+            n, m = region.starts[horizon]
             total = (n * (near or 0.0) ** 2 + m * (far or 0.0) ** 2) / max(1, n + m)
             assert np.sqrt(total) == pytest.approx(seen.coast_rms[horizon], rel=1e-9)
 
@@ -173,7 +173,7 @@ def test_temperature_beyond_the_calibrated_range_is_counted():
 
     fitted = ac.fit(ac.Model.linear(), at(cold, 20.0, 25.0))
     seen = compare(fitted, at(warm, 22.0, 28.0))
-    one = next(o for o in seen.outside if o.variable == "temperature")
-    assert one.range == pytest.approx((20.0, 25.0), abs=0.01)
-    assert one.count == pytest.approx(0.5 * one.of, rel=0.05)  # half of the ramp lies above 25 degC
+    region = next(o for o in seen.outside if o.variable == "temperature")
+    assert region.range == pytest.approx((20.0, 25.0), abs=0.01)
+    assert region.count == pytest.approx(0.5 * region.of, rel=0.05)  # half of the ramp lies above 25 degC
     assert compare(fitted, at(warm, 20.5, 24.5)).outside[-2].count == 0

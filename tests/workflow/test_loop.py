@@ -32,12 +32,12 @@ def plain():
 
 
 @pytest.fixture(scope="module")
-def bent():
+def nonlinear():
     return record(2, quadratic=1e-3), record(3, quadratic=1e-3)
 
 
-def test_the_error_falls_to_the_floor_and_nothing_is_left(bent):
-    found = improve(bent[0], holdout=bent[1])
+def test_the_error_falls_to_the_floor_and_nothing_is_left(nonlinear):
+    found = improve(nonlinear[0], holdout=nonlinear[1])
     assert found.effects == ("quadratic",)
     assert found.diagnosis.verdict == "adequate"
     before, after = (step.heldout for step in found.steps)
@@ -55,29 +55,29 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
     assert found.diagnosis.scan.detection_limits["cubic"] > 0.0
 
 
-def test_a_fit_is_taken_up_as_it_was_left():
-    one = dataclasses.replace(record(6, cubic=1e-3), digest="six")
-    found = ac.fit(ac.Model.cubic(), one)
-    left, taken = solve_runs(found.model, [one]).passes[0], taken_up(found, [one])[0]
+def test_a_fit_is_resumed_as_it_ended():
+    run = dataclasses.replace(record(6, cubic=1e-3), digest="six")
+    found = ac.fit(ac.Model.cubic(), run)
+    left, resumed = solve_runs(found.model, [run]).passes[0], taken_up(found, [run])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
-    assert np.allclose(taken.normal.gram, left.normal.gram, rtol=1e-4)
-    assert taken.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
-    assert taken_up(found, [dataclasses.replace(one, digest="seven")]) is None
-    assert taken_up(found, [one.part(0.0, 20.0)]) is None
+    assert np.allclose(resumed.normal.gram, left.normal.gram, rtol=1e-4)
+    assert resumed.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
+    assert taken_up(found, [dataclasses.replace(run, digest="seven")]) is None
+    assert taken_up(found, [run.part(0.0, 20.0)]) is None
 
 
-def test_wild_readings_count_neither_in_a_fit_nor_when_an_effect_is_added():
+def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     clean = dataclasses.replace(record(7, cubic=1e-3), digest="seven")
     spoiled = clean.accel.y.copy()
     spoiled[5_000:60_000:5_000] += 3.0
-    one = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
-    every, kept = ac.fit(ac.Model.linear(), one, reject_outliers=False), ac.fit(ac.Model.linear(), one)
+    run = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
+    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), ac.fit(ac.Model.linear(), run)
     assert every.noise().q > 2.0 * kept.noise().q
     assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers."
-    grown, truth = add(kept, one, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
+    grown, truth = add(kept, run, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
     assert grown.remarks[0] == kept.remarks[0]
     assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)
-    assert not any("wild" in text for text in truth.remarks)
+    assert not any("outliers" in text for text in truth.remarks)
 
 
 def test_a_delay_beyond_its_tolerance_is_named_first():
@@ -108,7 +108,7 @@ def test_coasting_with_any_effect_never_looks_at_position(plain, effect):
     y = recording.position.y.copy()
     y[late] = noise
     blind = dataclasses.replace(recording, position=dataclasses.replace(recording.position, y=y))
-    seen, unseen = (ac.coast(grown, one, start, 5.0) for one in (recording, blind))
+    seen, unseen = (ac.coast(grown, run, start, 5.0) for run in (recording, blind))
     np.testing.assert_array_equal(seen.frozen, unseen.frozen)
     np.testing.assert_array_equal(seen.rezeroed, unseen.rezeroed)
     # The sister: noise before the start does change the prediction.
@@ -122,8 +122,8 @@ def test_what_is_added_can_be_dropped(plain):
     grown = add(fitted, recording, "cubic", "velocity")
     assert grown.model.added == ("cubic", "velocity")
     back = drop(grown, recording, "velocity", "cubic")
-    for one, two in zip(back.estimates, fitted.estimates, strict=True):
-        assert one.value == pytest.approx(two.value, abs=0.02 * one.std)  # both end within 1 % of a sigma
+    for again, first in zip(back.estimates, fitted.estimates, strict=True):
+        assert again.value == pytest.approx(first.value, abs=0.02 * again.std)  # both end within 1 % of a sigma
 
 
 @pytest.mark.parametrize(
@@ -143,9 +143,9 @@ def test_a_model_with_shapes_survives_its_file(plain, tmp_path):
     assert again.model.shapes["self_heating"]["tau"] > 0.0
 
 
-def test_a_diagnosis_has_its_documented_keys(bent):
-    fitted = ac.fit(ac.Model.linear(), bent[0])
-    content = diagnosis_json.diagnosis_to_dict(diagnose(fitted, bent[0]))
+def test_a_diagnosis_has_its_documented_keys(nonlinear):
+    fitted = ac.fit(ac.Model.linear(), nonlinear[0])
+    content = diagnosis_json.diagnosis_to_dict(diagnose(fitted, nonlinear[0]))
     assert json.loads(model_file.dumps(content)) is not None
     keys = {"schema", "verdict", "effects", "classes", "inseparable", "breaks", "used", "suspect_data", "candidates"}
     assert keys | {"detection_limits", "where"} <= set(content)
@@ -179,11 +179,11 @@ def test_a_variance_component_is_found_only_where_there_is_one():
     rng = np.random.default_rng(7)
     X = rng.standard_normal((400, 12))
     noise = rng.standard_normal(400)
-    loud, _, s, _ = variance_gain(X.T @ X, X.T @ (X @ rng.standard_normal(12) * 0.5 + noise))
-    quiet, *_ = variance_gain(X.T @ X, X.T @ noise)
-    assert loud > 30.0
+    explained, _, s, _ = variance_gain(X.T @ X, X.T @ (X @ rng.standard_normal(12) * 0.5 + noise))
+    unexplained, *_ = variance_gain(X.T @ X, X.T @ noise)
+    assert explained > 30.0
     assert 0.25 < s[0] < 1.0  # 12 draws of a standard deviation of 0.5
-    assert quiet < 6.0
+    assert unexplained < 6.0
 
 
 EFFECTS_FILE = '''
@@ -205,10 +205,10 @@ def my_quintic(s):
 
 def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
     recording, other = record(8, motion="fast"), record(9, motion="fast")
-    for name, one in (("run.csv", recording), ("other.csv", other)):
-        inside = (one.accel.y - TRUTH["bias"]) / (1.0 + TRUTH["scale_factor"])
-        y = one.accel.y + 2e-7 * inside**5  # the low-pass changes a⁵ of a slow motion by a few percent only
-        write_recording(dataclasses.replace(one, accel=dataclasses.replace(one.accel, y=y)), tmp_path / name)
+    for name, made in (("run.csv", recording), ("other.csv", other)):
+        inside = (made.accel.y - TRUTH["bias"]) / (1.0 + TRUTH["scale_factor"])
+        y = made.accel.y + 2e-7 * inside**5  # the low-pass changes a⁵ of a slow motion by a few percent only
+        write_recording(dataclasses.replace(made, accel=dataclasses.replace(made.accel, y=y)), tmp_path / name)
     (tmp_path / "mine.py").write_text(EFFECTS_FILE, encoding="utf-8")
 
     def accelcal(*arguments):
@@ -222,8 +222,8 @@ def test_a_users_own_effect_is_ranked_first_on_data_that_contain_it(tmp_path):
     assert json.loads(diagnosed.stdout)["candidates"][0]["effect"] == "my_quintic"
     added = accelcal("add", "m.json", "run.csv", "--effect", "my_quintic", "-o", "m2.json", *own)
     assert added.returncode == 0, added.stderr
-    story = accelcal("history", "m.json", "m2.json", "--on", "other.csv", "--json", *own)
-    before, after = (step["heldout"]["coast_rms_m"]["10"] for step in json.loads(story.stdout)["steps"])
+    compared = accelcal("history", "m.json", "m2.json", "--on", "other.csv", "--json", *own)
+    before, after = (step["heldout"]["coast_rms_m"]["10"] for step in json.loads(compared.stdout)["steps"])
     assert after < before
     lost = accelcal("compare", "m2.json", "other.csv")
     assert lost.returncode == 3

@@ -66,7 +66,7 @@ def apply(fit: Fit, output: float) -> Application:
     if sensor.scale is not None:
         raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
     unused = [name for name in own.coefficients if STATIC[name].thermal] + [own.clipped_by] * (own.clip is not None)
-    left_out = (*((name, "sensor") for name in unused), *((one.effect, one.owner) for one in own.left_out))
+    left_out = (*((name, "sensor") for name in unused), *((effect.effect, effect.owner) for effect in own.left_out))
     return Application(raw, unit, output, tuple(rounds), own.std(fit, rounds[-1]), left_out)
 
 

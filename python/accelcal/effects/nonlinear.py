@@ -137,7 +137,7 @@ def _levels(s: Signals) -> tuple[float, float]:
 def saturation(s: Signals, level: float) -> Array:
     """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
 
-    Most clips are hard; where few readings reach one, its level and its softness trade places, and belief decides.
+    Most clips are hard; where few readings reach one, its level and its softness trade places, and the prior decides.
 
     Equation: e = s (clip(u, -level, level) - u), u = (1 + k) a + K0: it is the output that has a range, bias included.
     Looks like: residuals at the largest outputs only, towards zero; on one side when there is a bias.

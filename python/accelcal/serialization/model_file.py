@@ -298,7 +298,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
 
 
 def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
-    def one(level: Level | None) -> dict[str, Any] | None:
+    def level_to_dict(level: Level | None) -> dict[str, Any] | None:
         if level is None:
             return None
         return {
@@ -312,9 +312,9 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
     return {
         "q": report.noise.q,
         "r": report.noise.r,
-        "all": one(report.all),
-        "rest": one(report.rest),
-        "motion": one(report.motion),
+        "all": level_to_dict(report.all),
+        "rest": level_to_dict(report.rest),
+        "motion": level_to_dict(report.motion),
         "declared_m_per_s2_rthz": report.declared,
         "ratio": report.ratio,
         "crossover_hz": report.crossover,
@@ -323,20 +323,20 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
 
 
 def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
-    def one(level: Mapping[str, Any] | None) -> Level | None:
+    def level_from_dict(level: Mapping[str, Any] | None) -> Level | None:
         if level is None:
             return None
         spread = [math.nan if level[key] is None else level[key] for key in ("density_std", "reading_std")]
         return Level(level["density_m_per_s2_rthz"], spread[0], level["reading_m"], spread[1], level["count"])
 
-    whole = one(content["all"])
+    whole = level_from_dict(content["all"])
     if whole is None:
         raise ValueError("noise.all is missing")
     return NoiseReport(
         noise=Noise(content["q"], content["r"]),
         all=whole,
-        rest=one(content["rest"]),
-        motion=one(content["motion"]),
+        rest=level_from_dict(content["rest"]),
+        motion=level_from_dict(content["motion"]),
         declared=content["declared_m_per_s2_rthz"],
         crossover=content["crossover_hz"],
         band=content["band_hz"],

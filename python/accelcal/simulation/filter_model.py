@@ -120,9 +120,9 @@ def _padded(theta: Array) -> Array:
     return np.concatenate([theta, np.zeros(4 - len(theta))])
 
 
-def _instants(one: Array, other: Array) -> tuple[Array, Array]:
+def _instants(first: Array, second: Array) -> tuple[Array, Array]:
     """All sampling instants (n,) s and the steps (n - 1,) s between them."""
-    t = np.union1d(one, other)
+    t = np.union1d(first, second)
     return t, np.diff(t)
 
 

@@ -79,8 +79,8 @@ RUST_CASE = """\
 
 def c_program(folder: Path, made: Sequence[Calibration], *flags: str, compiler: str = "cc") -> Path:
     """Compile headers into one program; any warning fails."""
-    for i, one in enumerate(made):
-        (folder / f"m{i}.h").write_text(header(one, f"m{i}.h"))
+    for i, calibration in enumerate(made):
+        (folder / f"m{i}.h").write_text(header(calibration, f"m{i}.h"))
     return c_build(folder, made, *flags, compiler=compiler)
 
 
@@ -88,7 +88,7 @@ def c_build(folder: Path, made: Sequence[Calibration], *flags: str, compiler: st
     """Compile the headers m0.h, m1.h, ... that a folder holds."""
     cases = [
         C_CASE.format(double=2 * i, single=2 * i + 1, i=i, warm=", in[1]" * warm, warm_f=", (float)in[1]" * warm)
-        for i, warm in enumerate(one.double.inverse.warmth is not None for one in made)
+        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in made)
     ]
     includes = "\n".join(f'#include "m{i}.h"' for i in range(len(made)))
     (folder / "main.c").write_text(C_MAIN.format(includes=includes, cases="".join(cases)))
@@ -97,13 +97,13 @@ def c_build(folder: Path, made: Sequence[Calibration], *flags: str, compiler: st
 
 def rust_program(folder: Path, made: Sequence[Calibration]) -> Path:
     """Compile modules into one program; any warning fails, and so does a failing test vector."""
-    for i, one in enumerate(made):
-        (folder / f"m{i}.rs").write_text(module(one))
+    for i, calibration in enumerate(made):
+        (folder / f"m{i}.rs").write_text(module(calibration))
     cases = [
         RUST_CASE.format(
             double=2 * i, single=2 * i + 1, i=i, warm=", temperature" * warm, warm_f=", temperature as f32" * warm
         )
-        for i, warm in enumerate(one.double.inverse.warmth is not None for one in made)
+        for i, warm in enumerate(calibration.double.inverse.warmth is not None for calibration in made)
     ]
     modules = "\n".join(f"mod m{i};" for i in range(len(made)))
     (folder / "main.rs").write_text(RUST_MAIN.format(modules=modules, cases="".join(cases)))

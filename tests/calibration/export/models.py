@@ -72,12 +72,12 @@ def exact(fit: Fit, reading: float, temperature: float, near: float) -> Decimal:
         warm = Decimal(temperature) - Decimal(REFERENCE)
         gain = Decimal(1.0 + fit["scale_factor"].value) + c.get("temperature_scale", Decimal(0)) * warm
         output -= c["bias"] + c.get("temperature_bias", Decimal(0)) * warm
-        one, two, odd, three = (c.get(name, Decimal(0)) for name in NONLINEAR)
+        even, two, odd, three = (c.get(name, Decimal(0)) for name in NONLINEAR)
         a = Decimal(near)
         for _ in range(12):
-            u = gain * a + one * abs(a) + two * a**2 + odd * a * abs(a) + three * a**3
+            u = gain * a + even * abs(a) + two * a**2 + odd * a * abs(a) + three * a**3
             side = 1 if a >= 0 else -1
-            slope = gain + one * side + 2 * two * a + 2 * odd * abs(a) + 3 * three * a**2
+            slope = gain + even * side + 2 * two * a + 2 * odd * abs(a) + 3 * three * a**2
             step = (output - u) / slope
             a += step
             if abs(step) < Decimal("1e-40"):

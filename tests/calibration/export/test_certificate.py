@@ -181,7 +181,7 @@ def test_hostile_names_stay_text():
 
 def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
     made, _ = certificate()
-    assert {one.unit for one in quantities(made)} <= set(UNITS)
+    assert {quantity.unit for quantity in quantities(made)} <= set(UNITS)
     static = {"bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic", "cubic"}
     assert {e.unit for e in HOUSE if e.name in static or e.name in ("temperature_bias", "temperature_scale")} <= set(
         UNITS
@@ -190,7 +190,7 @@ def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
 
 def test_counts_are_certified_too():
     made, found = certificate(sensor=Sensor(scale=104.4, scale_unit="count", zero=2048.0))
-    assert "sensitivity" in [one.name for one in quantities(made)]
+    assert "sensitivity" in [quantity.name for quantity in quantities(made)]
     assert r"\metre\tothe{-1}\second\tothe{2}" in found.text
 
 

@@ -19,7 +19,7 @@ from .models import SENSORS, exact, fit_of, fits
 
 CUBIC = {"bias": 0.05, "scale_factor": 0.01, "quadratic": 1e-4, "cubic": 1e-5}
 WARM = {**CUBIC, "odd_quadratic": 1e-4, "temperature_bias": 1e-3, "temperature_scale": 1e-4}
-QUIET = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
+NO_WARNINGS = {"deadline": None, "derandomize": True, "suppress_health_check": list(HealthCheck)}
 
 
 def spread(code, rng, count):
@@ -33,15 +33,15 @@ def spread(code, rng, count):
     return inverse.format.array(reading), inverse.format.array(T)
 
 
-def same_bits(one, two):
-    return np.array_equal(np.asarray(one, dtype="<f8").view("<i8"), np.asarray(two, dtype="<f8").view("<i8"))
+def same_bits(first, second):
+    return np.array_equal(np.asarray(first, dtype="<f8").view("<i8"), np.asarray(second, dtype="<f8").view("<i8"))
 
 
 def check(program, fit_list, made, count=400):
     """Bits and bound of every model in both formats."""
     rng = np.random.default_rng(3)
-    for i, (fit, one) in enumerate(zip(fit_list, made, strict=True)):
-        for which, code in enumerate(one.codes):
+    for i, (fit, calibration) in enumerate(zip(fit_list, made, strict=True)):
+        for which, code in enumerate(calibration.codes):
             reading, T = spread(code, rng, count)
             found = run(program, 2 * i + which, reading, T)
             with np.errstate(invalid="ignore"):
@@ -55,14 +55,14 @@ def check(program, fit_list, made, count=400):
                 assert abs(Decimal(float(x)) - exact(fit, float(y), float(t), float(x))) <= code.bound
 
 
-@settings(max_examples=3, **QUIET)
+@settings(max_examples=3, **NO_WARNINGS)
 @given(st.lists(fits(), min_size=5, max_size=5))
 def test_c_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
     made = [calibrate(fit) for fit in drawn]
     check(c_program(tmp_path_factory.mktemp("c"), made, *STRICT, *FIRMWARE), drawn, made)
 
 
-@settings(max_examples=2, **QUIET)
+@settings(max_examples=2, **NO_WARNINGS)
 @given(st.lists(fits(), min_size=5, max_size=5))
 def test_rust_gives_the_bits_of_python_and_keeps_the_bound(tmp_path_factory, drawn):
     made = [calibrate(fit) for fit in drawn]

@@ -36,13 +36,13 @@ def test_every_other_effect_is_left_out_or_refused_by_its_owner(effect):
             calibrate(fit)
         assert f"--without {effect.name}" in str(caught.value)
         made = calibrate(fit, without=[effect.name])
-        assert "left out by request" in next(one.why for one in made.left_out if one.effect == effect.name)
+        assert "left out by request" in next(missing.why for missing in made.left_out if missing.effect == effect.name)
     else:
         made = calibrate(fit)
     plain = calibrate(fit_of(BASE, temperature=(15.0, 40.0)))
     assert made.double.inverse == plain.double.inverse
-    told = [one["effect"] for one in to_dict(made)["left_out"]]
-    assert told == ["time_offset", effect.name]
+    absent = [missing["effect"] for missing in to_dict(made)["left_out"]]
+    assert absent == ["time_offset", effect.name]
     assert f"{effect.name} " in header(made, "sensor.h")
     assert f"{effect.name} " in module(made)
 
@@ -52,7 +52,7 @@ def test_every_exported_effect_changes_the_function():
     for name in EXPORTED - {"bias", "scale_factor", "saturation"}:
         made = calibrate(fit_of({**BASE, name: 1e-4}, temperature=(15.0, 40.0)))
         assert made.double.inverse != plain, name
-        assert name not in [one.effect for one in made.left_out]
+        assert name not in [missing.effect for missing in made.left_out]
 
 
 def test_an_effect_of_the_user_s_own_is_refused_by_name():

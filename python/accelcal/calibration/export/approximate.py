@@ -214,12 +214,12 @@ def _series(branch: Branch, centre: float, per_half: float, warmth: Warmth | Non
     above = np.array([float(value - branch.constant) for value in y])
     a = _solve(branch, above[:, None], t[None, :])
     middle, rise = float(a.mean()), float((a[-1] - a[0]).mean() / (x[-1] - x[0]))
-    bent = np.empty_like(a)
+    curved = np.empty_like(a)
     for i, j in np.ndindex(*a.shape):
         at, warm = Fraction(float(a[i, j])), Fraction(float(t[j]))
         newton = (y[i] - branch.y(at, warm)) / Fraction(float(branch.slope(at, warm)))
-        bent[i, j] = float(at + newton - Fraction(middle) - Fraction(rise) * Fraction(float(x[i])))
-    series = _transform(x) @ bent @ _transform(tau).T
+        curved[i, j] = float(at + newton - Fraction(middle) - Fraction(rise) * Fraction(float(x[i])))
+    series = _transform(x) @ curved @ _transform(tau).T
     series[:2, 0] += middle, rise
     return series
 

@@ -52,7 +52,7 @@ def to_dict(c: Calibration) -> dict[str, Any]:
             "temperature_degC": None if c.domain.temperature is None else list(c.domain.temperature),
         },
         "std_m_per_s2": list(c.std),
-        "left_out": [{"effect": one.effect, "owner": one.owner, "why": one.why} for one in c.left_out],
+        "left_out": [{"effect": e.effect, "owner": e.owner, "why": e.why} for e in c.left_out],
         "remarks": list(c.remarks),
         "double": code_to_dict(c.double),
         "float": code_to_dict(c.single),

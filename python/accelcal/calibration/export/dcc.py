@@ -196,8 +196,8 @@ def _result(parent: ET.Element, c: Calibration, undeclared: Sequence[str]) -> No
         notes.append(f"Uncertainties are withheld until these are declared: {', '.join(undeclared)}.")
     _named(result, "description", " ".join(notes))
     data = _add(result, "data")
-    for one in quantities(c):
-        _quantity(data, one)
+    for quantity in quantities(c):
+        _quantity(data, quantity)
 
 
 def _conditions(parent: ET.Element, c: Calibration) -> None:
@@ -214,14 +214,14 @@ def _conditions(parent: ET.Element, c: Calibration) -> None:
         _quantity(data, Quantity(f"largest {name}", high, unit))
 
 
-def _quantity(parent: ET.Element, one: Quantity) -> None:
+def _quantity(parent: ET.Element, found: Quantity) -> None:
     quantity = _add(parent, "quantity")
-    _named(quantity, "name", one.name)
+    _named(quantity, "name", found.name)
     real = ET.SubElement(quantity, f"{{{SI}}}real")
-    ET.SubElement(real, f"{{{SI}}}value").text = repr(one.value)
-    ET.SubElement(real, f"{{{SI}}}unit").text = UNITS[one.unit]
-    if one.expanded is not None:
+    ET.SubElement(real, f"{{{SI}}}value").text = repr(found.value)
+    ET.SubElement(real, f"{{{SI}}}unit").text = UNITS[found.unit]
+    if found.expanded is not None:
         spread = ET.SubElement(real, f"{{{SI}}}expandedUnc")
-        ET.SubElement(spread, f"{{{SI}}}uncertainty").text = repr(one.expanded)
+        ET.SubElement(spread, f"{{{SI}}}uncertainty").text = repr(found.expanded)
         ET.SubElement(spread, f"{{{SI}}}coverageFactor").text = f"{COVERAGE_FACTOR:g}"
         ET.SubElement(spread, f"{{{SI}}}coverageProbability").text = PROBABILITY
