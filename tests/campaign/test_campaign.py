@@ -208,5 +208,5 @@ def test_files_that_hold_no_campaign_are_named(tmp_path):
         assert path.read_bytes() == before
     with pytest.raises(CampaignError, match=r"absent\.sqlite: no such file"):
         campaign.load(tmp_path / "absent.sqlite")
-    with pytest.raises(CampaignError, match="See that the folder is there"):
+    with pytest.raises(CampaignError, match="Check that the folder exists"):
         draws(tmp_path / "no" / "c.sqlite", 2)

@@ -36,13 +36,13 @@ def demo(
     import numpy as np
 
     from accelcal import io
-    from accelcal.estimation.estimate import fit as fit_replay
     from accelcal.model import Model
     from accelcal.plots.static.comparison import write
     from accelcal.serialization import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
     from accelcal.validation.evaluation import compare as compare_with
+    from accelcal.workflow import fit as fit_replay
 
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     began = time.perf_counter()
