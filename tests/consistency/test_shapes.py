@@ -17,7 +17,7 @@ from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, fit
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
-from accelcal.selection.collinearity import explained
+from accelcal.selection.collinearity import explained_gain
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.workflow import add
 
@@ -92,7 +92,7 @@ def test_a_clip_that_three_readings_reach_is_a_hard_one_until_more_is_known(seed
     fits = clipped(seed, 1.0, 0.997)
     assert [any("mostly what was believed" in said for said in one.remarks) for one in fits] == [True, False]
     believed, alone = (one["saturation"] for one in fits)
-    assert explained(fits[0], "saturation")[0] < 2.0  # what was believed explains nothing
+    assert explained_gain(fits[0], "saturation")[0] < 2.0  # prior information explains nothing
     assert abs(believed.value - 1.0) < 2.5 * believed.std
     assert abs(alone.value - 1.0) > 10.0 * alone.std  # its level and its softness trade places
 

@@ -2,7 +2,7 @@
 
 One name has one value, so that the whole policy of diagnosis, selection and experiment design can be read on one page;
 `python -m accelcal.diagnosis.policy` prints it as Markdown, and docs/method.md holds that text. Numerical constants
-(ridges, grids, numbers of iterations) stay beside the code that they serve.
+(ridges, grids, numbers of iterations) stay with the code that they serve.
 """
 
 from __future__ import annotations

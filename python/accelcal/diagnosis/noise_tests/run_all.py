@@ -28,7 +28,7 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     Returns
     -------
     One finding for each of vibration, timing_jitter, accelerometer_outliers, encoder_outliers, quantisation,
-    encoder_cyclic, whiteness, and one for each of at most five lines (`tone`; at least one, the loudest).
+    encoder_cyclic, whiteness, and one for each of at most five lines (`tone`; at least one, the most significant).
     """
     residuals = Residuals(state)
     line_tests = tones(residuals)
