@@ -75,13 +75,13 @@ def refused(here, capsys):
 )
 def test_a_place_without_a_folder_is_refused_before_any_work(refused, command, monkeypatch):
     monkeypatch.setattr(io, "load", lambda *_, **__: pytest.fail("work was done"))
-    assert "there is no folder absent; make it first" in refused(*command, "absent/made.html")
-    assert "folder: this is a folder; give the name of a file" in refused(*command, "folder")
+    assert "there is no folder absent; create it first" in refused(*command, "absent/made.html")
+    assert "folder: this is a folder; give a file name" in refused(*command, "folder")
 
 
 def test_a_folder_that_may_not_be_written_to_is_named(refused, monkeypatch):
     monkeypatch.setattr(os, "access", lambda path, mode: False)
-    assert f"the folder {Path('folder').absolute()} may not be written to" in refused(
+    assert f"no permission to write to the folder {Path('folder').absolute()}" in refused(
         "fit", "run.csv", "-o", "folder/m"
     )
 
@@ -92,8 +92,8 @@ def test_a_folder_that_may_not_be_written_to_is_named(refused, monkeypatch):
     ids=lambda words: words[0],
 )
 def test_a_file_is_no_folder(refused, command):
-    assert "run.csv is a file; give the name of a folder" in refused(*command, "run.csv")
-    assert "run.csv is a file; give the name of a folder" in refused(*command, "run.csv/deeper")
+    assert "run.csv is a file; give a folder name" in refused(*command, "run.csv")
+    assert "run.csv is a file; give a folder name" in refused(*command, "run.csv/deeper")
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_file_is_no_folder(refused, command):
     ids=lambda words: words[0] if isinstance(words, list) else "",
 )
 def test_what_a_command_reads_is_never_written_over(refused, command, lost):
-    assert f"{lost} is read by this command and would be lost; give another name" in refused(*command)
+    assert f"{lost} is an input of this command and would be overwritten; give another name" in refused(*command)
 
 
 def test_a_model_may_be_replaced_by_the_next_one(here):

@@ -162,9 +162,9 @@ def test_one_step_keeps_extremes_and_states_statistics_of_all_data(example, draw
 def test_coasting_shows_drift_and_floor(example, drawn):
     figure = drawn["light"]["coasting"]
     for name, found in (
-        ("this run's constant re-estimated", example.seen.coast_rms),
-        ("every parameter from the fit", example.seen.coast_frozen_rms),
-        ("noise alone", example.seen.coast_floor),
+        ("bias of this run re-estimated", example.seen.coast_rms),
+        ("all parameters from the fit", example.seen.coast_frozen_rms),
+        ("noise floor", example.seen.coast_floor),
     ):
         line = named(figure, name)
         factor = line.y[0] / found[line.x[0]]
@@ -292,7 +292,7 @@ def test_ranking_draws_every_candidate_and_brackets_ties(example, drawn):
     bars = [x for t in figure.data if t.type == "bar" for x in t.x]
     assert sorted(bars) == sorted(c.snr for c in example.diagnosis.scan.candidates[:12])
     several = sum(1 for group in groups if len(group) > 1)
-    assert sum(1 for a in figure.layout.annotations if "told apart" in (a.text or "")) == several
+    assert sum(1 for a in figure.layout.annotations if "confounded" in (a.text or "")) == several
     assert sum(1 for t in figure.data if t.type == "scatter") == several
 
 
@@ -331,7 +331,7 @@ def test_falling_draws_errors_floor_and_shares(example, drawn):
     bars = [y for t in figure.data if t.type == "bar" for y in t.y]
     factor = bars[0] / example.nested.errors[0]
     np.testing.assert_allclose(bars, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
-    np.testing.assert_allclose(named(figure, "noise alone").y, example.nested.floor * factor, rtol=1e-12)
+    np.testing.assert_allclose(named(figure, "noise floor").y, example.nested.floor * factor, rtol=1e-12)
     texts = [text for t in figure.data if t.type == "bar" for text in t.text]
     assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in texts[1]
     assert example.nested.errors[1] < 0.6 * example.nested.errors[0]
@@ -416,7 +416,7 @@ def test_power_of_few_effects_is_drawn(example):
     assert "No effect can be seen" in none.to_json()
 
 
-def test_previous_residuals_stand_faintly_behind(example):
+def test_previous_residuals_are_drawn_pale(example):
     figure = interactive.accel_residual(example.seen, previous=example.seen)
     assert [t.name for t in figure.data] == ["before", "output − model"]
     assert figure.data[0].opacity < 0.5

@@ -133,9 +133,9 @@ def test_coasting_curves_are_the_rms_values_and_none_is_absent():
     c = a_comparison()
     (axes,) = plots.coasting(c).axes
     expected = {
-        "this run's constant re-estimated": c.coast_rms,
-        "every parameter from the fit": c.coast_frozen_rms,
-        "noise alone": c.coast_floor,
+        "bias of this run re-estimated": c.coast_rms,
+        "all parameters from the fit": c.coast_frozen_rms,
+        "noise floor": c.coast_floor,
     }
     assert set(lines(axes)) == set(expected)
     for name, values in expected.items():

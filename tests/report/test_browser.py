@@ -85,7 +85,7 @@ def test_the_theme_turns_without_losing_data(browser, files):
     page, _, said = opened(browser, files / "complete.html")
     page.wait_for_selector("html[data-ready=true]", state="attached", timeout=60_000)
     before = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.data.map(t => t.name || t.type))")
-    page.get_by_role("button", name="Dark page").click()
+    page.get_by_role("button", name="Dark theme").click()
     page.wait_for_selector("html[data-theme=dark][data-ready=true]", state="attached", timeout=60_000)
     after = page.evaluate("() => [...document.querySelectorAll('.plot')].map(p => p.data.map(t => t.name || t.type))")
     assert after == before

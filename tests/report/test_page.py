@@ -64,7 +64,7 @@ def test_the_verdict_comes_first(pages, lacking):
     page = Page(pages["lacking"])
     text = page.text
     assert readable(lacking.diagnosis.sentence) in text
-    assert text.index(readable(lacking.diagnosis.sentence)) < text.index("What was found")
+    assert text.index(readable(lacking.diagnosis.sentence)) < text.index("Findings")
     assert lacking.diagnosis.verdict in ("named", "tied")
     assert "cubic" in lacking.diagnosis.effects
 
@@ -150,21 +150,21 @@ def test_a_record_too_short_for_a_verdict_has_a_report(tmp_path):
     for text in (report.html(content), report.light(content)):
         page = Page(text)
         assert "too short for a verdict" in page.text
-        assert "the record is too short to look for more" in page.text
+        assert "the record is too short to search for further effects" in page.text
         assert page.values["parameters"][0] == content.fit["bias"].value
     report.pdf(content, tmp_path / "short.pdf")
     assert (tmp_path / "short.pdf").stat().st_size > 10_000
 
 
 def test_what_a_diagnosis_says_beside_its_verdict_is_on_the_page(lacking):
-    wild = RejectedReadings("run.csv", "accel", 3, 900)
+    rejected = RejectedReadings("run.csv", "accel", 3, 900)
     rig = replace(lacking.diagnosis.fit.rig, tolerance=1e-3)
-    diagnosis = replace(lacking.diagnosis, dropped=(wild,), fit=replace(lacking.diagnosis.fit, rig=rig))
+    diagnosis = replace(lacking.diagnosis, dropped=(rejected,), fit=replace(lacking.diagnosis.fit, rig=rig))
     judged = replace(lacking.judged, remarks=("12 % of this run lies outside the fitted range",))
     text = Page(report.light(replace(lacking, diagnosis=diagnosis, judged=judged))).text
-    assert wild.sentence in text
+    assert rejected.sentence in text
     assert "12 % of this run lies outside the fitted range" in text
-    assert "Declared tolerance 0.001 m/s², matters: cubic" in text
+    assert "Declared tolerance 0.001 m/s², exceeded by cubic" in text
     assert "Declared tolerance" not in Page(report.light(lacking)).text
 
 

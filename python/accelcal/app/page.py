@@ -185,10 +185,8 @@ class Page:
             box.style("min-height: 0")
             for picture in several:
                 with ui.element("figure"):
-                    headline, note = (
-                        ui.label(picture.headline).classes("headline"),
-                        ui.label(picture.note).classes("note"),
-                    )
+                    headline = ui.label(picture.headline).classes("headline")
+                    note = ui.label(picture.note).classes("note")
                     note.set_visibility(bool(picture.note))
                     plot = ui.plotly(picture.figure).classes("plot")
                     plot.props(f'role=img aria-label="{widgets.attribute(picture.headline)}"')

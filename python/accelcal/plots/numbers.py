@@ -60,8 +60,12 @@ def residual_band(comparison: Comparison) -> tuple[Array, float]:
 
 
 def imposed_band_note(comparison: Comparison) -> str:
-    """What must be said when predicted deviations are not claimed."""
-    return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
+    """A remark where predicted deviations are not valid."""
+    return (
+        ""
+        if comparison.nis is not None
+        else "; the fit used a prescribed band, so its predicted deviations are not valid"
+    )
 
 
 def model_names(nested: NestedModels) -> list[str]:
@@ -80,7 +84,7 @@ def error_reduction_sentence(nested: NestedModels) -> str:
     if len(errors) > 1:
         text += f" → {formatting.length(errors[-1])}"
     measure = nested.measure[:1].upper() + nested.measure[1:]
-    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
+    return f"{measure}, on held-out data: {text}; noise floor {formatting.length(nested.floor)}"
 
 
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
@@ -104,7 +108,7 @@ class Tiles:
     rows: tuple[str, ...]
     """Variable with its range, most prominent first."""
     sigma: Array
-    """(rows, bins) mean over its deviation under noise alone; NaN where a bin has too little data."""
+    """(rows, bins) mean over its deviation expected from noise; NaN where a bin has too little data."""
     ranges: tuple[tuple[str, ...], ...]
     """What each tile covers, with unit."""
 

@@ -1,7 +1,7 @@
 """How figures look: palette and themes, axes with units, traces thinned without losing an extreme.
 
-Colours are those of Okabe and Ito (2008), which readers with any colour vision tell apart; a line style or a marker
-says the same a second time. Figures are objects with a canvas of their own: nothing is kept in global state.
+Colours are those of Okabe and Ito (2008), which readers with any colour vision can distinguish; line style or marker is
+the second cue. Figures are objects with a canvas of their own: nothing is kept in global state.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ LETTER = 0.54
 
 @dataclass(frozen=True, slots=True)
 class LineStyle:
-    """How one kind of thing is drawn, in two cues: colour, and line style or marker."""
+    """How one kind of curve is drawn, in two cues: colour, and line style or marker."""
 
     colour: str
     line: str
@@ -75,13 +75,13 @@ class Theme:
     measured: LineStyle
     model: LineStyle
     other: LineStyle
-    """A second version of what the model says."""
+    """A second curve of the model."""
     floor: LineStyle
-    """What noise alone would give."""
+    """Noise floor."""
     residual: LineStyle
-    """What is left over, when it stands alone."""
+    """A residual drawn without other curves."""
     band: str
-    """Fill of the regions in which noise alone would stay."""
+    """Fill of the regions expected from noise."""
 
     @property
     def line_styles(self) -> tuple[LineStyle, ...]:
@@ -187,7 +187,7 @@ class Thinned:
 
     @property
     def note(self) -> str:
-        """What is said about the thinning; empty when every point is drawn."""
+        """A note about the thinning; empty when every point is drawn."""
         if self.shown == self.total:
             return ""
         return f"{grouped(self.shown)} of {grouped(self.total)} points shown"
@@ -216,7 +216,7 @@ def thin(t: Array, y: Array, columns: int = COLUMNS) -> Thinned:
 
 
 def column_medians(t: Array, y: Array, columns: int = BAND_COLUMNS) -> tuple[Array, Array]:
-    """Median of each pixel column: the course of a band without its jitter.
+    """Median of each pixel column: a band without its jitter.
 
     Parameters
     ----------
@@ -307,7 +307,7 @@ def note(axes: Axes, text: str, theme: Theme) -> None:
 
 
 def message(axes: Axes, text: str, theme: Theme) -> None:
-    """A sentence in place of data that the record does not allow."""
+    """A sentence in place of data that the record is too short for."""
     axes.set_xticks([])
     axes.set_yticks([])
     axes.set_xlabel("")

@@ -1,4 +1,4 @@
-"""The report: one page that opens offline and says what a model is worth on a recording, numbers with their origin."""
+"""The report: one page that opens offline and evaluates a model on a recording, with the origin of every number."""
 
 from accelcal.report.content import Content, gather
 from accelcal.report.page import html, light, write

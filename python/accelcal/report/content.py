@@ -1,4 +1,4 @@
-"""Everything that a report speaks of, found once through the public functions."""
+"""Everything that a report contains, computed once through the public functions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """What is said in a report."""
+    """Results that a report shows."""
 
     fit: Fit
     recording: Recording
@@ -35,12 +35,12 @@ class Content:
     diagnosis: Diagnosis
     """Of the model on `recording`."""
     judged: Comparison
-    """Of the model as it stands in its file, with unseen data where there are any."""
+    """Of the model as stored in its file, with unseen data where there are any."""
     unseen: bool
-    """Whether the fit has never seen what `judged` is about."""
+    """Whether `judged` is on data that the fit has not used."""
     marks: Marks
     described: dict[str, Any]
-    """What was understood of `recording`, from `accelcal.data.summary.describe`."""
+    """Summary of `recording`, from `accelcal.data.summary.describe`."""
     budget: Budget
     applied: Application | None
     """A worked example; None where the model cannot be inverted."""
@@ -49,7 +49,7 @@ class Content:
     track: Track | None
     shapes: tuple[Shape, ...]
     remarks: tuple[str, ...]
-    """What could not be worked out, and why."""
+    """What could not be computed, and why."""
     command: str = ""
 
 
@@ -62,21 +62,21 @@ def gather(
     command: str = "",
     report: Callable[[float], None] = lambda share: None,
 ) -> Content:
-    """Work out everything that a report says.
+    """Compute everything that a report contains.
 
     Parameters
     ----------
     fit : the model, as a model file holds it.
-    recording : what it is judged on, the fitted recording or another.
-    holdout : unseen recording for the falling error; by default the last 30 % of `recording`.
+    recording : to evaluate it on, the fitted recording or another.
+    holdout : unseen recording for the error reduction; by default the last 30 % of `recording`.
     extra : users' effects to consider besides the house catalogue; by default all that are registered.
-    command : how the report was asked for; stands under provenance.
+    command : that made the report; printed under provenance.
     report : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
     NotIdentifiable, RecordingError
-        If the recording cannot be judged at all.
+        If the model cannot be evaluated on the recording at all.
     """
     remarks: list[str] = []
 
@@ -84,7 +84,7 @@ def gather(
         try:
             return work()
         except ValueError as error:
-            remarks.append(f"{what} could not be worked out: {error}")
+            remarks.append(f"{what} could not be computed: {error}")
             return None
 
     found = diagnose(fit, recording, extra=extra)
@@ -92,9 +92,9 @@ def gather(
     start, end = found.used[0]
     judged = compare(fit, recording, start=start, end=end) if holdout is None else compare(fit, holdout)
     report(0.5)
-    nested = attempt("the falling error", lambda: nested_models(fit, recording, found, holdout=holdout))
+    nested = attempt("the error reduction", lambda: nested_models(fit, recording, found, holdout=holdout))
     report(0.7)
-    seen = attempt("the power of the record", lambda: power(recording, fit.model, extra=extra, start=start, end=end))
+    seen = attempt("the detection limits", lambda: power(recording, fit.model, extra=extra, start=start, end=end))
     report(0.85)
     followed = attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
     named = shapes(fit) or (shapes(nested.models[-1].fit) if nested is not None else ())

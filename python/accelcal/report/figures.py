@@ -1,4 +1,4 @@
-"""Which figures a report shows, in which section, and under which caption."""
+"""Figures of a report, with section and caption."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from accelcal.plots import interactive
-from accelcal.plots.static import comparison as still
+from accelcal.plots.static import comparison as static
 from accelcal.plots.static import diagnosis
 from accelcal.plots.style import ThemeName
 from accelcal.report.content import Content
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Still
+    from matplotlib.figure import Figure as StaticFigure
     from plotly.graph_objects import Figure
 
 
@@ -25,22 +25,28 @@ class Entry:
     section: str
     caption: str
     interactive: Callable[[ThemeName], Figure]
-    still: Callable[[ThemeName], Still] | None = None
-    """For pages without script and for paper; None where only the interactive page shows it."""
+    static: Callable[[ThemeName], StaticFigure] | None = None
+    """Static version for pages without script and for PDF; None where only the interactive page shows the figure."""
 
 
 def entries(content: Content) -> list[Entry]:
     """Every figure that the content allows, in the order of the page."""
-    return [*_found(content), *_falling(content), *_where(content), *_parameters(content), *_data(content)]
+    return [
+        *_findings(content),
+        *_error_reduction(content),
+        *_residuals(content),
+        *_parameters(content),
+        *_data(content),
+    ]
 
 
-def _found(c: Content) -> Iterator[Entry]:
-    """What was found: the candidates, and a fitted curve where the model holds one."""
+def _findings(c: Content) -> Iterator[Entry]:
+    """Findings: the candidates, and a fitted curve where the model contains one."""
     d, several = c.diagnosis, c.shapes
     yield Entry(
         "candidates",
         "found",
-        "By evidence, which charges for freedom. Filled: significant; in brackets: what cannot be told apart.",
+        "Ordered by evidence, free coefficients penalised. Filled: significant; bracketed: confounded on this record.",
         lambda theme: interactive.ranking(d, theme=theme),
         lambda theme: diagnosis.ranking(d, theme=theme),
     )
@@ -48,22 +54,22 @@ def _found(c: Content) -> Iterator[Entry]:
         yield Entry(
             "shape",
             "found",
-            "A function that was fitted, with its pointwise uncertainty.",
+            "Nonparametric curve of the model, with its pointwise uncertainty.",
             lambda theme: interactive.fitted_curve(several, theme=theme),
         )
 
 
-def _falling(c: Content) -> Iterator[Entry]:
-    """How the error falls with each effect, on unseen data where there are any."""
+def _error_reduction(c: Content) -> Iterator[Entry]:
+    """Error reduction by each effect, on unseen data where there are any."""
     nested = c.nested
-    caption = f"{c.judged.recording or 'Recording'}: {'unseen by the fit' if c.unseen else 'the fitted recording'}."
+    caption = f"{c.judged.recording or 'Recording'}: {'not used in the fit' if c.unseen else 'the fitted recording'}."
     if c.diagnosis.verdict != "adequate":
-        caption += " Noise is what this model takes for noise, what it lacks included."
+        caption += " The noise floor is that of this model, which counts the missing effect as noise."
     if nested is not None:
         yield Entry(
             "falling",
             "falling",
-            "Hatched: an effect that the model does not hold yet.",
+            "Hatched: effect not in the model yet.",
             lambda theme: interactive.error_reduction(nested, theme=theme),
             lambda theme: diagnosis.error_reduction(nested, theme=theme),
         )
@@ -72,21 +78,21 @@ def _falling(c: Content) -> Iterator[Entry]:
         "falling",
         caption,
         lambda theme: interactive.coasting(c.judged, theme=theme),
-        lambda theme: still.coasting(c.judged, theme=theme),
+        lambda theme: static.coasting(c.judged, theme=theme),
     )
     yield Entry(
         "simulated",
         "falling",
         caption,
         lambda theme: interactive.simulated(c.judged, theme=theme),
-        lambda theme: still.simulated(c.judged, theme=theme),
+        lambda theme: static.simulated(c.judged, theme=theme),
     )
 
 
-def _where(c: Content) -> Iterator[Entry]:
-    """Residuals of the model after all coefficients were estimated anew on the recording."""
+def _residuals(c: Content) -> Iterator[Entry]:
+    """Residuals of the model, all coefficients estimated again on the recording."""
     d, where = c.diagnosis, c.diagnosis.where
-    caption = f"Model profiled anew on {c.recording.name or 'the recording'}."
+    caption = f"All coefficients estimated again on {c.recording.name or 'the recording'}."
     yield Entry(
         "tiles",
         "where",
@@ -97,9 +103,9 @@ def _where(c: Content) -> Iterator[Entry]:
     yield Entry(
         "regions",
         "where",
-        f"{caption} Below the frequency to which the encoder can judge, {where.band:.3g} Hz.",
+        f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the encoder is a reference.",
         lambda theme: interactive.regions(where, theme=theme),
-        lambda theme: still.regions(where, theme=theme),
+        lambda theme: static.regions(where, theme=theme),
     )
     yield Entry("residual", "where", caption, lambda theme: interactive.accel_residual(where, theme=theme))
     yield Entry(
@@ -107,7 +113,7 @@ def _where(c: Content) -> Iterator[Entry]:
         "where",
         caption,
         lambda theme: interactive.one_step(where, theme=theme),
-        lambda theme: still.one_step(where, theme=theme),
+        lambda theme: static.one_step(where, theme=theme),
     )
     yield Entry("spectrum", "where", caption, lambda theme: interactive.spectrum(d.fit, where, d.channels, theme=theme))
     yield Entry(
@@ -115,7 +121,7 @@ def _where(c: Content) -> Iterator[Entry]:
         "where",
         caption,
         lambda theme: interactive.whiteness_plot(where, theme=theme),
-        lambda theme: still.autocorrelation(where, theme=theme),
+        lambda theme: static.autocorrelation(where, theme=theme),
     )
     yield Entry("quantiles", "where", caption, lambda theme: interactive.quantile_plot(where, theme=theme))
 
@@ -127,13 +133,13 @@ def _parameters(c: Content) -> Iterator[Entry]:
         yield Entry(
             "tracks",
             "parameters",
-            "Noise and smoothed motion from the whole record; readings up to each instant.",
+            "Estimates from the readings up to each instant; noise and smoothed motion from the whole record.",
             lambda theme: interactive.tracks(followed, theme=theme),
         )
 
 
 def _data(c: Content) -> Iterator[Entry]:
-    """The recording, and which effects it can show."""
+    """The recording, and the effects that it can detect."""
     seen = c.power
     yield Entry(
         "timeline",
@@ -147,12 +153,12 @@ def _data(c: Content) -> Iterator[Entry]:
     yield Entry(
         "power",
         "data",
-        "Beyond what the model holds already.",
+        "In addition to the effects of the model.",
         lambda theme: interactive.detectable_sizes(seen, theme=theme),
     )
     yield Entry(
         "signatures",
         "apart",
-        "Each effect at the shape at which it is seen best.",
+        "Each effect with the shape parameters at which it is detected best.",
         lambda theme: interactive.signatures(seen, first, theme=theme),
     )

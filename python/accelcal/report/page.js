@@ -1,4 +1,4 @@
-// Draws the figures that stand in the page as JSON, in the theme of the page; the first one at once, others when idle.
+// Draws the figures, which the page contains as JSON, in the theme of the page: the first at once, the others when idle.
 (() => {
   const root = document.documentElement;
   const config = { responsive: true, displaylogo: false, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
@@ -31,7 +31,7 @@
   const choose = (theme) => {
     root.dataset.theme = theme;
     root.dataset.ready = "false";
-    button.textContent = theme === "dark" ? "Light page" : "Dark page";
+    button.textContent = theme === "dark" ? "Light theme" : "Dark theme";
     drawRest();
   };
   button.addEventListener("click", () => choose(root.dataset.theme === "dark" ? "light" : "dark"));

@@ -1,4 +1,4 @@
-"""The report as one HTML page that needs nothing else: plotly.js inside, or pictures alone."""
+"""The report as one self-contained HTML page: with plotly.js inside, or with static figures."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from accelcal.report.figures import Entry, entries
 from accelcal.report.view import view
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure as Still
+    from matplotlib.figure import Figure as StaticFigure
 
 SECTIONS = ("found", "apart", "falling", "where", "parameters", "data")
 """Sections that hold figures."""
 DRAWN = ("x", "y", "z", "text", "customdata")
-"""What a trace shows, the same in either theme."""
+"""Data of a trace, equal in both themes."""
 
 
 def html(content: Content) -> str:
@@ -49,7 +49,7 @@ def html(content: Content) -> str:
 
 
 def light(content: Content) -> str:
-    """Return the page without script: pictures only, small enough to mail.
+    """Return the page without script: static figures, small enough to mail.
 
     Raises
     ------
@@ -58,8 +58,8 @@ def light(content: Content) -> str:
     """
     shown = []
     for e in entries(content):
-        if e.still is not None:
-            code = base64.b64encode(svg(e.still("light"))).decode()
+        if e.static is not None:
+            code = base64.b64encode(svg(e.static("light"))).decode()
             shown.append(
                 {
                     "name": e.name,
@@ -98,20 +98,20 @@ def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
 
 
 def both_themes(entry: Entry) -> dict[str, Any]:
-    """A figure in the light theme, and what differs in the dark one."""
+    """A figure in the light theme, and its differences in the dark one."""
     day, night = (json.loads(entry.interactive(theme).to_json()) for theme in ("light", "dark"))
     skins = [{key: value for key, value in trace.items() if key not in DRAWN} for trace in night["data"]]
     return {"data": day["data"], "layout": day["layout"], "dark": {"data": skins, "layout": night["layout"]}}
 
 
 def script_json(value: Any) -> str:
-    """JSON that may stand inside a script element: no text in it can end that element."""
+    """JSON for a script element: no text in it can end that element."""
     text = json.dumps(value, ensure_ascii=True, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def svg(figure: Still) -> bytes:
-    """A still figure as SVG; text is drawn, and a $ in it is a $."""
+def svg(figure: StaticFigure) -> bytes:
+    """A static figure as SVG; text is drawn literally, a $ as a $."""
     from matplotlib.text import Text
 
     for text in figure.findobj(Text):

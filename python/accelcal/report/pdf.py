@@ -1,4 +1,4 @@
-"""The report on paper: the same words and pictures, set by typst."""
+"""The report as PDF: the texts and static figures of the page, typeset by typst."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def pdf(content: Content, path: str | Path) -> None:
         root = Path(folder)
         figures = []
         for e in entries(content):
-            if e.still is not None:
-                (root / f"{e.name}.svg").write_bytes(svg(e.still("light")))
+            if e.static is not None:
+                (root / f"{e.name}.svg").write_bytes(svg(e.static("light")))
                 figures.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
         (root / "report.json").write_text(json.dumps({**view(content), "figures": figures}), encoding="utf-8")
         source = resources.files("accelcal.report").joinpath("paper.typ").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The words and numbers of a report as plain values: what the page and the paper both print."""
+"""Texts and numbers of a report as plain values, printed by both HTML page and PDF."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
 
 METHOD = (
-    "A filter for position and velocity runs once over the encoder readings, driven by exact integrals of the "
-    "accelerometer output through the inverse of the declared low-pass.",
-    "Every parameter, and every effect that could be missing, is carried through the same gains as a column, so that "
-    "estimates, covariance and ranking are one linear problem on whitened innovations.",
-    "Motion that an effect depends on is smoothed from both sensors with weights that keep its error out of the "
-    "residual, and the two noises are estimated by likelihood.",
-    "An effect is named when what it explains exceeds what the best of all alternatives would explain by chance; "
-    "effects that explain as much within a stated margin are said to be impossible to tell apart.",
-    "The falling error is unaided drift: position is withheld, and what is predicted from the accelerometer alone is "
-    "compared with the encoder on data that the fit has not seen.",
+    "A Kalman filter for position and velocity processes the encoder readings once; its input is the exact integral of "
+    "the accelerometer output through the inverse of the declared low-pass.",
+    "Every parameter, and every candidate effect, is filtered as a column with the same gains, so that estimates, "
+    "covariance and ranking follow from one linear problem on whitened innovations.",
+    "The motion that effects depend on is smoothed from both sensors, with weights that keep its error out of the "
+    "residual; both noise levels are estimated by maximum likelihood.",
+    "An effect is named if it explains more than the best of all alternatives would explain by chance; effects that "
+    "explain as much within a stated margin are reported as confounded.",
+    "Error reduction is measured as unaided drift: position is withheld, and the position predicted from the "
+    "accelerometer alone is compared with the encoder on data that the fit has not used.",
 )
 VERDICTS = {
-    "adequate": "nothing is missing",
+    "adequate": "no effect is missing",
     "named": "an effect is missing",
-    "tied": "effects that cannot be told apart",
-    "shape": "something without a name",
-    "unexplained": "unexplained",
+    "tied": "confounded effects",
+    "shape": "nonparametric curve",
+    "unexplained": "unexplained residual",
     "too_short": "too short for a verdict",
 }
 LIMITS = 8
-"""Detection limits that are spelled out when nothing is missing."""
+"""Detection limits that are printed when no effect is missing."""
 
 
 def view(content: Content) -> dict[str, Any]:
@@ -70,9 +70,9 @@ def view(content: Content) -> dict[str, Any]:
 
 
 def summary(content: Content) -> list[str]:
-    """The figures that a test engineer asks for first."""
+    """The key figures: unaided drift, one-step prediction error, largest residual."""
     seen = content.judged
-    kind = "a recording that the fit has not seen" if content.unseen else "the fitted recording"
+    kind = "a held-out recording" if content.unseen else "the fitted recording"
     lines = []
     horizons = [h for h, value in seen.coast_rms.items() if value is not None]
     if horizons:
@@ -81,16 +81,16 @@ def summary(content: Content) -> list[str]:
         assert drift is not None
         assert floor is not None
         if content.nested is not None and content.nested.horizon == h:
-            floor = content.nested.floor  # of the best model: the noise of a poor one holds what it lacks
-        lines.append(
-            f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise alone would give {length(floor)}."
-        )
-    lines.append(f"One step ahead: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}.")
+            floor = content.nested.floor  # of the best model: a poor one counts missing effects as noise
+        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise floor {length(floor)}.")
+    lines.append(
+        f"One-step prediction error: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}."
+    )
     return lines
 
 
 def found(content: Content) -> list[dict[str, Any]]:
-    """Effects of the model beyond its base, and those that the record asks for."""
+    """Effects of the model beyond its base, and missing ones."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
     for name in (n for n in content.fit.model.added if find(n).traits.visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
@@ -115,7 +115,7 @@ def found(content: Content) -> list[dict[str, Any]]:
         rows.append(
             {
                 "effect": test.effect,
-                "state": "seen beside the mean",
+                "state": "in the noise",
                 "estimate": test.sentence,
                 "p_value": probability(test.p_value),
                 "contribution": contribution(content, d.sizes.get(test.effect)),
@@ -144,21 +144,21 @@ def contribution(content: Content, size: Size | None) -> str:
 
 
 def importance(content: Content) -> list[str]:
-    """Which effects matter under the declared tolerance; empty where none is declared."""
+    """Effects sorted by the declared tolerance; empty where none is declared."""
     found = content.diagnosis.importance
     if found is None:
         return []
     parts = (
-        ("matters", found.matters),
-        ("below it", found.below),
-        ("at the encoder, not comparable", found.not_comparable),
+        ("exceeded by", found.matters),
+        ("not reached by", found.below),
+        ("not applicable at the encoder to", found.not_comparable),
     )
     limit = f"Declared tolerance {number(found.tolerance)} m/s²"
-    return [f"{limit}, {said}: {', '.join(names)}." for said, names in parts if names]
+    return [f"{limit}, {relation} {', '.join(names)}." for relation, names in parts if names]
 
 
 def limits(content: Content) -> list[str]:
-    """Nothing missing larger than ...: only where that is the verdict."""
+    """Detection limits, only where no effect is missing."""
     if content.diagnosis.verdict != "adequate" or content.power is None:
         return []
     detectabilities = [
@@ -169,10 +169,10 @@ def limits(content: Content) -> list[str]:
 
 
 def apart(content: Content) -> list[dict[str, str]]:
-    """What cannot be told apart, and the experiment that would."""
+    """Confounded effects, and the experiment that separates them."""
     d = content.diagnosis
     ties = [(t, "on this record") for t in d.classes if len(t.members) > 1]
-    ties += [(t, "on this rig as it stands") for t in d.inseparable]
+    ties += [(t, "on this rig, as mounted") for t in d.inseparable]
     return [
         {
             "members": ", ".join(map(spelled, t.members)),
@@ -184,7 +184,7 @@ def apart(content: Content) -> list[dict[str, str]]:
 
 
 def falling(content: Content) -> dict[str, Any] | None:
-    """The falling error as a table."""
+    """Error reduction as a table."""
     nested = content.nested
     if nested is None:
         return None
@@ -231,12 +231,12 @@ def parameter(content: Content, e: Estimate) -> dict[str, Any]:
 
 
 def volts(content: Content) -> list[dict[str, Any]]:
-    """Sensitivity and zero-g output where a scale is declared; volts per g as millivolts per g."""
+    """Sensitivity and zero-g output where a scale is declared; V/g as mV/g."""
     both = electrical(content.fit, content.fit.rig)
     rows = []
-    for key, one in (both or {}).items():
-        factor, unit = (1e3, f"m{one['unit']}") if one["unit"].startswith("V") else (1.0, one["unit"])
-        value, std = factor * one["value"], factor * one["std"]
+    for key, quantity in (both or {}).items():
+        factor, unit = (1e3, f"m{quantity['unit']}") if quantity["unit"].startswith("V") else (1.0, quantity["unit"])
+        value, std = factor * quantity["value"], factor * quantity["std"]
         rows.append(
             {
                 "name": spelled(key),
@@ -251,7 +251,7 @@ def volts(content: Content) -> list[dict[str, Any]]:
 
 
 def budget(content: Content) -> dict[str, Any]:
-    """The uncertainty budget, or the keys that are missing."""
+    """The uncertainty budget, or the keys that are not declared."""
     found = content.budget
 
     def component(c: Component, unit: str) -> dict[str, str]:
@@ -285,7 +285,7 @@ def budget(content: Content) -> dict[str, Any]:
 
 
 def data(content: Content) -> dict[str, Any]:
-    """What was understood of the recording."""
+    """Summary of the recording."""
     seen = content.described
     rest = sum(end - start for start, end in seen["rest_s"])
     return {
@@ -312,7 +312,7 @@ def data(content: Content) -> dict[str, Any]:
 
 
 def noise(content: Content, index: int) -> str:
-    """Noise of one fitted run in words."""
+    """Noise of one fitted run in a sentence."""
     run = content.fit.runs[index]
     level, micro = run.noise.all, 1e6 / STANDARD_GRAVITY
     text = f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, encoder {length(level.reading)} rms"
@@ -322,7 +322,7 @@ def noise(content: Content, index: int) -> str:
 
 
 def example(content: Content) -> dict[str, Any] | None:
-    """One reading, step by step."""
+    """Correction of one reading, step by step."""
     applied = content.applied
     if applied is None:
         return None
@@ -330,7 +330,7 @@ def example(content: Content) -> dict[str, Any] | None:
     sensor = fit.rig.sensor
     if applied.raw is not None:
         unit = applied.raw_unit
-        steps_.append(f"The instrument shows {number(applied.raw, 6)} {unit}.")
+        steps_.append(f"The instrument reads {number(applied.raw, 6)} {unit}.")
         steps_.append(
             f"Declared zero and scale: ({number(applied.raw, 6)} − {number(sensor.zero or 0.0, 6)}) {unit} / "
             f"({number(sensor.scale or math.nan, 6)} {unit}/(m/s²)) = {number(applied.output, 8)} m/s²."
@@ -341,13 +341,13 @@ def example(content: Content) -> dict[str, Any] | None:
         f"Without nonlinearity: (output − K0)/(1 + k) = ({number(applied.output, 8)} − {number(fit['bias'].value, 8)})/"
         f"{number(fit.values().scale, 8)} = {number(applied.rounds[0], 8)} m/s²."
     )
-    told = list(dict.fromkeys(number(a, 8) for a in applied.rounds))
-    steps_ += [f"Newton's step {i} on the nonlinear terms: {a} m/s²." for i, a in enumerate(told[1:], 1)]
+    iterates = list(dict.fromkeys(number(a, 8) for a in applied.rounds))
+    steps_ += [f"Newton step {i} on the nonlinear terms: {a} m/s²." for i, a in enumerate(iterates[1:], 1)]
     steps_.append(
         f"Specific force along the input axis: {number(applied.acceleration, 8)} m/s² = "
         f"{number(applied.acceleration / STANDARD_GRAVITY, 7)} g, standard uncertainty from the fit "
         f"{number(applied.std, 2)} m/s², expanded uncertainty {number(COVERAGE_FACTOR * applied.std, 2)} m/s², "
-        "coverage factor 2, noise of this reading not included."
+        "coverage factor 2; noise of this reading not included."
     )
     left = [f"{name} ({owner})" for name, owner in applied.left_out]
     if left:
@@ -356,11 +356,11 @@ def example(content: Content) -> dict[str, Any] | None:
 
 
 def provenance(content: Content) -> list[tuple[str, str]]:
-    """Where everything came from."""
+    """Origin of the model and the data."""
     fit = content.fit
     rows = [("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)]
     rows += [(f"fitted: {run.name}", run.digest) for run in fit.runs]
-    rows += [(f"judged on: {r.name}", r.digest) for r in (content.recording, content.holdout) if r is not None]
+    rows += [(f"evaluated on: {r.name}", r.digest) for r in (content.recording, content.holdout) if r is not None]
     rows += [("effects", ", ".join(fit.model.effects))]
     sensor = fit.rig.sensor
     rows += [("sensor", " ".join(filter(None, (sensor.model, sensor.serial))))]

@@ -1,4 +1,4 @@
-"""Normal quantiles beside those of the one-step residuals."""
+"""Normal Q-Q plot of the one-step residuals."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
         mode="markers",
         name="residuals",
         marker={"color": palette.model.colour, "symbol": "square-open", "size": 4},
-        hovertemplate="%{x:.2f} expected, %{y:.2f} seen<extra></extra>",
+        hovertemplate="%{x:.2f} expected, %{y:.2f} observed<extra></extra>",
     )
     reach = float(np.abs(expected).max())
     drawing.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), palette.other, "standard normal")

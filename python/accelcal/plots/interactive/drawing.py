@@ -82,7 +82,7 @@ def format_figure(
     key, panels = (26 if legend else 6), (22 if titled else 0)
     above = 12 + 20 * len(lines) + 15 * len(small) + key + panels
     inside = height - BOTTOM
-    figure.layout.template = {}  # the house theme alone
+    figure.layout.template = {}  # no default theme of plotly
     figure.update_layout(
         paper_bgcolor=theme.page,
         plot_bgcolor=theme.page,
@@ -170,7 +170,7 @@ def label_margin(names: Sequence[str]) -> int:
 
 
 def message(figure: Figure, theme: Theme, headline: str, text: str) -> Figure:
-    """A sentence in place of data that the record does not allow."""
+    """A sentence in place of data that the record is too short for."""
     figure.add_annotation(text=escaped(text), showarrow=False, **_paper(0.5, 0.5))
     format_figure(figure, theme, headline, height=140, legend=False)
     figure.update_xaxes(visible=False)
@@ -179,7 +179,7 @@ def message(figure: Figure, theme: Theme, headline: str, text: str) -> Figure:
 
 
 def escaped(text: str) -> str:
-    """Text as it stands, with nothing in it that plotly would read as a tag."""
+    """Text with everything escaped that plotly would read as a tag."""
     return html.escape(text, quote=False)
 
 
@@ -294,11 +294,11 @@ def band(
 
 
 def translucent(colour: str, alpha: float) -> str:
-    """A colour of the palette, seen through."""
+    """A colour of the palette with transparency."""
     r, g, b = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return f"rgba({r},{g},{b},{alpha:g})"
 
 
 def thinning_note(*drawn: Thinned) -> str:
-    """What is said about thinning: the trace that lost most stands for all."""
-    return max(drawn, key=lambda one: one.total - one.shown).note if drawn else ""
+    """Note about thinning, for the trace that lost most points."""
+    return max(drawn, key=lambda trace: trace.total - trace.shown).note if drawn else ""

@@ -1,4 +1,4 @@
-"""Coasting error against the time without position, beside what noise alone would give."""
+"""Unaided drift against the time without position, with its noise floor."""
 
 from __future__ import annotations
 
@@ -34,15 +34,17 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     palette = style.theme_of(theme)
     figure = drawing.new_figure()
     curves = (
-        ("this run's constant re-estimated", comparison.coast_rms, palette.model),
-        ("every parameter from the fit", comparison.coast_frozen_rms, palette.other),
-        ("noise alone", comparison.coast_floor, palette.floor),
+        ("bias of this run re-estimated", comparison.coast_rms, palette.model),
+        ("all parameters from the fit", comparison.coast_frozen_rms, palette.other),
+        ("noise floor", comparison.coast_floor, palette.floor),
     )
     points = [(name, *allowed_horizons(found), chosen) for name, found, chosen in curves]
     allowed = points[0][1]
     if len(allowed) == 0:
         least = min(comparison.coast_rms, default=1.0)
-        return drawing.message(figure, palette, "Unaided drift", f"The record is too short to coast {least:g} s.")
+        return drawing.message(
+            figure, palette, "Unaided drift", f"The record is too short for a drift over {least:g} s."
+        )
     factor, unit = formatting.prefixed("m", *[y for _, _, y, _ in points])
     for name, h, y, chosen in points:
         drawing.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
@@ -54,8 +56,8 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        f"Unaided drift after {quoted:g} s: {formatting.length(drift)} rms, noise alone {formatting.length(floor)}",
-        note=f"start points {counts}",
+        f"Unaided drift after {quoted:g} s: {formatting.length(drift)} rms, noise floor {formatting.length(floor)}",
+        note=f"number of start points: {counts}",
     )
     ticks = allowed.tolist()
     time = drawing.logarithmic(ticks[0] / 1.4, ticks[-1] * 1.4)
@@ -66,6 +68,6 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         math.sqrt(found.min() * found.max()),
         max(1.5 * math.sqrt(found.max() / found.min()), math.sqrt(10.0)),
     )
-    rms = drawing.logarithmic(middle / reach, middle * reach)  # a flat curve must not look steep
+    rms = drawing.logarithmic(middle / reach, middle * reach)  # a flat curve must not appear steep
     figure.update_yaxes(**rms, title_text=drawing.axis_title("rms unaided drift", unit))
     return figure

@@ -1,4 +1,4 @@
-"""The falling error: one bar for each model on unseen data, the noise floor, and what each effect explains."""
+"""Error reduction: one bar for each model on unseen data, the noise floor, and the share that each effect explains."""
 
 from __future__ import annotations
 
@@ -58,9 +58,9 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
                 hovertemplate="%{y:.4g} " + unit + "<extra></extra>",
             )
     ends = np.array([-0.5, len(errors) - 0.5])
-    drawing.curve(figure, ends, np.full(2, nested.floor * factor), palette.floor, "noise alone", unit=unit, width=2.4)
+    drawing.curve(figure, ends, np.full(2, nested.floor * factor), palette.floor, "noise floor", unit=unit, width=2.4)
     unseen = (
-        "the end of the fitted run: set-up and slow-drift errors cannot show"
+        "the end of the fitted run, which does not reveal set-up and slow-drift errors"
         if nested.same_run
         else "another recording"
     )

@@ -1,4 +1,4 @@
-"""One time axis for everything: position, output, what the model leaves over, side channels; zoomed together."""
+"""Position, output, residual and side channels over one time axis, zoomed together."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def linked(
     Parameters
     ----------
     recording : what was measured.
-    comparison : of a model with it, for the residual; previous : of the model before, faintly behind.
-    window : s, optional; only this part is drawn, thinned anew.
+    comparison : of a model with it, for the residual; previous : of the previous model, drawn pale.
+    window : s, optional; only this part is drawn, thinned for it.
     marked : stretches (from, to, label), s.
     theme : "light" or "dark".
 
@@ -49,7 +49,7 @@ def linked(
         If plotly or tsdownsample is not installed.
     """
     palette = style.theme_of(theme)
-    first = sorted(recording.side.values(), key=lambda one: (one.name != "temperature", one.name))[:SIDE]
+    first = sorted(recording.side.values(), key=lambda side: (side.name != "temperature", side.name))[:SIDE]
     residual = comparison is not None and len(comparison.accel_residual[0]) > 0
     rows = 2 + int(residual) + len(first)
     figure = drawing.new_figure(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)

@@ -1,4 +1,4 @@
-"""Measured and simulated position, and the error of the simulation with the band that noise alone allows."""
+"""Measured and simulated position, and the error of the simulation with the band expected from noise."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     drawing.trace(figure, t, position, palette.model, "simulated", factor=factor, unit=unit)
     at, reach = style.column_medians(t, spread)
     reach = reach * error_factor
-    drawing.band(figure, at, -reach, reach, "noise alone, ± 2 σ", palette.band, row=2)
+    drawing.band(figure, at, -reach, reach, "expected from noise, ± 2 σ", palette.band, row=2)
     drawing.trace(
         figure, t, error, palette.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2
     )

@@ -1,4 +1,4 @@
-"""Candidates by what each explains, with brackets around those that cannot be told apart."""
+"""Candidates by significance, with brackets around confounded ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
-    """Draw equivalent standard deviations of each candidate; significant ones filled, ties in brackets.
+    """Draw equivalent standard deviations of each candidate; significant ones filled, confounded ones in brackets.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        f"What the model lacks: {diagnosis.scan.examined} candidates examined",
+        f"Missing effects: {diagnosis.scan.examined} candidates examined",
         note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
         height=drawing.BOTTOM + 20 + 30 * len(flat),
         left=drawing.label_margin(names),
     )
     figure.update_xaxes(
-        title_text=drawing.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
+        title_text=drawing.axis_title("significance", "equivalent standard deviations"), range=[0, 1.42 * top]
     )
     figure.update_yaxes(
         tickvals=list(range(len(flat))),
@@ -70,7 +70,7 @@ def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, fil
             y=rows,
             x=[flat[i].snr for i in rows],
             orientation="h",
-            name="significant" if filled else "no evidence",
+            name="significant" if filled else "not significant",
             width=0.62,
             marker={
                 "color": chosen.colour if filled else drawing.translucent(chosen.colour, 0.15),
@@ -102,7 +102,7 @@ def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, palette: 
             figure.add_annotation(
                 x=x,
                 y=0.5 * (begin + end),
-                text="cannot be<br>told apart",
+                text="confounded",
                 showarrow=False,
                 xanchor="left",
                 xshift=6,

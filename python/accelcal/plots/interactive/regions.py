@@ -1,4 +1,4 @@
-"""Mean residual against every variable, in bins with bands, the variable that explains most first."""
+"""Mean residual against every variable, in bins with bands; the variable that explains most comes first."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def ordered(comparison: Comparison) -> list[tuple[Bins, float]]:
     """Bins of every variable of the motion with the share of the mean square that they explain, most first."""
     rms = comparison.accel_rms
     found = [(b, b.explained(rms)) for b in comparison.bins if b.variable != "frequency"]
-    return sorted(found, key=lambda one: -one[1])
+    return sorted(found, key=lambda pair: -pair[1])
 
 
 def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
@@ -46,7 +46,7 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     chosen = ordered(comparison)
     if not chosen:
         return drawing.message(
-            drawing.new_figure(), palette, "Mean residual", "The record is too short to say where it fails."
+            drawing.new_figure(), palette, "Mean residual", "The record is too short for residuals by region."
         )
     rows = math.ceil(len(chosen) / COLUMNS)
     titles = [drawing.escaped(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
@@ -55,8 +55,8 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     )
     means = [np.where(b.std > 0.0, b.mean, np.nan) for b, _ in chosen]
     factor, unit = formatting.prefixed("m/s²", *means)
-    for i, ((one, _), mean) in enumerate(zip(chosen, means, strict=True)):
-        _panel(figure, i, one, mean * factor, factor, unit, palette)
+    for i, ((bins, _), mean) in enumerate(zip(chosen, means, strict=True)):
+        _panel(figure, i, bins, mean * factor, factor, unit, palette)
     drawing.format_figure(
         figure,
         palette,
@@ -64,9 +64,9 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         height=drawing.BOTTOM + PANEL * rows,
         titled=True,
     )
-    for i, (one, _) in enumerate(chosen):
+    for i, (bins, _) in enumerate(chosen):
         at = {"row": i // COLUMNS + 1, "col": i % COLUMNS + 1}
-        figure.update_xaxes(title_text=drawing.axis_title(one.variable, _scale(one)[1]), nticks=5, **at)
+        figure.update_xaxes(title_text=drawing.axis_title(bins.variable, _scale(bins)[1]), nticks=5, **at)
         title = drawing.axis_title("mean residual", unit) if i % COLUMNS == 0 else None
         figure.update_yaxes(title_text=title, nticks=6, **at)
     return figure
@@ -77,20 +77,20 @@ def _scale(bins: Bins) -> tuple[float, str]:
     return (1.0, bins.unit) if bins.unit == "s" else formatting.prefixed(bins.unit, bins.edges)
 
 
-def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: str, palette: Theme) -> None:
+def _panel(figure: Figure, i: int, bins: Bins, mean: Array, factor: float, unit: str, palette: Theme) -> None:
     """Mean residual against one variable; `mean` (n,) is in `unit` already, by `factor`."""
     place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
-    x_factor, _ = _scale(one)
-    centre = 0.5 * (one.edges[1:] + one.edges[:-1]) * x_factor
-    x = np.repeat(one.edges, 2)[1:-1] * x_factor
-    reach = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
+    x_factor, _ = _scale(bins)
+    centre = 0.5 * (bins.edges[1:] + bins.edges[:-1]) * x_factor
+    x = np.repeat(bins.edges, 2)[1:-1] * x_factor
+    reach = np.repeat(np.where(bins.std > 0.0, 2.0 * bins.std, np.nan), 2) * factor
     known = np.isfinite(reach)
     drawing.band(
         figure,
         x[known],
         -reach[known],
         reach[known],
-        "noise alone, ± 2 σ",
+        "expected from noise, ± 2 σ",
         palette.band,
         legend=i == 0,
         group="band",

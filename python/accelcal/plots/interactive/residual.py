@@ -18,12 +18,12 @@ if TYPE_CHECKING:
 
 
 def one_step(comparison: Comparison, *, previous: Comparison | None = None, theme: ThemeName = "light") -> Figure:
-    """Draw one-step residuals with their 95 % band; those of the previous model faintly behind.
+    """Draw one-step residuals with their 95 % band; those of the previous model drawn pale.
 
     Parameters
     ----------
     comparison : from `accelcal.compare`.
-    previous : of the model before, on the same recording.
+    previous : of the previous model, on the same recording.
     theme : "light" or "dark".
 
     Raises
@@ -60,7 +60,7 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
 
 
 def accel_residual(comparison: Comparison, *, previous: Comparison | None = None, theme: ThemeName = "light") -> Figure:
-    """Draw what the accelerometer says beyond the model, where the encoder can judge it.
+    """Draw the accelerometer residual below the highest frequency at which the encoder is a reference.
 
     Parameters and errors are those of `one_step`.
     """

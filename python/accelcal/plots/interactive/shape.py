@@ -1,4 +1,4 @@
-"""What has no name, as the function that was recovered, with its band."""
+"""A nonparametric curve as fitted, with its band."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def fitted_curve(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
-    """Draw the branches of one recovered function with ± 2 standard deviations.
+    """Draw the branches of one nonparametric curve with ± 2 standard deviations.
 
     Parameters
     ----------
@@ -31,22 +31,22 @@ def fitted_curve(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> F
     palette = style.theme_of(theme)
     figure = drawing.new_figure()
     if not recovered:
-        return drawing.message(figure, palette, "Recovered shape", "The model holds no shape without a name.")
+        return drawing.message(figure, palette, "Nonparametric curve", "The model contains no nonparametric curve.")
     first = recovered[0]
-    factor, unit = formatting.prefixed(first.unit, *[one.value for one in recovered])
+    factor, unit = formatting.prefixed(first.unit, *[branch.value for branch in recovered])
     x_factor, x_unit = (1.0, first.variable_unit)
     if first.variable_unit != "s":
         x_factor, x_unit = formatting.prefixed(first.variable_unit, first.x)
-    for one, chosen in zip(recovered, (palette.model, palette.other), strict=False):
-        x, y, reach = one.x * x_factor, one.value * factor, 2.0 * one.std * factor
-        name = one.label or "recovered"
+    for branch, chosen in zip(recovered, (palette.model, palette.other), strict=False):
+        x, y, reach = branch.x * x_factor, branch.value * factor, 2.0 * branch.std * factor
+        name = branch.label or "estimate"
         drawing.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", chosen.colour)
         drawing.curve(figure, x, y, chosen, name, unit=unit)
     drawing.format_figure(
         figure,
         palette,
-        f"What has no name: a function of {first.variable}",
-        note="a constant could as well be bias",
+        f"Nonparametric curve of {first.variable}",
+        note="a constant offset is confounded with bias",
         height=340,
     )
     figure.update_xaxes(title_text=drawing.axis_title(first.variable, x_unit))

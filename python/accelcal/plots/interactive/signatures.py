@@ -1,4 +1,4 @@
-"""How alike the signatures of effects are on a record: the map behind "cannot be told apart"."""
+"""Correlation of the signatures of effects on a record, which decides what is confounded."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST = 20
 
 
 def chosen(power: Power, first: Sequence[str] = (), most: int = MOST) -> SignatureCorrelation:
-    """Effects named in `first`, then those tied to another one, then the best seen; like beside like.
+    """Effects in `first`, then confounded ones, then the best detectable; correlated ones next to each other.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     seen = chosen(power, first)
     figure = drawing.new_figure()
     if len(seen.names) < 2:
-        return drawing.message(figure, palette, "Signatures", "Fewer than two effects can be seen on this record.")
+        return drawing.message(figure, palette, "Signatures", "Fewer than two effects are detectable on this record.")
     names = [drawing.escaped(spelled(n)) for n in seen.names]
     texts = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in seen.correlation]
     figure.add_heatmap(
@@ -74,8 +74,8 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     drawing.format_figure(
         figure,
         palette,
-        "How alike effects look on this record: correlation of their signatures, the base taken out",
-        note="numbers in percent where |ρ| is 50 or more; beyond 95 % two effects cannot be told apart",
+        "Correlation of the signatures of effects on this record, base parameters projected out",
+        note="numbers in percent where |ρ| is 50 or more; beyond 95 % two effects are confounded",
         height=drawing.BOTTOM + 24 * len(names),
         legend=False,
         left=drawing.label_margin(names),
@@ -88,7 +88,7 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
 
 
 def _chain(seen: SignatureCorrelation) -> list[str]:
-    """An order in which each effect follows the one that it is most like."""
+    """An order in which each effect follows the one that it correlates with most."""
     order = list(range(min(1, len(seen.names))))
     while len(order) < len(seen.names):
         left = [i for i in range(len(seen.names)) if i not in order]

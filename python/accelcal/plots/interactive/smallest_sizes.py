@@ -1,4 +1,4 @@
-"""What a record can see: the largest contribution that each effect can make and stay unseen."""
+"""Detection limits of a record: the largest contribution that each effect can make without being detected."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROW, GAP = 20, 90
 
 
 def detectable_at(power: Power, port: str) -> list[Detectability]:
-    """Effects that are seen at the sensor ("output") or at the encoder ("position"), the smallest first."""
+    """Effects that are detectable at the sensor ("output") or at the encoder ("position"), smallest first."""
     return sorted(
         (s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (port == "position")),
         key=lambda s: s.largest,
@@ -47,7 +47,9 @@ def detectable_sizes(power: Power, *, theme: ThemeName = "light") -> Figure:
     ]
     panels = [p for p in panels if p[0]]
     if not panels:
-        return drawing.message(drawing.new_figure(), palette, "Power", "No effect can be seen on this record.")
+        return drawing.message(
+            drawing.new_figure(), palette, "Detection limits", "No effect is detectable on this record."
+        )
     heights = [len(p[0]) for p in panels]
     total = sum(heights)
     room = ROW * (total + len(panels)) + GAP * (len(panels) - 1)
@@ -72,15 +74,15 @@ def detectable_sizes(power: Power, *, theme: ThemeName = "light") -> Figure:
             hovertemplate="%{y}: %{customdata}, at most %{x:.3g} " + unit + "<extra></extra>",
         )
         scale = drawing.logarithmic(0.7 * several[0].largest, 1.4 * several[-1].largest)
-        title = drawing.axis_title("largest contribution at the smallest size that is found", unit)
+        title = drawing.axis_title("largest contribution at the smallest detectable size", unit)
         figure.update_xaxes(**scale, title_text=title, row=row, col=1)
         figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
-    blind = [spelled(s.effect) for s in power.detectabilities if not s.seen]
+    undetectable = [spelled(s.effect) for s in power.detectabilities if not s.seen]
     drawing.format_figure(
         figure,
         palette,
-        f"What this record can see with 95 % probability, among {power.examined} alternatives",
-        note=f"not seen at all: {', '.join(blind)}" if blind else "",
+        f"Detection limits of this record: 95 % probability, {power.examined} alternatives",
+        note=f"not detectable: {', '.join(undetectable)}" if undetectable else "",
         height=drawing.BOTTOM + room,
         legend=False,
         titled=True,

@@ -1,4 +1,4 @@
-"""Spectrum of the residual beside the predicted noise, lines named."""
+"""Spectrum of the residual and of the predicted noise, with spectral lines named."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def spectrum(
 
     Parameters
     ----------
-    fit : whose noise is predicted.
+    fit : that predicts the noise.
     comparison : of that fit, from `accelcal.compare`.
     findings : of a diagnosis; those with a frequency are named.
     theme : "light" or "dark".
@@ -63,7 +63,7 @@ def spectrum(
         figure,
         palette,
         f"Spectrum of the residual: up to {100.0 * outside:.0f} % of frequencies outside the band, 5 % by chance",
-        note=f"lines found: {named}" if named else "no line stands out",
+        note=f"lines found: {named}" if named else "no significant line",
         height=360,
         titled=True,
     )
@@ -113,7 +113,7 @@ def _draw(figure: Figure, panel: Panel, column: int, palette: style.Theme) -> No
         seen.frequency,
         expected * seen.low**0.5,
         expected * seen.high**0.5,
-        "95 % of noise alone",
+        "95 % of predicted noise",
         palette.band,
         legend=first,
         group="band",

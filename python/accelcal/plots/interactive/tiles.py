@@ -1,4 +1,4 @@
-"""Where the model fails: excess of the residual over noise, tile by tile, every variable in a row."""
+"""Residuals by region: one tile for each bin, one row for each variable, in standard deviations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw one tile for each bin of each variable, in standard deviations of what noise alone would give.
+    """Draw one tile for each bin of each variable, in standard deviations expected from noise.
 
     Parameters
     ----------
@@ -33,7 +33,9 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     seen = tiles_of(comparison)
     figure = drawing.new_figure()
     if not seen.rows:
-        return drawing.message(figure, palette, "Where it fails", "The record is too short to say where it fails.")
+        return drawing.message(
+            figure, palette, "Residuals by region", "The record is too short for residuals by region."
+        )
     count = seen.sigma.shape[1]
     texts = [["" if np.isnan(v) else signed(v) for v in row] for row in seen.sigma]
     figure.add_heatmap(
@@ -55,14 +57,14 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        "Where it fails: mean residual in each bin over what noise alone would give",
-        note="numbers in standard deviations; |σ| of 2 happens in one tile of twenty by chance; empty: too little data",
+        "Residuals by region: mean of each bin in standard deviations expected from noise",
+        note="beyond ±2 σ in one tile of twenty by chance; empty: too few data",
         height=drawing.BOTTOM + 34 * len(seen.rows),
         legend=False,
         left=drawing.label_margin(seen.rows),
     )
     figure.update_xaxes(
-        title_text=drawing.axis_title("bin, from the least to the largest value", "1"),
+        title_text=drawing.axis_title("bin, from the smallest to the largest value", "1"),
         dtick=1,
         showgrid=False,
         showline=False,

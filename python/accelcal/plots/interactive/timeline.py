@@ -1,4 +1,4 @@
-"""The record on its time line: position, rest, what is used, breaks and faults."""
+"""The record over time: position, output, rest, the used part, breaks and faults."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ MOST = 400
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What is marked on the time line, s."""
+    """Marks on the time axis, s."""
 
     start: float
     end: float
-    """Stretch that is used."""
+    """Used part."""
     breaks: tuple[float, ...]
     faults: tuple[Fault, ...]
     rest: tuple[tuple[float, float], ...]
@@ -52,7 +52,7 @@ def marks(recording: Recording) -> Marks:
 
 def longest(stretches: Sequence[tuple[float, float]], most: int = MOST) -> list[tuple[float, float]]:
     """The longest of some stretches."""
-    return sorted(stretches, key=lambda one: one[0] - one[1])[:most]
+    return sorted(stretches, key=lambda stretch: stretch[0] - stretch[1])[:most]
 
 
 def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -> Figure:

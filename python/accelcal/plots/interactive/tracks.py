@@ -1,4 +1,4 @@
-"""Parameters as readings come in, with their bands."""
+"""Parameter estimates over time, with their bands."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        "Parameters from the readings up to each instant, with their uncertainty",
+        "Parameter estimates from the readings up to each instant, with their uncertainty",
         note=f"{left} further parameters are not drawn" if left else "",
         height=drawing.BOTTOM + PANEL * rows,
         titled=True,

@@ -1,4 +1,4 @@
-"""Is what is left over white: autocorrelation and cumulative periodogram of one-step residuals."""
+"""Whiteness of one-step residuals: autocorrelation and cumulative periodogram."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def whiteness_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Fig
         )
     found, power = whiteness(y, lags), cumulative_periodogram(y)
     limit = TWO_SIDED_95 / float(np.sqrt(found.samples))
-    titles = ["autocorrelation", "cumulative periodogram: share of power below, less that of white residuals"]
+    titles = ["autocorrelation", "cumulative periodogram: deviation from that of white residuals"]
     figure = drawing.new_figure(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
     _autocorrelation(figure, found.autocorrelation, limit, palette)
     drawn = _periodogram(figure, power, palette)
@@ -57,7 +57,7 @@ def whiteness_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Fig
     figure.update_xaxes(title_text=drawing.axis_title("lag", "readings"), row=1, col=1)
     figure.update_yaxes(title_text=drawing.axis_title("autocorrelation", "1"), row=1, col=1)
     figure.update_xaxes(title_text=drawing.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
-    figure.update_yaxes(title_text=drawing.axis_title("distance from a straight line", "1"), row=1, col=2)
+    figure.update_yaxes(title_text=drawing.axis_title("deviation from a straight line", "1"), row=1, col=2)
     return figure
 
 

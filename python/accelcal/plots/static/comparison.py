@@ -1,4 +1,4 @@
-"""Figures of a fit and of its comparison with a recording: they draw numbers that exist already.
+"""Static figures of a fit and of its comparison with a recording; they compute nothing new.
 
 Traces are thinned to the extremes of each pixel column; every number in a title comes from the full data.
 """
@@ -55,7 +55,7 @@ WIDTH = 8.0
 A4_LANDSCAPE = (11.69, 8.27)
 """Inches."""
 HISTOGRAM_REACH = 5.0
-"""Normalised residuals beyond this are counted in words."""
+"""Normalised residuals beyond this are counted in a note."""
 LINEAR_REACH = 30.0
 """Estimates beyond this many typical sizes are drawn on a logarithmic axis, linear about zero."""
 
@@ -80,7 +80,7 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
 
 def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw rms unaided drift against the time since position was withheld, beside what noise alone would give.
+    """Draw rms unaided drift against the time since position was withheld, with its noise floor.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def one_step(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
 
 def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw the mean residual against each variable, the variable that stands out most first.
+    """Draw the mean residual against each variable, most significant variable first.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
 
 
 def accel_residual(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw what the accelerometer says beyond the model, below the frequency to which the encoder can judge it.
+    """Draw the accelerometer residual below the highest frequency at which the encoder is a reference.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def accel_residual(comparison: Comparison, *, theme: ThemeName = "light") -> Fig
 
 
 def histogram(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw the distribution of normalised one-step residuals, as histogram and as quantiles, beside the normal one.
+    """Draw the distribution of normalised one-step residuals, as histogram and as quantiles, with the normal one.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ def parameters(fit: Fit, *, theme: ThemeName = "light") -> Figure:
 
 
 def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw one page: simulation, unaided drift, one-step residuals, and where the model fails most.
+    """Draw one page: simulation, unaided drift, one-step residuals, and the most significant regions.
 
     Parameters
     ----------
@@ -362,7 +362,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     ----------
     fit : the model that was compared.
     comparison : from `accelcal.compare`.
-    directory : made if it does not exist. Dark figures end in "-dark", so both themes fit beside each other.
+    directory : made if it does not exist. Dark figures end in "-dark", so both themes can share a folder.
     theme : "light" or "dark".
 
     Returns
@@ -399,12 +399,12 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
 
 
 def summary_sentence(fit: Fit, comparison: Comparison) -> str:
-    """The numbers that a test engineer asks for first: one-step rms, unaided drift with its floor, worst region."""
+    """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
     drift = comparison.coast_rms.get(HEADLINE_HORIZON)
     floor = comparison.coast_floor.get(HEADLINE_HORIZON)
     drifted = f"no unaided drift over {HEADLINE_HORIZON:g} s (too short)"
     if drift is not None and floor is not None:
-        drifted = f"unaided drift after {HEADLINE_HORIZON:g} s {length(drift)} rms (noise alone {length(floor)})"
+        drifted = f"unaided drift after {HEADLINE_HORIZON:g} s {length(drift)} rms (noise floor {length(floor)})"
     added = ", ".join(e.symbol for e in fit.estimates)
     return (
         f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
@@ -425,13 +425,13 @@ def _simulated(part: Figure | SubFigure, comparison: Comparison, palette: Theme,
     style.format_axes(bottom, palette, x=label("time", "s"), y=label("error", error_unit))
     bottom.axhline(0.0, color=palette.ink, linewidth=0.8)
     style.trace(bottom, t, error, palette.residual, factor=error_factor, name="simulated − measured")
-    limits = top.get_ylim()  # the band outgrows the motion and must not size its axis
+    limits = top.get_ylim()  # the band grows larger than the motion and must not set the axis limits
     spread = 2.0 * comparison.simulated_std
     rows = _extremes(t, position - spread, position + spread)
     middle, reach = position[rows] * factor, spread[rows]
-    _band(top, t[rows], middle - reach * factor, middle + reach * factor, "noise alone, ± 2 σ", palette)
+    _band(top, t[rows], middle - reach * factor, middle + reach * factor, "expected from noise, ± 2 σ", palette)
     top.set_ylim(limits)
-    _band(bottom, t[rows], -reach * error_factor, reach * error_factor, "noise alone, ± 2 σ", palette)
+    _band(bottom, t[rows], -reach * error_factor, reach * error_factor, "expected from noise, ± 2 σ", palette)
     style.legend(bottom, palette)
     style.legend(top, palette)
     style.note(bottom, drawn.note, palette)
@@ -446,7 +446,7 @@ def _extremes(t: Array, *several: Array) -> NDArray[np.intp]:
 
 
 def _band(axes: Axes, t: Array, low: Array, high: Array, name: str, palette: Theme) -> None:
-    """A region in which noise alone would stay, with an outline as second cue."""
+    """The region expected from noise, outlined as a second cue besides colour."""
     axes.fill_between(t, low, high, color=palette.band, alpha=0.25, linewidth=0.0, label=name, rasterized=True)
     for edge in (low, high):
         axes.plot(t, edge, color=palette.band, linestyle=(0, (6, 2)), linewidth=1.3, rasterized=True)
@@ -455,9 +455,9 @@ def _band(axes: Axes, t: Array, low: Array, high: Array, name: str, palette: The
 def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, size: float = style.LARGE) -> None:
     axes = part.subplots()
     curves = (
-        ("this run's constant re-estimated", comparison.coast_rms, palette.model),
-        ("every parameter from the fit", comparison.coast_frozen_rms, palette.other),
-        ("noise alone", comparison.coast_floor, palette.floor),
+        ("bias of this run re-estimated", comparison.coast_rms, palette.model),
+        ("all parameters from the fit", comparison.coast_frozen_rms, palette.other),
+        ("noise floor", comparison.coast_floor, palette.floor),
     )
     points = {name: allowed_horizons(found) for name, found, _ in curves}
     factor, unit = prefixed("m", *[y for _, y in points.values()])
@@ -465,7 +465,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     allowed = [h for h, found in comparison.coast_rms.items() if found is not None]
     if not allowed:
         least = min(comparison.coast_rms, default=1.0)
-        style.message(axes, f"The record is too short to coast {least:g} s: no horizon can be shown.", palette)
+        style.message(axes, f"The record is too short for a drift over {least:g} s.", palette)
         style.headline(part, "Unaided drift", palette, size)
         return
     for name, _, chosen in curves:
@@ -486,7 +486,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     axes.set_xlim(min(allowed) / 1.4, max(allowed) * 1.4)
     low, high = axes.get_ylim()
     middle = math.sqrt(low * high)
-    reach = max(1.3 * math.sqrt(high / low), math.sqrt(10.0))  # a flat curve must not look steep
+    reach = max(1.3 * math.sqrt(high / low), math.sqrt(10.0))  # a flat curve must not appear steep
     axes.set_ylim(middle / reach, middle * reach)
     style.plain_decades(axes.yaxis, decades=2.0 * math.log10(reach))
     axes.set_xticks(allowed, [f"{h:g}\n{_starts(comparison, h)}" for h in allowed])
@@ -496,7 +496,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else longest
     drift, floor = comparison.coast_rms[quoted], comparison.coast_floor[quoted]
     if drift is not None and floor is not None:
-        text = f"Unaided drift after {quoted:g} s: {length(drift)} rms, noise alone {length(floor)}"
+        text = f"Unaided drift after {quoted:g} s: {length(drift)} rms, noise floor {length(floor)}"
         style.headline(part, text, palette, size)
 
 
@@ -542,45 +542,45 @@ def _regions(
     if not chosen:
         axes = part.subplots()
         style.format_axes(axes, palette, x="", y="")
-        style.message(axes, "The record is too short to say where the model fails.", palette)
+        style.message(axes, "The record is too short for residuals by region.", palette)
         style.headline(part, "Mean residual", palette, size)
         return
     factor, unit = prefixed("m/s²", *[_known(b) for b in comparison.bins if b.variable != "frequency"])
     rows = math.ceil(len(chosen) / columns)
     grid = part.subplots(rows, columns, squeeze=False).ravel()
-    for axes, one in zip(grid, chosen, strict=False):
-        _region(axes, one, factor, unit, palette)
+    for axes, bins in zip(grid, chosen, strict=False):
+        _region(axes, bins, factor, unit, palette)
     for axes in grid[len(chosen) :]:
         axes.set_visible(False)
     style.shared_legend(part, grid[0], palette)
     style.headline(part, worst, palette, size)
 
 
-def _prominence(one: Bins) -> float:
-    """How much a variable stands out: its largest deviation in standard deviations."""
-    return float(np.abs(one.score).max(initial=0.0))
+def _prominence(bins: Bins) -> float:
+    """Significance of a variable: its largest deviation in standard deviations."""
+    return float(np.abs(bins.score).max(initial=0.0))
 
 
-def _known(one: Bins) -> Array:
+def _known(bins: Bins) -> Array:
     """Means of the bins that have a standard deviation, the others NaN, (n,)."""
-    return np.where(one.std > 0.0, one.mean, np.nan)
+    return np.where(bins.std > 0.0, bins.mean, np.nan)
 
 
-def _region(axes: Axes, one: Bins, factor: float, unit: str, palette: Theme) -> None:
+def _region(axes: Axes, bins: Bins, factor: float, unit: str, palette: Theme) -> None:
     """Mean residual against one variable; against frequency the ratio of densities."""
     from matplotlib.ticker import MaxNLocator
 
-    ratio = one.variable == "frequency"
+    ratio = bins.variable == "frequency"
     zero = 1.0 if ratio else 0.0
     factor = 1.0 if ratio else factor
-    x_factor, x_unit = (1.0, one.unit) if one.variable == "time" else prefixed(one.unit, one.edges)
+    x_factor, x_unit = (1.0, bins.unit) if bins.variable == "time" else prefixed(bins.unit, bins.edges)
     y_title = label("density / predicted", "1") if ratio else label("mean residual", unit)
-    title = f"{one.variable}: up to {_prominence(one):.1f} σ"
-    style.format_axes(axes, palette, x=label(one.variable, x_unit), y=y_title, title=title)
-    centre, means = 0.5 * (one.edges[1:] + one.edges[:-1]), _known(one)
-    x = np.repeat(one.edges, 2)[1:-1] * x_factor
-    band = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
-    said = "noise alone, ± 2 σ (1 bin in 20 lies outside by chance)"
+    title = f"{bins.variable}: up to {_prominence(bins):.1f} σ"
+    style.format_axes(axes, palette, x=label(bins.variable, x_unit), y=y_title, title=title)
+    centre, means = 0.5 * (bins.edges[1:] + bins.edges[:-1]), _known(bins)
+    x = np.repeat(bins.edges, 2)[1:-1] * x_factor
+    band = np.repeat(np.where(bins.std > 0.0, 2.0 * bins.std, np.nan), 2) * factor
+    said = "expected from noise, ± 2 σ (1 bin in 20 lies outside by chance)"
     axes.fill_between(x, zero - band, zero + band, color=palette.band, alpha=0.3, linewidth=0.0, label=said)
     axes.axhline(zero, color=palette.ink, linewidth=0.8)
     axes.plot(
@@ -593,7 +593,7 @@ def _region(axes: Axes, one: Bins, factor: float, unit: str, palette: Theme) -> 
         markersize=3.5,
         label="residual",
     )
-    mean = one.mean[one.std > 0.0]
+    mean = bins.mean[bins.std > 0.0]
     if ratio and len(mean) and mean.min() > 0.0 and mean.max() / mean.min() > 10.0:
         axes.set_yscale("log")
         style.plain_decades(axes.yaxis, decades=math.log10(mean.max() / mean.min()))

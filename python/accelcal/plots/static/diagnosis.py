@@ -1,4 +1,4 @@
-"""Still figures of the story of a model: the falling error, the candidates, where it fails. For paper and mail."""
+"""Static figures of error reduction, candidates and residuals by region, for PDF and mail."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
         color=palette.floor.colour,
         linestyle=palette.floor.line,
         linewidth=2.0,
-        label="noise alone",
+        label="noise floor",
     )
     axes.set_xticks(range(len(errors)), model_names(nested))
     axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), nested.floor) * factor)
@@ -90,7 +90,7 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
 
 
 def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
-    """Draw equivalent standard deviations of each candidate; significant ones filled, ties in brackets.
+    """Draw equivalent standard deviations of each candidate; significant ones filled, confounded ones in brackets.
 
     Parameters
     ----------
@@ -107,8 +107,8 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     flat = [c for group in groups for c in group]
     figure = style.new_figure(WIDTH, 1.4 + 0.3 * max(3, len(flat)), palette)
     axes = figure.subplots()
-    style.format_axes(axes, palette, x=formatting.label("what it explains", "equivalent standard deviations"), y="")
-    style.headline(figure, f"What the model lacks: {diagnosis.scan.examined} candidates examined", palette)
+    style.format_axes(axes, palette, x=formatting.label("significance", "equivalent standard deviations"), y="")
+    style.headline(figure, f"Missing effects: {diagnosis.scan.examined} candidates examined", palette)
     if not flat:
         style.message(axes, "No candidate could be tested on this record.", palette)
         return figure
@@ -141,7 +141,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
             axes.text(
                 1.22 * top,
                 0.5 * (begin + end),
-                "cannot be\ntold apart",
+                "confounded",
                 va="center",
                 color=palette.ink,
                 fontsize=style.SMALL,
@@ -154,7 +154,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
 
 
 def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
-    """Draw one tile for each bin of each variable, in standard deviations of what noise alone would give.
+    """Draw one tile for each bin of each variable, in standard deviations expected from noise.
 
     Parameters
     ----------
@@ -170,10 +170,12 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     seen = tiles_of(comparison)
     figure = style.new_figure(WIDTH, 1.4 + 0.32 * max(3, len(seen.rows)), palette)
     axes = figure.subplots()
-    style.headline(figure, "Where it fails: mean residual in each bin over what noise alone would give, in σ", palette)
-    style.format_axes(axes, palette, x=formatting.label("bin, from the least to the largest value", "1"), y="")
+    style.headline(
+        figure, "Residuals by region: mean of each bin in standard deviations expected from noise, σ", palette
+    )
+    style.format_axes(axes, palette, x=formatting.label("bin, from the smallest to the largest value", "1"), y="")
     if not seen.rows:
-        style.message(axes, "The record is too short to say where it fails.", palette)
+        style.message(axes, "The record is too short for residuals by region.", palette)
         return figure
     from matplotlib.colors import LinearSegmentedColormap
 

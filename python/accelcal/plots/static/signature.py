@@ -1,4 +1,4 @@
-"""The picture on an effect's card: what it adds on a known motion, over time and against what it follows."""
+"""The figure of an effect in the catalogue: its contribution on a known motion, over time and against its variable."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ SECONDS, RATE = 30.0, 400.0
 WARMING = 4.0, 12.0
 """Rise (K) and time constant (s) of the temperature on every card."""
 DRAUGHT = 1.0, 0.11
-"""Amplitude (K) and frequency (Hz) of what is added to it, so that temperature is not just another clock."""
+"""Amplitude (K) and frequency (Hz) of what is added to it, so that temperature is not merely a function of time."""
 SEED = 11
-"""Of the motion, and of what a card draws at random."""
+"""Of the motion, and of random effects."""
 FOLLOWS = 0.95
-"""How much of an effect must be a function of a variable for it to be drawn against that, from 0 to 1."""
+"""Share of an effect that must be a function of a variable for it to be drawn against it, 0 to 1."""
 LOOPS = 0.998
-"""Below this share the way from point to point is drawn, for it shows a loop."""
+"""Below this share the points are joined in order of time, which shows a loop."""
 PERIODS = 3.0
 """Of what is periodic."""
 VARIABLES = {
@@ -45,7 +45,7 @@ VARIABLES = {
     "temperature": "K",
     "a_y": "m/s²",
 }
-"""What an effect may be drawn against, with the unit; where several serve, the first."""
+"""Variables to draw an effect against, with units; the first that fits is used."""
 
 
 def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
@@ -74,12 +74,12 @@ def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
     title = formatting.label("standard deviation" if effect.port == "noise" else "contribution", unit)
     style.format_axes(axes[0], palette, x=formatting.label("time", "s"), y=title)
     largest = max(float(np.max(np.abs(y))) for y in curves.values()) * factor
-    faint = s.a * (largest / float(np.max(np.abs(s.a))))
-    axes[0].plot(s.t, faint, color=palette.grid, linewidth=0.7, label="acceleration, scaled")
+    scaled = s.a * (largest / float(np.max(np.abs(s.a))))
+    axes[0].plot(s.t, scaled, color=palette.grid, linewidth=0.7, label="acceleration, scaled")
     lines = palette.residual, palette.other, palette.floor
-    drawn = [(one, name or spelled(effect.name)) for one, name in zip(lines, curves, strict=False)]
-    for (one, name), y in zip(drawn, curves.values(), strict=True):
-        style.trace(axes[0], s.t, y, one, factor=factor, name=name, columns=len(s.t))
+    drawn = [(line, name or spelled(effect.name)) for line, name in zip(lines, curves, strict=False)]
+    for (line, name), y in zip(drawn, curves.values(), strict=True):
+        style.trace(axes[0], s.t, y, line, factor=factor, name=name, columns=len(s.t))
     if "frequency" in shape:
         axes[0].set_xlim(0.0, PERIODS / shape["frequency"])
     style.legend(axes[0], palette)
@@ -87,16 +87,16 @@ def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
         scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
         x_title = formatting.label(right.variable.replace("a_y", "transverse acceleration"), x_unit)
         style.format_axes(axes[1], palette, x=x_title, y=title)
-        for (one, _), y in zip(drawn, right.curves.values(), strict=True):
-            axes[1].plot(right.x * scale, y * factor, color=one.colour, linestyle=one.line, linewidth=0.9)
+        for (line, _), y in zip(drawn, right.curves.values(), strict=True):
+            axes[1].plot(right.x * scale, y * factor, color=line.colour, linestyle=line.line, linewidth=0.9)
     return figure
 
 
 def caption(effect: Effect) -> str:
-    """What the picture shows, in a sentence."""
+    """Caption of the figure, in a sentence."""
     size = f"{effect.scale:g} {effect.unit}".removesuffix(" 1")
-    drawn = "one draw of it" if effect.family or effect.port == "process" else "what it adds"
-    return f"{effect.name.replace('_', ' ')}: {drawn} on a motion of {SECONDS:g} s at its typical size, {size}"
+    drawn = "one realisation" if effect.family or effect.port == "process" else "contribution"
+    return f"{effect.name.replace('_', ' ')}: {drawn} to a motion of {SECONDS:g} s at its typical size, {size}"
 
 
 @cache
@@ -123,7 +123,7 @@ def typical_shape(effect: Effect, s: Signals) -> dict[str, float]:
 def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dict[str, Array]:
     """Curves of one effect at its typical size, by name of the column; (n,) each, m/s² or m.
 
-    Variances are drawn as standard deviations; of a wandering state or a shape without a name one draw stands for all.
+    Variances are drawn as standard deviations; of a random state or a nonparametric curve, one realisation.
     """
     y = effect.column(s, **shape)
     if effect.port == "noise":
@@ -141,7 +141,7 @@ def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dic
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """What stands beside the course over time."""
+    """An effect as a function of its variable."""
 
     variable: str
     x: Array
@@ -152,9 +152,9 @@ class Dependence:
 def dependence(
     effect: Effect, s: Signals, shape: Mapping[str, float], curves: Mapping[str, Array]
 ) -> Dependence | None:
-    """An effect against what it is a function of; None where there is no such thing, or where it never changes.
+    """An effect against the variable that it is a function of; None where there is none, or where it is constant.
 
-    What is periodic in position is drawn over a few periods of a slow traverse.
+    An effect that is periodic in position is drawn over a few periods of a slow traverse.
     """
     if "period" in shape:
         slow = traverse(PERIODS * shape["period"])
@@ -177,7 +177,7 @@ def traverse(length: float) -> Signals:
 
 
 def values(s: Signals) -> dict[str, Array]:
-    """What an effect may be drawn against, (n,) each."""
+    """Variables to draw an effect against, (n,) each."""
     return {
         "velocity": s.v,
         "acceleration": s.a,
@@ -189,7 +189,7 @@ def values(s: Signals) -> dict[str, Array]:
 
 
 def explained_share(x: Array, y: Array) -> float:
-    """How much of `y` is a function of `x`: 1 when neighbours in `x` agree, 0 when they differ as any two do.
+    """Share of `y` that is a function of `x`: 1 when neighbours in `x` agree, 0 when they differ as any two do.
 
     Half the mean square of successive differences over the variance (von Neumann 1941), taken from 1.
     """
