@@ -131,7 +131,7 @@ def test_every_kind_reads_its_own_example():
 
 def test_pint_is_not_imported_for_si_units():
     script = (
-        "import sys; from accelcal import units; "
+        "import sys; from accelcal.data import units; "
         "units.conversion('m/s²'); units.conversion('s'); units.quantity('1e-5', 'ratio'); print('pint' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)

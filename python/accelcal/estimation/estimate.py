@@ -13,6 +13,7 @@ from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.effects import CATALOGUE, HOUSE, find
 from accelcal.estimation.gauss_newton import MAX_ROUNDS, Layout, NotIdentifiable, Solution, estimated, iterate
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import LEAST_BLOCKS, RunFit, RunState
@@ -23,8 +24,8 @@ from accelcal.signals.signals import Origins
 
 TRIAL_BANDS = 9
 """Bands that are tried when it is not."""
-SEPARATED_BY_TURNING = ("tilt",)
-SEPARATED_BY_ROLLING = ("misalignment", "cross_axis_gravity")
+SEPARATED_BY_TURNING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "turning")
+SEPARATED_BY_ROLLING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "rolling")
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
@@ -390,15 +391,10 @@ def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 
 
 def tied_sum(fit: Fit, name: str) -> str:
-    """What a parameter really is on this rig, as long as no joint fit has separated it."""
-    separated = set(fit.model.effects)
-    parts = {
-        "bias": [
-            "K0",
-            *([] if "tilt" in separated else ["g0 tilt"]),
-            *([] if "misalignment" in separated else ["g0 misalignment"]),
-        ],
-        "scale_factor": ["k", "encoder scale", *([] if "cross_axis_gravity" in separated else ["g0 Kin"])],
-        "time_offset": ["clock offset", "sensor lag", "error of the low-pass"],
-    }
-    return " + ".join(parts.get(name, [fit[name].symbol]))
+    """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
+    base = CATALOGUE.get(name)
+    if base is None or base.traits.lumped is None:
+        return fit[name].symbol
+    members = [find(member) for member in base.traits.lumped.members]
+    inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
+    return " + ".join(effect.traits.summand for effect in (base, *inside))

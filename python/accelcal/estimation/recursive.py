@@ -9,13 +9,14 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
+from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, fit
 from accelcal.estimation.run import PreparedRun
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model
 
-PARAMETER_OF = {"k": "scale_factor", "K0": "bias", "K2": "quadratic", "K3": "cubic"}
+PARAMETER_OF = {find(name).symbol: name for name in ("scale_factor", "bias", *polynomial(3))}
 """Public name of each filter parameter."""
 PRIOR_STD = {"k": 0.3, "K0": 3.0, "K2": 1e-2, "K3": 1e-3}
 """Standard deviations before the first sample, SI: wide for any working sensor."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects import find
+from accelcal.effects import Variable, find
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.effects.curves import AGES
 from accelcal.estimation.estimate import Fit
@@ -15,23 +15,7 @@ from accelcal.signals.signals import Signals
 
 POINTS = 201
 STROKE = 0.1
-"""Of the motion on which a response to reversals is evaluated, m; it does not depend on it."""
-VARIABLES = {
-    "shape_of_time": ("time", "t", "s"),
-    "shape_of_position": ("position", "p", "m"),
-    "shape_of_velocity": ("velocity", "v", "m/s"),
-    "shape_of_acceleration": ("acceleration", "a", "m/s²"),
-    "shape_of_jerk": ("jerk", "jerk", "m/s³"),
-    "shape_of_temperature": ("temperature", "temperature", "degC"),
-    "shape_of_a_y": ("lateral acceleration", "a_y", "m/s²"),
-    "encoder_shape_of_position": ("position", "p", "m"),
-    "shape_of_position_and_velocity": ("position", "p", "m"),
-    "shape_of_position_and_acceleration": ("position", "p", "m"),
-    "shape_of_temperature_and_velocity": ("temperature", "temperature", "degC"),
-    "shape_of_time_and_velocity": ("time", "t", "s"),
-}
-"""Family -> variable, its letter in `Signals`, its unit. A response to velocity or acceleration is drawn per unit of
-it."""
+"""Stroke of the motion on which a response to reversals is evaluated, m; the response does not depend on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,24 +40,27 @@ def shapes(fit: Fit) -> tuple[Shape, ...]:
     """Every family in a model, as the function that was fitted."""
     found: list[Shape] = []
     for name in fit.model.added:
-        if name in VARIABLES:
-            found.append(_over_variable(fit, name))
-        elif name == "shape_since_reversal":
-            found += [_since_reversal(fit, name, way) for way in (1.0, -1.0)]
+        family = find(name).family
+        if family is None:
+            continue
+        if family.variable.letter == "reversal":
+            found += [_since_reversal(fit, name, direction) for direction in (1.0, -1.0)]
+        elif {"low", "start"} & set(fit.model.shapes.get(name, {})):
+            found.append(_over_variable(fit, name, family.variable))
     return tuple(found)
 
 
-def _over_variable(fit: Fit, name: str) -> Shape:
-    variable, letter, unit = VARIABLES[name]
+def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:
+    """The function over the range of its variable; a response to velocity or acceleration per unit of it."""
     given = fit.model.shapes[name]
     low, high = (given["low"], given["high"]) if "low" in given else (given["start"], given["start"] + given["length"])
     x = np.linspace(low, high, POINTS)
-    motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {letter: x}
+    motion = {"v": np.ones(POINTS), "a": np.ones(POINTS)} | {variable.letter: x}
     t, p, v, a, jerk = (motion.get(key, np.zeros(POINTS)) for key in ("t", "p", "v", "a", "jerk"))
     side = {"temperature": x, "a_y": x}
     s = Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=fit.values().scale, rig=fit.rig, side=side)
-    origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(letter, 0.0)
-    return _shape(fit, name, "", variable, unit, s, x + origin, np.ones(POINTS, dtype=bool))
+    origin = {"t": fit.origins.t, "p": fit.origins.p, "temperature": fit.origins.temperature}.get(variable.letter, 0.0)
+    return _shape(fit, name, "", variable.name, variable.unit, s, x + origin, np.ones(POINTS, dtype=bool))
 
 
 def _since_reversal(fit: Fit, name: str, way: float) -> Shape:
