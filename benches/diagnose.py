@@ -39,11 +39,11 @@ DIAGNOSE = """
 import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.workflow import diagnose
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
-warm = fit(Model.linear(), recording, end=float(sys.argv[2]))
+warm = estimate(Model.linear(), recording, end=float(sys.argv[2]))
 seconds = []
 for _ in range(int(sys.argv[3])):
     begin = time.process_time()

@@ -33,11 +33,11 @@ FIT = """
 import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
 loaded = time.process_time()
-found = fit(Model.linear(), recording)
+found = estimate(Model.linear(), recording)
 print(json.dumps({
     "samples": len(recording.accel),
     "load_s": loaded,

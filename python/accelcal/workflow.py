@@ -14,8 +14,7 @@ from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, result, solve_runs, taken_up
-from accelcal.estimation.estimate import fit as estimate
+from accelcal.estimation.estimate import Fit, estimate, result, solve_runs, taken_up
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
 from accelcal.selection.improvement import History, Improvement, Step
@@ -95,7 +94,7 @@ def fit(
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
     origins : zero of time, position and temperature; by default those of the first recording.
-    reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.fit`.
+    reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.estimate`.
     report : called with the share of the work that is done, 0 to 1.
 
     Returns

@@ -18,6 +18,7 @@ from accelcal.app.state import State
 from accelcal.app.workbench import Busy, Refused, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.cli import app as command_line
+from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
 
 
@@ -44,7 +45,7 @@ def test_numbers_are_those_of_the_library(grown, files):
     data = ac.load(files / "cubic.csv")
     a, b = grown.state.held_out
     train, unseen = data.without((a, b)), data.part(a, b)
-    base = ac.fit(ac.Model.linear(), train)
+    base = estimate(ac.Model.linear(), train)
     cubic = workflow.add(base, train, "cubic")
     for step, fit in zip(grown.state.path, (base, cubic), strict=True):
         assert model_file.to_dict(step.fit) == model_file.to_dict(fit)
@@ -159,7 +160,7 @@ def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     bench.load_other(files / "other.csv")
     bench.fit()
     assert bench.state.step.heldout.recording == "other.csv"
-    expected = ac.compare(ac.fit(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))
+    expected = ac.compare(estimate(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))
     assert bench.state.step.heldout.coast_rms == expected.coast_rms
 
 
@@ -273,7 +274,7 @@ def test_work_hears_of_a_cancellation_while_it_runs(bench, files):
     seen = []
 
     def work(state, report):
-        fit = ac.fit(ac.Model.linear(), state.train)
+        fit = estimate(ac.Model.linear(), state.train)
 
         def zoomed(share):
             seen.append(share)

@@ -10,6 +10,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import workflow
+from accelcal.estimation.estimate import estimate
 
 from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
 
@@ -64,7 +65,7 @@ def expected(files, name="cubic"):
     used = data.position.t[0], data.position.t[-1]
     split = round(used[1] - workflow.HELD_OUT * (used[1] - used[0]), 3)
     train, unseen = data.without((split, end)), data.part(split, end)
-    base = ac.fit(ac.Model.linear(), train)
+    base = estimate(ac.Model.linear(), train)
     fits = [base, workflow.add(base, train, "cubic")]
     drifts = [ac.compare(one, unseen).coast_rms for one in fits]
     horizon = max(h for h, value in drifts[0].items() if value is not None)

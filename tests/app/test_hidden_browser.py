@@ -6,6 +6,7 @@ import pytest
 import accelcal as ac
 from accelcal import workflow
 from accelcal.effects import spelled
+from accelcal.estimation.estimate import estimate
 from tests.hidden.trials import DELAYS, allowed, coasting
 from tests.worlds import CATALOGUE, Hidden, Nuisances, World, at_d
 
@@ -66,7 +67,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     fit(tab)
     before = number(tab, "error")
     train, unseen = parts(path)
-    model = ac.fit(ac.Model.linear(), train)
+    model = estimate(ac.Model.linear(), train)
     informed = workflow.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
     for _ in range(workflow.MOST_EFFECTS):
@@ -82,7 +83,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
         coasting(workflow.compare(informed, unseen)),
         allowed(model, unseen),
     )
-    base = coasting(workflow.compare(ac.fit(ac.Model.linear(), train), unseen))
+    base = coasting(workflow.compare(estimate(ac.Model.linear(), train), unseen))
     assert before == last(base)
     assert found["one_step"] < base["one_step"]
     if before >= 2.5 * last(oracle):  # unaided, a model that knows sgn v may drift more than one that does not

@@ -10,6 +10,7 @@ import accelcal as ac
 from accelcal.calibration.apply import OutsideRange, apply, example
 from accelcal.calibration.budget import budget
 from accelcal.data.rig import STANDARD_GRAVITY, Sensor, Uncertainty
+from accelcal.estimation.estimate import estimate
 
 DECLARED = Uncertainty(encoder_scale=2e-4, level=1e-3, misalignment=4e-3)
 VALUES = {"bias": 0.05, "scale_factor": 0.02, "time_offset": 1e-4, "quadratic": 3e-4, "cubic": 1e-3}
@@ -23,7 +24,7 @@ def cubic():
     run = ac.simulate(
         "tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     ).recording
-    found = ac.fit(ac.Model.cubic(), run)
+    found = estimate(ac.Model.cubic(), run)
     estimates = tuple(replace(e, value=VALUES[e.name], std=STD[e.name]) for e in found.estimates)
     covariance = np.diag([STD[e.name] ** 2 for e in found.free])
     return replace(found, estimates=estimates, covariance=covariance, validity={"a": (-6.0, 5.0)})

@@ -12,7 +12,7 @@ from scipy import special
 
 from accelcal._core import FilterError
 from accelcal.data.rig import Rig
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.estimation.recursive import fit_recursive
 from accelcal.filters.choice import FilterChoice
 from accelcal.model import Model
@@ -143,7 +143,7 @@ def one_fit(setting: Setting, run: int, *, share: float = 1.0) -> tuple[Array, A
     """Error and covariance of the default fit, on the first `share` of the record."""
     sim = setting.simulate(run)
     end = None if share == 1.0 else share * setting.seconds
-    found = fit(setting.model, sim.recording, end=end)
+    found = estimate(setting.model, sim.recording, end=end)
     return np.array([found[name].value - sim.truth.parameters[name] for name in setting.names]), found.covariance
 
 

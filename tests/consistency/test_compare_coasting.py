@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Recording
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
 from accelcal.validation.consistency import Consistency, chi_square_region
@@ -35,7 +35,7 @@ def run(seed: int, parameters: dict[str, float], seconds: float = 30.0) -> Simul
 
 @cache
 def fitted(cubic: bool) -> Fit:
-    return fit(Model.cubic() if cubic else Model.linear(), run(0, CUBIC if cubic else TRUTH).recording)
+    return estimate(Model.cubic() if cubic else Model.linear(), run(0, CUBIC if cubic else TRUTH).recording)
 
 
 def told(found: Fit, truth: dict[str, float]) -> Fit:
@@ -88,7 +88,7 @@ def test_drift_of_a_true_model_equals_its_floor(horizon: float) -> None:
 def test_drift_of_a_model_that_lacks_an_effect_exceeds_its_floor() -> None:
     hidden = {**TRUTH, "cubic": 1e-3}
     recordings = [run(seed, hidden, 60.0).recording for seed in range(20, 26)]
-    blind = fit(Model.linear(), recordings[0])
+    blind = estimate(Model.linear(), recordings[0])
     # The blind fit takes what it cannot explain for noise; the floor is that of the sensor's own.
     assert blind.noise().q > 4.0 * fitted(False).noise().q
     verdict = drift(replace(blind, runs=fitted(False).runs), recordings, 1.0)

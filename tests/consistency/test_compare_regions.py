@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
 from accelcal.validation.comparison import Comparison
@@ -27,7 +27,7 @@ def run(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Simulated:
 
 def across(seed: int, rig: object = CXL02_RIG, **hidden: float) -> Comparison:
     """A model fitted on one run against another run of the same sensor."""
-    found = fit(Model.linear(), run(seed, rig, **hidden).recording)
+    found = estimate(Model.linear(), run(seed, rig, **hidden).recording)
     return compare(found, run(seed + 100, rig, **hidden).recording)
 
 
@@ -57,6 +57,6 @@ def test_accelerometer_residual_of_a_true_model_is_the_sensors_own_noise(rig: ob
 
 def test_a_band_that_is_asked_for_is_used() -> None:
     first, second = run(8), run(9)
-    found = compare(fit(Model.linear(), first.recording), second.recording, band=6.0)
+    found = compare(estimate(Model.linear(), first.recording), second.recording, band=6.0)
     assert found.band == 6.0
     assert next(b for b in found.bins if b.variable == "frequency").edges[-1] <= 6.0

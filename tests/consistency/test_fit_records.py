@@ -14,7 +14,7 @@ import pytest
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Simulated, simulate
@@ -110,7 +110,7 @@ RECORDS: dict[str, Callable[[], Recording]] = {
 
 @pytest.mark.parametrize("name", RECORDS)
 def test_record_of_any_shape_is_fitted_within_its_uncertainty(name: str) -> None:
-    found = fit(Model.linear(), RECORDS[name]())
+    found = estimate(Model.linear(), RECORDS[name]())
     z = errors(found)
     print(name, {key: round(value, 2) for key, value in z.items()}, found.remarks)
     assert max(abs(value) for value in z.values()) < LIMIT
@@ -121,7 +121,7 @@ def test_record_of_any_shape_is_fitted_within_its_uncertainty(name: str) -> None
 def test_low_pass_left_undeclared_is_far_outside_the_uncertainty(name: str) -> None:
     # The sister that must fail: the sensor lags by 1 ms that the model does not know of.
     recording = RECORDS[name]()
-    z = errors(fit(Model.linear(), replace(recording, rig=replace(recording.rig, lowpass=None))))
+    z = errors(estimate(Model.linear(), replace(recording, rig=replace(recording.rig, lowpass=None))))
     assert abs(z["time_offset"]) > 50.0
 
 
@@ -142,7 +142,7 @@ def test_scale_factor_and_delay_do_not_change_when_both_channels_are_scaled() ->
     factor = 7.3
     scaled = changed(recording, u=lambda u: factor * u, z=lambda z: factor * z)
     scaled = replace(scaled, rig=replace(scaled.rig, resolution=factor * 1e-6))
-    same_within(fit(Model.linear(), recording), fit(Model.linear(), scaled), LIKELIHOOD, bias=factor)
+    same_within(estimate(Model.linear(), recording), estimate(Model.linear(), scaled), LIKELIHOOD, bias=factor)
 
 
 @pytest.mark.parametrize("shift", [-3.7, 86_400.0, 1.7e9])
@@ -150,20 +150,20 @@ def test_a_shift_of_time_changes_nothing(shift: float) -> None:
     recording = interleaved(9).recording
     shifted = changed(recording, t=lambda t: t + shift)
     # Stamps near 1.7e9 s are multiples of 0.24 us, which is a third of sigma of the delay in 30 s, at random.
-    same_within(fit(Model.linear(), recording), fit(Model.linear(), shifted), LIKELIHOOD)
+    same_within(estimate(Model.linear(), recording), estimate(Model.linear(), shifted), LIKELIHOOD)
 
 
 def test_a_reversed_sensor_keeps_its_parameters() -> None:
     recording = interleaved(10).recording
     turned = changed(recording, z=lambda z: -z)
     turned = replace(turned, rig=replace(turned.rig, mount="reversed"))
-    same_within(fit(Model.linear(), recording), fit(Model.linear(), turned), LIKELIHOOD)
+    same_within(estimate(Model.linear(), recording), estimate(Model.linear(), turned), LIKELIHOOD)
 
 
 def test_a_bias_changes_sign_with_both_channels() -> None:
     recording = interleaved(11).recording
     negated = changed(recording, u=lambda u: -u, z=lambda z: -z)
-    same_within(fit(Model.linear(), recording), fit(Model.linear(), negated), LIKELIHOOD, bias=-1.0)
+    same_within(estimate(Model.linear(), recording), estimate(Model.linear(), negated), LIKELIHOOD, bias=-1.0)
 
 
 def mounted(mount: str, seed: int, parameters: dict[str, float], tilt: float = 0.0) -> Recording:
@@ -176,14 +176,14 @@ def mounted(mount: str, seed: int, parameters: dict[str, float], tilt: float = 0
 def test_turning_the_sensor_separates_bias_from_tilt() -> None:
     tilt = 2e-3
     normal, turned = mounted("normal", 12, TRUTH, tilt), mounted("reversed", 13, TRUTH, tilt)
-    joint = fit(Model.linear(), [normal, turned])
+    joint = estimate(Model.linear(), [normal, turned])
     assert "tilt" in joint.model.effects
     truth = {"bias": TRUTH["bias"], "scale_factor": TRUTH["scale_factor"], "tilt": tilt}
     z = errors(joint, truth)
     print({key: round(value, 2) for key, value in z.items()})
     assert max(abs(value) for value in z.values()) < LIMIT
     # One mount alone must blame the bias for the tilt: the sum K0 + g0 tilt is all that it sees.
-    alone = fit(Model.linear(), normal)
+    alone = estimate(Model.linear(), normal)
     together = TRUTH["bias"] + (1.0 + TRUTH["scale_factor"]) * STANDARD_GRAVITY * tilt
     assert abs(alone["bias"].value - together) < LIMIT * alone["bias"].std
     assert abs(alone["bias"].value - TRUTH["bias"]) > 100.0 * alone["bias"].std
@@ -192,7 +192,7 @@ def test_turning_the_sensor_separates_bias_from_tilt() -> None:
 def test_rolling_the_sensor_separates_cross_axis_gravity_and_misalignment() -> None:
     hidden = {**TRUTH, "cross_axis_gravity": 2e-4, "misalignment": 3e-3}
     normal, rolled = mounted("normal", 14, hidden), mounted("rolled", 15, hidden)
-    joint = fit(Model.linear(), [normal, rolled])
+    joint = estimate(Model.linear(), [normal, rolled])
     truth = {
         "bias": hidden["bias"],
         "scale_factor": hidden["scale_factor"],
@@ -202,13 +202,13 @@ def test_rolling_the_sensor_separates_cross_axis_gravity_and_misalignment() -> N
     z = errors(joint, truth)
     print({key: round(value, 2) for key, value in z.items()})
     assert max(abs(value) for value in z.values()) < LIMIT
-    alone = fit(Model.linear(), normal)
+    alone = estimate(Model.linear(), normal)
     assert abs(errors(alone)["scale_factor"]) > 20.0  # one roll angle alone blames the scale factor
 
 
 def test_delays_of_several_runs_are_their_own() -> None:
     late = {**TRUTH, "time_offset": 9e-4}
-    joint = fit(Model.linear(), [mounted("normal", 16, TRUTH), mounted("normal", 17, late)])
+    joint = estimate(Model.linear(), [mounted("normal", 16, TRUTH), mounted("normal", 17, late)])
     delays = [e for e in joint.estimates if e.name == "time_offset"]
     assert [e.run for e in delays] == [0, 1]
     for e, expected in zip(delays, (TRUTH["time_offset"], late["time_offset"]), strict=True):

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import CXL02_RIG, Model, fit, simulate
+from accelcal import CXL02_RIG, Model, simulate
 from accelcal.data.recording import Recording
 from accelcal.data.rig import LowPass
+from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
 from accelcal.workflow import improve
 from tests.consistency.campaign import rms_region
@@ -42,7 +43,7 @@ def test_a_tolerance_that_is_not_declared_makes_scale_and_delay_overconfident() 
 
 
 def test_motion_fast_enough_to_show_the_low_pass_finds_its_error() -> None:
-    fast = fit(Model.linear(), record(3, "fast", 0.05, declared=True))
+    fast = estimate(Model.linear(), record(3, "fast", 0.05, declared=True))
     assert fast.rig.lowpass is not None
     prior = fast.rig.lowpass_prior
     assert fast["lowpass_error"].std < 0.2 * prior
@@ -53,11 +54,11 @@ def test_motion_fast_enough_to_show_the_low_pass_finds_its_error() -> None:
 def test_an_exact_low_pass_adds_nothing_to_the_model() -> None:
     exact = replace(CXL02_RIG, lowpass=LowPass(159.0, 0.0))
     made = simulate("tones", seconds=10.0, rig=exact, parameters=TRUTH, rng=np.random.default_rng(1))
-    assert "lowpass_error" not in fit(Model.linear(), made.recording).model.effects
+    assert "lowpass_error" not in estimate(Model.linear(), made.recording).model.effects
 
 
 def test_a_model_with_the_error_of_its_low_pass_survives_its_file(tmp_path) -> None:
-    found = fit(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
+    found = estimate(Model.linear(), record(5, "tones", 0.05, declared=True, seconds=10.0))
     model_file.save(found, tmp_path / "m.json")
     assert model_file.to_dict(model_file.load(tmp_path / "m.json")) == model_file.to_dict(found)
 

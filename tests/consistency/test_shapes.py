@@ -14,7 +14,7 @@ from scipy import stats
 
 from accelcal.demo import TRUTH, with_effect
 from accelcal.effects import find
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.selection.collinearity import explained_gain
@@ -36,9 +36,9 @@ def errors() -> tuple[np.ndarray, np.ndarray]:
             rng = np.random.default_rng([17, seed])
             made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
             recording = with_effect(made, find(name), size, shape, PreparedRun(made.recording).origins)
-            found = fit(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
+            found = estimate(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
             ended = {f"{name}.{key}": found[f"{name}.{key}"].value for key in shape}
-            held = fit(found.model.freeze(**ended), recording)
+            held = estimate(found.model.freeze(**ended), recording)
             truth = {"scale_factor": TRUTH["scale_factor"], name: size}
             honest.append(
                 [
@@ -69,10 +69,10 @@ def test_a_held_shape_stays_and_says_so():
     made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
     recording = with_effect(made, find("creep"), 0.2, {"tau": 2.0, "start": 0.0}, PreparedRun(made.recording).origins)
     model = Model.linear().add("creep", shapes={"creep": {"tau": 1.0, "start": 0.0}}).freeze(**{"creep.tau": 1.5})
-    held = fit(model, recording)
+    held = estimate(model, recording)
     assert held["creep.tau"].value == 1.5
     assert held["creep.tau"].std == 0.0
-    free = fit(model.release("creep.tau"), recording)
+    free = estimate(model.release("creep.tau"), recording)
     assert free["creep.tau"].std > 0.0
     assert abs(free["creep.tau"].value - 2.0) < 4.5 * free["creep.tau"].std
     assert free["creep"].std > held["creep"].std
@@ -83,8 +83,8 @@ def clipped(seed: int, softness: float, share: float) -> tuple[Fit, Fit]:
     made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng([18, seed]))
     level = share * float(np.max(np.abs(made.recording.accel.y)))
     recording = with_effect(made, find("saturation"), softness, {"level": level}, PreparedRun(made.recording).origins)
-    believed = add(fit(Model.linear(), recording), recording, "saturation")
-    return believed, fit(replace(believed.model, priors={}), recording)
+    believed = add(estimate(Model.linear(), recording), recording, "saturation")
+    return believed, estimate(replace(believed.model, priors={}), recording)
 
 
 @pytest.mark.parametrize("seed", [0, 2])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from accelcal.demo import TRUTH
-from accelcal.estimation.estimate import fit, solve_runs
+from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 
@@ -59,5 +59,5 @@ def test_a_record_that_breaks_off_every_second_is_fitted():
         channel = getattr(made.recording, name)
         kept = channel.t % 1.0 > 0.15
         cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
-    found = fit(Model.linear(), replace(made.recording, **cut))
+    found = estimate(Model.linear(), replace(made.recording, **cut))
     assert abs(found["scale_factor"].value - TRUTH["scale_factor"]) < 4.5 * found["scale_factor"].std

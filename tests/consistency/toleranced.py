@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from accelcal import CXL02_RIG, Model, fit, simulate
+from accelcal import CXL02_RIG, Model, simulate
 from accelcal.data.recording import Recording
 from accelcal.data.rig import LowPass
+from accelcal.estimation.estimate import estimate
 
 NAMES = ("bias", "scale_factor", "time_offset")
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 1e-4}
@@ -35,5 +36,5 @@ def record(seed: int, motion: str, tolerance: float, *, declared: bool, seconds:
 
 def normalised(seed: int, motion: str, tolerance: float, *, declared: bool = True) -> list[float]:
     """Error over reported standard deviation of each of `NAMES`."""
-    found = fit(Model.linear(), record(seed, motion, tolerance, declared=declared))
+    found = estimate(Model.linear(), record(seed, motion, tolerance, declared=declared))
     return [(found[name].value - TRUTH[name]) / found[name].std for name in NAMES]

@@ -11,7 +11,7 @@ from scipy import stats
 from accelcal import filters
 from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, is_local
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
@@ -48,7 +48,7 @@ def test_live_estimates_of_effects_are_honest_and_near_the_replay(records: list[
     for made in records:
         live = followed(MODEL, made)
         errors.append(normalised(live))
-        replayed = fit(MODEL, made.recording)
+        replayed = estimate(MODEL, made.recording)
         shift = replayed.origins.temperature - 25.0
         bias = replayed["bias"].value - replayed["temperature_bias"].value * shift
         for name in FREE[1:]:

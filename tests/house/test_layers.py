@@ -148,7 +148,7 @@ def test_an_upward_import_is_caught(tmp_path: Path) -> None:
     path = tmp_path / "units.py"
     path.write_text(
         "def late():\n"
-        "    from accelcal.estimation.estimate import fit\n"
+        "    from accelcal.estimation.estimate import estimate\n"
         "    import accelcal.cli\n"
         "    from accelcal import plots\n"
     )

@@ -9,6 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.cli import app, write_recording
+from accelcal.estimation.estimate import estimate
 from accelcal.io import sidecar_of
 from accelcal.serialization import model_file
 
@@ -27,7 +28,7 @@ def folder(tmp_path_factory):
     record(here / "other.csv", ac.CXL02_RIG, 3)
     (here / "copy.csv").write_bytes((here / "run.csv").read_bytes())
     (here / "copy.toml").write_bytes((here / "run.toml").read_bytes())
-    model_file.save(ac.fit(ac.Model.linear(), ac.load(here / "run.csv")), here / "m.json")
+    model_file.save(estimate(ac.Model.linear(), ac.load(here / "run.csv")), here / "m.json")
     return here
 
 

@@ -14,6 +14,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal.cli import app, write_recording
+from accelcal.estimation.estimate import estimate
 from accelcal.serialization import model_file
 
 PLAN = ["plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
@@ -26,7 +27,7 @@ def made(tmp_path_factory):
         "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
     )
     write_recording(simulated.recording, folder / "run.csv")
-    model_file.save(ac.fit(ac.Model.linear(), simulated.recording), folder / "m.json")
+    model_file.save(estimate(ac.Model.linear(), simulated.recording), folder / "m.json")
     return folder
 
 
@@ -174,7 +175,9 @@ def test_a_missing_recording_is_reported_and_not_a_missing_sidecar(refused):
 
 def test_estimates_of_every_method_are_read_back(here):
     recording = ac.load("run.csv")
-    held = ac.fit(ac.Model.linear().freeze(bias=0.05), [recording, dataclasses.replace(recording, digest="of another")])
+    held = estimate(
+        ac.Model.linear().freeze(bias=0.05), [recording, dataclasses.replace(recording, digest="of another")]
+    )
     model_file.save(held, "held.json")
     assert model_file.load("held.json").covariance.shape == (3, 3)  # scale factor, a delay of each run
     with pytest.raises(SystemExit) as ended:

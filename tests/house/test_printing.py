@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import accelcal as ac
 from accelcal.cli import app
 from accelcal.cli.printing import show_fit, show_improvement, show_table
+from accelcal.estimation.estimate import estimate
 from accelcal.formatting import interval
 from accelcal.serialization import diagnosis_json
 from accelcal.workflow import improve
@@ -40,12 +41,12 @@ def test_a_table_that_is_wider_than_the_terminal_keeps_every_number(capsys):
 
 
 def test_a_fit_is_printed_with_units_and_the_sums_that_its_parameters_estimate(recording, capsys):
-    found = ac.fit(ac.Model.cubic(), recording)
+    found = estimate(ac.Model.cubic(), recording)
     show_fit(found, recording)
     said = capsys.readouterr().out
-    for estimate in found.estimates:
-        row = next(line for line in said.splitlines() if line.startswith(estimate.name))
-        assert estimate.unit in row.split()
+    for parameter in found.estimates:
+        row = next(line for line in said.splitlines() if line.startswith(parameter.name))
+        assert parameter.unit in row.split()
         assert "…" not in row
     said = " ".join(said.split())
     assert "bias estimates K0 + g0 tilt + g0 misalignment on this rig" in said

@@ -11,6 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import notebook, workflow
+from accelcal.estimation.estimate import estimate
 from accelcal.formatting import concise
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
@@ -24,7 +25,7 @@ def record(seed):
 @pytest.fixture(scope="module")
 def results():
     train, unseen = record(1), record(2)
-    linear, cubic = ac.fit(ac.Model.linear(), train), workflow.add(ac.fit(ac.Model.linear(), train), train, "cubic")
+    linear, cubic = estimate(ac.Model.linear(), train), workflow.add(estimate(ac.Model.linear(), train), train, "cubic")
     return {
         "recording": train,
         "fit": linear,

@@ -12,6 +12,7 @@ import accelcal as ac
 from accelcal import formatting
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.verdict import Confounded
+from accelcal.estimation.estimate import estimate
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
@@ -43,7 +44,7 @@ class Example:
             ).recording
             for s in (1, 2)
         )
-        self.fit = ac.fit(ac.Model.linear(), self.run)
+        self.fit = estimate(ac.Model.linear(), self.run)
         self.diagnosis = diagnose(self.fit, self.run)
         self.seen = self.diagnosis.where
         self.nested = nested_models(self.fit, self.run, self.diagnosis, holdout=self.other)
@@ -51,7 +52,7 @@ class Example:
         self.track = track(self.fit, self.run)
         self.marks = interactive.marks(self.run)
         shaped = ac.Model.linear().add("shape_of_position", shapes=self.ends)
-        self.shaped = ac.fit(shaped.freeze(**{"shape_of_position.p1": 0.0}), self.run)
+        self.shaped = estimate(shaped.freeze(**{"shape_of_position.p1": 0.0}), self.run)
 
     @property
     def ends(self):
@@ -221,7 +222,7 @@ def test_spectrum_of_white_residuals_stays_in_its_region():
 
 
 def test_predicted_noise_is_that_of_a_good_model(example):
-    cubic = ac.fit(ac.Model.linear().add("cubic"), example.run)
+    cubic = estimate(ac.Model.linear().add("cubic"), example.run)
     found = accel_spectrum(cubic, compare(cubic, example.other))
     middle = found.frequency < 0.7 * found.frequency[-1]
     ratio = found.density[middle] / found.predicted[middle]
@@ -275,9 +276,9 @@ def test_a_track_equals_a_fit_of_the_first_part():
     # Noise and smoothed motion are those of the whole record, so only nearly: a tenth of a standard deviation.
     truth = {"bias": 0.05, "scale_factor": 0.01}
     run = simulate("tones", seconds=20.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(4)).recording
-    whole = ac.fit(ac.Model.linear(), run)
+    whole = estimate(ac.Model.linear(), run)
     found = track(whole, run, points=20)
-    half = ac.fit(ac.Model.linear(), run, end=float(found.t[9]), origins=whole.origins)
+    half = estimate(ac.Model.linear(), run, end=float(found.t[9]), origins=whole.origins)
     for i, name in enumerate(found.names):
         assert found.std[9, i] == pytest.approx(half[name].std, rel=0.05)
         assert abs(found.values[9, i] - half[name].value) < 0.3 * half[name].std

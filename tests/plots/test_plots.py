@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from accelcal import formatting, plots
-from accelcal.estimation.estimate import fit
+from accelcal.estimation.estimate import estimate
 from accelcal.formatting import concise
 from accelcal.model import Model
 from accelcal.plots import style
@@ -74,7 +74,7 @@ def fitted():
     record = simulate(
         "tones", seconds=20.0, rig=ADXL105_RIG, parameters=PARAMETERS, rng=np.random.default_rng(3)
     ).recording
-    found = fit(Model.cubic().freeze(quadratic=0.0), record)
+    found = estimate(Model.cubic().freeze(quadratic=0.0), record)
     return record, found, compare(found, record)
 
 

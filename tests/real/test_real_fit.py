@@ -15,7 +15,7 @@ import pytest
 
 from accelcal import io
 from accelcal.data.recording import Recording
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.validation.evaluation import compare
 
@@ -38,7 +38,7 @@ def recording(name: str) -> Recording:
 
 @cache
 def impactor(trial: int, band: float | None) -> Fit:
-    return fit(Model.linear(), recording(f"cyberdiver_ext_ret_trial{trial}"), band=band, **BEFORE_IMPACT)
+    return estimate(Model.linear(), recording(f"cyberdiver_ext_ret_trial{trial}"), band=band, **BEFORE_IMPACT)
 
 
 def figures(found: Fit) -> str:
@@ -71,7 +71,7 @@ def test_one_trial_predicts_the_other() -> None:
 
 
 def test_without_its_delay_the_prediction_is_five_times_worse() -> None:
-    blind = fit(
+    blind = estimate(
         Model.linear().freeze(time_offset=0.0), recording("cyberdiver_ext_ret_trial1"), band=BAND, **BEFORE_IMPACT
     )
     found = compare(blind, recording("cyberdiver_ext_ret_trial2"), band=BAND, **BEFORE_IMPACT)
@@ -83,7 +83,7 @@ def test_without_its_delay_the_prediction_is_five_times_worse() -> None:
     "name", ["rocket_gw1_nosecone", "rocket_gw1_airbrakes_bay", "rocket_jackpot4", "broad_trial10", "broad_trial15"]
 )
 def test_hard_recordings_fit_and_say_what_was_assumed(name: str) -> None:
-    found = fit(Model.linear(), recording(name))
+    found = estimate(Model.linear(), recording(name))
     print(f"{name}: {figures(found)}")
     for sentence in (*found.rig.assumptions, *found.remarks):
         print(f"  {sentence}")

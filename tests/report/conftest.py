@@ -9,6 +9,7 @@ import accelcal as ac
 from accelcal import report
 from accelcal.data.recording import Channel
 from accelcal.data.rig import Uncertainty
+from accelcal.estimation.estimate import estimate
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
 HOSTILE = "<script>alert(1)</script>"
@@ -30,7 +31,7 @@ def record(seed, uncertainty=None):
 def lacking():
     """Return the report of a linear model: an effect is missing, nothing is declared."""
     run = record(1)
-    return report.gather(ac.fit(ac.Model.linear(), run), run, holdout=record(2), command="accelcal report <m>.json")
+    return report.gather(estimate(ac.Model.linear(), run), run, holdout=record(2), command="accelcal report <m>.json")
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +39,7 @@ def complete():
     """Return the report of a cubic model with declared uncertainties, judged on its own end."""
     run = record(1, Uncertainty(encoder_scale=1e-5, level=1e-3, misalignment=2e-3))
     model = ac.Model.linear().add("cubic")
-    return report.gather(ac.fit(model, run), run)
+    return report.gather(estimate(model, run), run)
 
 
 @pytest.fixture(scope="session")

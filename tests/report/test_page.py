@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal import report
 from accelcal._support.extras import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
+from accelcal.estimation.estimate import estimate
 from accelcal.formatting import readable
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
@@ -145,7 +146,7 @@ def test_a_record_too_short_for_a_verdict_has_a_report(tmp_path):
     run = ac.simulate(
         "tones", seconds=0.6, rig=ac.ADXL105_RIG, parameters=truth, rng=np.random.default_rng(6)
     ).recording
-    content = report.gather(ac.fit(ac.Model.linear(), run), run)
+    content = report.gather(estimate(ac.Model.linear(), run), run)
     assert content.diagnosis.verdict == "too_short"
     for text in (report.html(content), report.light(content)):
         page = Page(text)

@@ -12,6 +12,7 @@ from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Confounded, sentence_with_rivals
 from accelcal.effects import HOUSE, find
+from accelcal.estimation.estimate import estimate
 from accelcal.selection.collinearity import (
     confounding_families,
     families_with_remainder,
@@ -174,7 +175,7 @@ def test_a_random_bias_replaces_two_effects_that_are_confounded_with_it():
 def test_an_absent_effect_is_not_significant():
     rng = np.random.default_rng(7)
     run = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"quadratic": 1e-3}, rng=rng).recording
-    fit = ac.fit(ac.Model.linear().add("quadratic").add("velocity"), run)
+    fit = estimate(ac.Model.linear().add("quadratic").add("velocity"), run)
     assert log_significance(fit, "quadratic") < math.log(1e-9)
     assert log_significance(fit, "velocity") > math.log(1e-3)  # by chance 0.1 %
     z = fit["velocity"].value / fit["velocity"].std

@@ -10,6 +10,7 @@ import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size, split
+from accelcal.estimation.estimate import estimate
 from accelcal.serialization import diagnosis_json, model_file
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import Vibration
@@ -41,7 +42,7 @@ def test_a_declared_tolerance_splits_the_effects_by_their_largest_contribution(n
     a = motion("interleaved", 40.0, rng).derivatives(nonlinear.accel.t)[2]
     largest = 1e-3 * float(np.max(a**2))
     rig = dataclasses.replace(nonlinear.rig, tolerance=factor * largest)
-    found = diagnose(ac.fit(ac.Model.linear(), nonlinear), dataclasses.replace(nonlinear, rig=rig))
+    found = diagnose(estimate(ac.Model.linear(), nonlinear), dataclasses.replace(nonlinear, rig=rig))
     content = diagnosis_json.diagnosis_to_dict(found)
     assert content["effects"] == ["quadratic"]
     assert content["tolerance"][kind] == ["quadratic"]
@@ -97,8 +98,8 @@ def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, 
     clean = record(12)
     spoiled, at = outlying(clean, channel, sizes)
     level = {"accel": lambda f: f.runs[0].noise.all.density, "position": lambda f: f.runs[0].noise.all.reading}[channel]
-    good, bad = (level(ac.fit(ac.Model.linear(), run)) for run in (clean, spoiled))
-    found = diagnose(ac.fit(ac.Model.linear(), clean), spoiled)
+    good, bad = (level(estimate(ac.Model.linear(), run)) for run in (clean, spoiled))
+    found = diagnose(estimate(ac.Model.linear(), clean), spoiled)
     assert effect in found.effects
     assert bad > 1.2 * good
     assert level(found.fit) == pytest.approx(good, rel=0.03)  # 2 % is what the likelihood knows of either noise
@@ -111,7 +112,7 @@ def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, 
 def test_nothing_is_left_out_of_a_good_record():
     # Each channel raises a false alarm once in ten thousand records.
     good = record(12)
-    assert diagnose(ac.fit(ac.Model.linear(), good), good).dropped == ()
+    assert diagnose(estimate(ac.Model.linear(), good), good).dropped == ()
 
 
 def test_held_out_data_lose_their_outliers_for_every_step():
@@ -132,7 +133,7 @@ def test_held_out_data_lose_their_outliers_for_every_step():
 
 def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
     small = record(21, profile="tones", cubic=1e-3)
-    fitted = ac.fit(ac.Model.linear(), small)
+    fitted = estimate(ac.Model.linear(), small)
     rng = np.random.default_rng(22)
     made = ac.simulate("tones", seconds=40.0, rig=ac.CXL02_RIG, parameters={**TRUTH, "cubic": 1e-3}, rng=rng, a_rms=8.0)
     seen = compare(fitted, made.recording)
@@ -154,7 +155,7 @@ def test_readings_outside_the_trained_range_are_counted_and_scored_apart():
 
 
 def test_errors_inside_and_outside_add_up_to_the_whole():
-    fitted = ac.fit(ac.Model.linear(), record(23, profile="bursts"))
+    fitted = estimate(ac.Model.linear(), record(23, profile="bursts"))
     seen = compare(fitted, record(24, profile="interleaved"))
     for region in seen.outside:
         for horizon, (near, far) in region.coast.items():
@@ -171,7 +172,7 @@ def test_temperature_beyond_the_calibrated_range_is_counted():
         y = np.linspace(low, high, len(t))
         return dataclasses.replace(recording, side={"temperature": Channel("temperature", t, y, "degC")})
 
-    fitted = ac.fit(ac.Model.linear(), at(cold, 20.0, 25.0))
+    fitted = estimate(ac.Model.linear(), at(cold, 20.0, 25.0))
     seen = compare(fitted, at(warm, 22.0, 28.0))
     region = next(o for o in seen.outside if o.variable == "temperature")
     assert region.range == pytest.approx((20.0, 25.0), abs=0.01)

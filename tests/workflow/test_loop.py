@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import workflow
 from accelcal.cli import write_recording
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
-from accelcal.estimation.estimate import solve_runs, taken_up
+from accelcal.estimation.estimate import estimate, solve_runs, taken_up
 from accelcal.serialization import diagnosis_json, model_file
 from accelcal.workflow import add, diagnose, drop, improve
 
@@ -28,7 +28,7 @@ def record(seed, seconds=40.0, rig=ac.CXL02_RIG, motion="interleaved", **more):
 @pytest.fixture(scope="module")
 def plain():
     recording = record(1)
-    return recording, ac.fit(ac.Model.linear(), recording)
+    return recording, estimate(ac.Model.linear(), recording)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
 
 def test_a_fit_is_resumed_as_it_ended():
     run = dataclasses.replace(record(6, cubic=1e-3), digest="six")
-    found = ac.fit(ac.Model.cubic(), run)
+    found = estimate(ac.Model.cubic(), run)
     left, resumed = solve_runs(found.model, [run]).passes[0], taken_up(found, [run])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
     assert np.allclose(resumed.normal.gram, left.normal.gram, rtol=1e-4)
@@ -71,7 +71,7 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     spoiled = clean.accel.y.copy()
     spoiled[5_000:60_000:5_000] += 3.0
     run = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
-    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), ac.fit(ac.Model.linear(), run)
+    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), estimate(ac.Model.linear(), run)
     assert every.noise().q > 2.0 * kept.noise().q
     assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers."
     grown, truth = add(kept, run, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
@@ -144,7 +144,7 @@ def test_a_model_with_shapes_survives_its_file(plain, tmp_path):
 
 
 def test_a_diagnosis_has_its_documented_keys(nonlinear):
-    fitted = ac.fit(ac.Model.linear(), nonlinear[0])
+    fitted = estimate(ac.Model.linear(), nonlinear[0])
     content = diagnosis_json.diagnosis_to_dict(diagnose(fitted, nonlinear[0]))
     assert json.loads(model_file.dumps(content)) is not None
     keys = {"schema", "verdict", "effects", "classes", "inseparable", "breaks", "used", "suspect_data", "candidates"}
@@ -167,10 +167,10 @@ def test_survival_does_not_saturate():
 def test_scores_are_those_of_least_squares():
     rng = np.random.default_rng(6)
     X, y = rng.standard_normal((200, 3)), rng.standard_normal(200)
-    gain, dof, estimate, covariance = score_gain(X.T @ X, X.T @ y)
+    gain, dof, coefficients, covariance = score_gain(X.T @ X, X.T @ y)
     beta, left, *_ = np.linalg.lstsq(X, y)
     assert dof == 3
-    np.testing.assert_allclose(estimate, beta, rtol=1e-10)
+    np.testing.assert_allclose(coefficients, beta, rtol=1e-10)
     np.testing.assert_allclose(covariance, np.linalg.inv(X.T @ X), rtol=1e-9)
     assert gain == pytest.approx(float(y @ y - left[0]), rel=1e-9)
 

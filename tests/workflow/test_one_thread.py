@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import accelcal as ac
 from accelcal._support.threads import one_thread
+from accelcal.estimation.estimate import estimate
 from accelcal.workflow import diagnose
 
 
@@ -56,7 +57,7 @@ def test_in_another_thread_it_changes_nothing():
 def test_a_fit_and_a_diagnosis_ask_for_it():
     run = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
     within: list[set[int]] = []
-    fit = ac.fit(ac.Model.linear(), run)
+    fit = estimate(ac.Model.linear(), run)
     diagnose(fit, run, report=lambda share: within.append(threads()))
     assert within
     assert all(seen == {1} for seen in within)

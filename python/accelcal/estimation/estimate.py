@@ -85,7 +85,7 @@ class Fit:
 
 
 @one_thread
-def fit(
+def estimate(
     model: Model,
     recordings: Recording | Sequence[Recording],
     *,

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.effects import find, polynomial
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import PreparedRun
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun, forward_parameters, run
@@ -51,7 +51,7 @@ def fit_recursive(
     of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; derivations 4.1).
     """
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
-    replayed = fit(model, recording, start=start, end=end)
+    replayed = estimate(model, recording, start=start, end=end)
     offset = replayed["time_offset"]
     prepared = PreparedRun(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")

@@ -18,7 +18,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
 from accelcal.demo import with_effect
 from accelcal.effects import find
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.paper.rows import SIGMAS, Item, Plan, Row, paired
@@ -109,7 +109,7 @@ def curved(plan: Plan, times: float, runs: int) -> Drifts:
             simulate("interleaved", seconds=SECONDS, rig=rig, parameters=sensor, rng=rng).recording
             for rig in (ADXL105_RIG, quiet(ADXL105_RIG))
         )
-        linear, cubic = fit(Model.linear(), train), fit(Model.cubic(), train)
+        linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         return drift(linear, test), drift(cubic, test), snr(cubic)
 
     linear, cubic, seen = np.array(plan.repeat(f"question {times:g}", runs, once)).T
@@ -127,7 +127,7 @@ def windage(plan: Plan, runs: int) -> Drifts:
         ]
         origins = PreparedRun(made[0].recording).origins
         train, test = (with_effect(one, effect, WINDAGE, {}, origins) for one in made)
-        linear, cubic = fit(Model.linear(), train), fit(Model.cubic(), train)
+        linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         loop = improve(train, holdout=test)
         last = loop.steps[-1].fit
         return drift(linear, test), drift(cubic, test), drift(last, test), snr(cubic), loop.effects

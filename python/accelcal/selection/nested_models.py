@@ -12,7 +12,7 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
-from accelcal.estimation.estimate import Fit, fit
+from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.validation.comparison import HELD_OUT, Comparison
 from accelcal.validation.evaluation import compare
@@ -97,7 +97,7 @@ def nested_models(
     def member(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> NestedModel:
         found = ready
         if found is None:
-            found = fit(model, recording, start=begin, end=split, origins=fitted.origins)
+            found = estimate(model, recording, start=begin, end=split, origins=fitted.origins)
         return NestedModel(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
 
     # Effects that a turned sensor or the tolerance of a low-pass added depend on the recordings, not on the model.

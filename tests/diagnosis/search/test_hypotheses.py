@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-import accelcal as ac
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
+from accelcal.estimation.estimate import estimate
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
 from accelcal.workflow import add, diagnose
@@ -27,7 +27,7 @@ def test_a_second_wave_is_offered_next_to_a_first_one_only(plain: Simulated) -> 
     assert "rail_second_wave" not in {item.effect.name for item in hypotheses_for(state, Model.linear())}
     assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(state, held)}
     with pytest.raises(ValueError, match="add that first"):
-        add(ac.fit(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
+        add(estimate(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
 
 
 def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_bias(plain: Simulated) -> None:
@@ -74,7 +74,7 @@ def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
     run, s = state.run.recording, state.signals
     assert s is not None
     ends = {"shape_of_position": {"low": float(np.min(s.p)), "high": float(np.max(s.p))}}
-    coarse = ac.fit(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)
+    coarse = estimate(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)
     missing = diagnose(coarse, run)
     assert "shape_of_position" in missing.effects or "rail_wave" in missing.effects
     fine = add(coarse, run, "shape_of_position")
