@@ -35,7 +35,7 @@ def test_the_tutorial_finds_what_was_hidden_and_the_error_falls(tmp_path):
     cards = [card for card in html if 'class="accelcal"' in card]
     for title in ("Recording", "Fit to", "Model against", "Diagnosis: an effect is missing", "History on"):
         assert any(title in card for card in cards), title
-    assert "Diagnosis: nothing is missing" in " ".join(cards)
+    assert "Diagnosis: no effect is missing" in " ".join(cards)
     assert sum("image/png" in out.get("data", {}) for out in outputs(notebook)) == 3
     printed = next(out.text for out in outputs(notebook) if out.get("text", "").startswith("hidden:"))
     hidden, found = re.findall(r"^(?:hidden|found):\s+(\w+), (\S+)", printed, flags=re.MULTILINE)
