@@ -414,7 +414,7 @@ def test_power_of_few_effects_is_drawn(example):
     figure = interactive.detectable_sizes(few)
     assert [sorted(t.y) for t in figure.data] == [["cubic", "quadratic"]]
     none = interactive.detectable_sizes(replace(example.power, detectabilities=()))
-    assert "No effect can be seen" in none.to_json()
+    assert "No effect is detectable" in none.to_json()
 
 
 def test_previous_residuals_are_drawn_pale(example):

@@ -149,7 +149,7 @@ def test_coasting_curves_are_the_rms_values_and_none_is_absent():
 def test_a_record_too_short_to_coast_gets_a_sentence_and_no_curve():
     figure = plots.coasting(a_comparison(**SHORT))
     assert not figure.axes[0].get_lines()
-    assert "too short to coast 1 s" in texts(figure).replace("\n", " ")
+    assert "too short for a drift over 1 s" in texts(figure).replace("\n", " ")
 
 
 def test_one_step_residuals_and_band_are_those_of_the_comparison():
@@ -174,8 +174,8 @@ def test_a_start_transient_does_not_size_the_axis_and_is_counted():
 
 def test_imposed_band_is_said():
     for draw in (plots.one_step, plots.histogram):
-        assert "not claimed" in texts(draw(a_comparison(nis=None))).replace("\n", " ")
-        assert "not claimed" not in texts(draw(a_comparison())).replace("\n", " ")
+        assert "not valid" in texts(draw(a_comparison(nis=None))).replace("\n", " ")
+        assert "not valid" not in texts(draw(a_comparison())).replace("\n", " ")
 
 
 def test_regions_come_in_order_of_prominence_with_their_means():
