@@ -1,4 +1,4 @@
-"""Numbers, units and names as people read them: one place for the command line, figures, report and workbench."""
+"""Numbers, units and names for people: shared by command line, figures, report, notebook and workbench."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def short(value: float, std: float) -> str:
 
 
 def interval(value: float, std: float) -> str:
-    """The interval that holds the truth with 95 % probability, to two digits of the standard deviation.
+    """The interval that contains the true value with 95 % probability, to two digits of the standard deviation.
 
     Examples
     --------
@@ -78,7 +78,7 @@ def interval(value: float, std: float) -> str:
 
 
 def millionths(value: float | None) -> str:
-    """A length in um, or that there is none."""
+    """A length in um, "-" where there is none."""
     return "-" if value is None else f"{1e6 * value:.4g} um"
 
 
@@ -115,19 +115,19 @@ def probability(p: float) -> str:
 
 
 def usual(unit: str, value: float, std: float) -> str:
-    """A value in the unit that test engineers use; empty where SI is that unit."""
+    """A value in the customary unit, such as mg; empty where that is SI."""
     return typeset(display(unit, value, std) or "").replace(" u", " µ")
 
 
 def readable(text: str) -> str:
-    """A sentence of the library without the identifiers of the catalogue."""
+    """A sentence of the library with effect names written as words."""
     for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
         text = text.replace(name, spelled(name))
     return text.replace(" sigma", " σ")
 
 
 def prefixed(unit: str, *values: Array | float) -> tuple[float, str]:
-    """Factor and unit in which the largest of some values is at least 1; only metres and what begins with them.
+    """Factor and unit in which the largest of some values is at least 1; only metres and units that begin with them.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def length(metres: float) -> str:
 
 
 def grouped(number: int) -> str:
-    """A count with its thousands apart: 400 000."""
+    """A count with its thousands separated: 400 000."""
     return f"{number:,}".replace(",", " ")
 
 

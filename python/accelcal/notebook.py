@@ -1,6 +1,6 @@
-"""What a notebook shows of a result: one sentence, a small table, and what must be read beside it, as HTML.
+"""Results in a notebook: one sentence, a small table, and remarks, as HTML.
 
-Everything is escaped, and no colour is set but by opacity, so that light and dark notebooks both stay readable.
+Everything is escaped, and only opacity is set, no colour, so that light and dark notebooks both stay readable.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ SHORT = 26
 """Letters that a cell holds in one line; longer texts may break."""
 CELL = "text-align:left;vertical-align:top;padding:2px 14px 2px 0"
 TABLE = 'style="border-collapse:collapse;margin:4px 0"'
-FAINT = 'style="opacity:.75;margin:2px 0"'
+MUTED = 'style="opacity:.75;margin:2px 0"'
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """What is shown of one result; plain text throughout."""
+    """Content shown for one result; plain text throughout."""
 
     title: str
     sentence: str
@@ -43,7 +43,7 @@ class Card:
     rows: tuple[tuple[str, ...], ...] = ()
     notes: tuple[str, ...] = ()
     bars: tuple[float, ...] = ()
-    """One for each row where rows are compared by length, as shares of the longest; drawn in a last column."""
+    """One for each row, as shares of the longest, drawn in an extra column; empty without bars."""
 
 
 def html(result: object) -> str:
@@ -60,7 +60,7 @@ def html(result: object) -> str:
     """
     shown = card(result)
     head = (*shown.head, "") if shown.bars else shown.head
-    parts = [f"<p {FAINT}>{escape(shown.title)}</p>", f'<p style="margin:2px 0"><b>{escape(shown.sentence)}</b></p>']
+    parts = [f"<p {MUTED}>{escape(shown.title)}</p>", f'<p style="margin:2px 0"><b>{escape(shown.sentence)}</b></p>']
     if shown.rows:
         titles = "".join(cell("th", text) for text in head)
         rows = "".join(
@@ -68,7 +68,7 @@ def html(result: object) -> str:
             for i, row in enumerate(shown.rows)
         )
         parts.append(f"<table {TABLE}><thead><tr>{titles}</tr></thead><tbody>{rows}</tbody></table>")
-    parts += [f"<p {FAINT}>{escape(text)}</p>" for text in shown.notes]
+    parts += [f"<p {MUTED}>{escape(text)}</p>" for text in shown.notes]
     return f'<div class="accelcal" style="overflow-x:auto">{"".join(parts)}</div>'
 
 
@@ -88,7 +88,7 @@ def bar(shares: Sequence[float], row: int) -> str:
 
 @singledispatch
 def card(result: object) -> Card:
-    """What is shown of a result."""
+    """Content shown for a result."""
     raise TypeError(f"a {type(result).__name__} has no card; expected one of {', '.join(CARDS)}")
 
 
@@ -129,9 +129,9 @@ def _(fit: Fit) -> Card:
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
     return Card(
-        title=f"Fit to {names}, {fit.method}",
+        title=f"Fit of {names}, {fit.method}",
         sentence=f"{len(fit.free)} parameters from {readings} readings of position{agreement}.",
-        head=("parameter", "value (u)", "U", "usual unit", "what it really is here"),
+        head=("parameter", "value (u)", "U", "usual unit", "sum estimated on this rig"),
         rows=tuple(
             (
                 e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
@@ -155,7 +155,7 @@ def _(seen: Comparison) -> Card:
     return Card(
         title=f"Model against {seen.recording or 'recording'}",
         sentence=drift(seen),
-        head=("unaided drift after", "this run's constant", "all from the fit", "noise alone", "starts"),
+        head=("unaided drift after", "bias re-estimated", "all from the fit", "noise floor", "start points"),
         rows=tuple(
             (
                 f"{h:g} s",
@@ -167,10 +167,10 @@ def _(seen: Comparison) -> Card:
             for h in seen.coast_rms
         ),
         notes=(
-            f"One step ahead {formatting.length(seen.one_step_rms)} rms; accelerometer side up to "
-            f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; set-up or turn-on bias "
+            f"One-step prediction error {formatting.length(seen.one_step_rms)} rms; accelerometer residual up to "
+            f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; change of set-up or turn-on bias "
             f"{number(setup)} ± {number(std, 2)} m/s².",
-            full(seen.worst),
+            as_sentence(seen.worst),
             *seen.remarks,
         ),
     )
@@ -179,17 +179,21 @@ def _(seen: Comparison) -> Card:
 @card.register
 def _(found: Diagnosis) -> Card:
     notes = [f"Suspect data: {text}" for text in found.suspect]
-    notes += [full(one.sentence) for one in found.dropped] + [full(test.sentence) for test in found.channels]
+    notes += [as_sentence(rejected.sentence) for rejected in found.dropped]
+    notes += [as_sentence(test.sentence) for test in found.channels]
     tied = [tie for tie in found.classes if len(tie.members) > 1]
-    notes += [f"Cannot be told apart here: {', '.join(tie.members)}. {full(tie.experiment)}" for tie in tied]
-    missing = found.verdict != "adequate"  # a ranking of candidates that explain nothing would mislead
+    notes += [
+        f"Confounded on this record: {', '.join(tie.members)}. To separate them: {tie.experiment.rstrip('.')}."
+        for tie in tied
+    ]
+    missing = found.verdict != "adequate"  # a ranking of insignificant candidates would mislead
     return Card(
         title=f"Diagnosis: {VERDICTS[found.verdict]}",
         sentence=typeset(found.sentence),
         head=(
-            ("candidate", "coefficient (u)", "largest contribution", "evidence")
+            ("candidate", "coefficient (u)", "largest contribution", "significance")
             if missing
-            else ("nothing missing larger than", "seen with 95 % probability")
+            else ("effect", "detection limit (95 % probability)")
         ),
         rows=(
             tuple(
@@ -205,8 +209,8 @@ def _(found: Diagnosis) -> Card:
 
 
 @card.register
-def _(story: History) -> Card:
-    return falling(f"History on {story.steps[0].recording or 'recording'}", story.names, story.steps)
+def _(history: History) -> Card:
+    return error_reduction(f"History on {history.steps[0].recording or 'recording'}", history.names, history.steps)
 
 
 @card.register
@@ -214,8 +218,8 @@ def _(found: Improvement) -> Card:
     names = [" + ".join(("base", *step.effects)) for step in found.steps]
     same = "the end of the same run" if found.same_run else "another recording"
     last = found.diagnosis
-    return falling(
-        f"Improvement: {VERDICTS[last.verdict]}; held out is {same}",
+    return error_reduction(
+        f"Improvement: {VERDICTS[last.verdict]}; held out: {same}",
         names,
         [step.heldout for step in found.steps],
         typeset(last.sentence),
@@ -226,18 +230,18 @@ def _(found: Improvement) -> Card:
 CARDS = ("Recording", "Fit", "Comparison", "Diagnosis", "History", "Improvement")
 
 
-def falling(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:
-    """Several models on the same unseen data, one row each."""
+def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:
+    """Several models on one held-out recording, one row each."""
     known = [h for h in steps[0].coast_rms if all(seen.coast_rms[h] is not None for seen in steps)]
     h = max(known, default=None)
     errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
-    measure = "Free-running error" if h is None else f"Unaided drift after {h:g} s"
+    measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
     fall = " → ".join(formatting.length(error) for error in (errors[0], errors[-1])[: len(errors)])
-    floor = "" if h is None else f"; noise alone {length(steps[-1].coast_floor[h])}"
+    floor = "" if h is None else f"; noise floor {length(steps[-1].coast_floor[h])}"
     return Card(
         title=title,
-        sentence=f"{measure} on unseen data: {fall}{floor}.",
-        head=("model", *(f"drift, {k:g} s" for k in steps[0].coast_rms), "free-running", "one step"),
+        sentence=f"{measure} on held-out data: {fall}{floor}.",
+        head=("model", *(f"drift, {k:g} s" for k in steps[0].coast_rms), "simulation", "one step"),
         rows=tuple(
             (name, *map(length, seen.coast_rms.values()), length(seen.simulated_rms), length(seen.one_step_rms))
             for name, seen in zip(names, steps, strict=True)
@@ -248,19 +252,16 @@ def falling(title: str, names: Sequence[str], steps: Sequence[Comparison], *note
 
 
 def drift(seen: Comparison) -> str:
-    """The longest drift beside what noise alone would give, in a sentence."""
+    """The longest drift and its noise floor, in a sentence."""
     known = [h for h, error in seen.coast_rms.items() if error is not None]
     if not known:
-        return f"Free-running error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
+        return f"Simulation error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
     h = max(known)
-    return (
-        f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms; noise alone would give "
-        f"{length(seen.coast_floor[h])}."
-    )
+    return f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms; noise floor {length(seen.coast_floor[h])}."
 
 
-def full(text: str) -> str:
-    """A text as a sentence of its own."""
+def as_sentence(text: str) -> str:
+    """A text with a capital and a full stop."""
     return f"{text[:1].upper()}{text[1:].rstrip('.')}."
 
 

@@ -97,24 +97,24 @@ def test_drifts_are_those_of_the_comparison(results):
 def test_what_is_missing_is_named_and_what_is_not_is_bounded(results):
     lacking, complete = (shown(results[kind]) for kind in ("lacking", "complete"))
     assert cells(lacking)[1][0] == results["lacking"].effects[0] == "cubic"
-    assert cells(complete)[0] == ["nothing missing larger than", "seen with 95 % probability"]
+    assert cells(complete)[0] == ["effect", "detection limit (95 % probability)"]
     assert "scale factor" not in [row[0] for row in cells(complete)]  # it is in the model
 
 
 def test_bars_are_as_long_as_the_errors(results):
-    story = results["history"]
-    widths = [float(w) for w in re.findall(r"width:(\d+)px", story._repr_html_())]
-    errors = [seen.coast_rms[10.0] for seen in story]
+    history = results["history"]
+    widths = [float(w) for w in re.findall(r"width:(\d+)px", history._repr_html_())]
+    errors = [seen.coast_rms[10.0] for seen in history]
     assert widths[0] == notebook.LONGEST_BAR
     assert widths[1] / widths[0] == pytest.approx(errors[1] / errors[0], abs=0.01)  # whole pixels
     assert errors[1] < 0.5 * errors[0]
 
 
 def test_a_history_is_the_sequence_of_its_comparisons(results):
-    story = results["history"]
-    assert len(story) == 2
-    assert list(story) == [story[0], story[1]]
-    assert story.names == ("base", "base + cubic")
+    history = results["history"]
+    assert len(history) == 2
+    assert list(history) == [history[0], history[1]]
+    assert history.names == ("base", "base + cubic")
     with pytest.raises(ValueError, match="at least one model"):
         workflow.history([], results["recording"])
 

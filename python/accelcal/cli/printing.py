@@ -256,7 +256,9 @@ def show_parameters(found: Fit) -> None:
                 "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
             )
         )
-        estimated[e.name] = tied_sum(found, e.name)
+        total = tied_sum(found, e.name)
+        if total != e.symbol:
+            estimated[e.name] = total
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
     for name, total in estimated.items():
         print(f"  {name} estimates {total} on this rig")
