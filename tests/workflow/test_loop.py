@@ -71,7 +71,7 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     spoiled = clean.accel.y.copy()
     spoiled[5_000:60_000:5_000] += 3.0
     run = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
-    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), estimate(ac.Model.linear(), run)
+    every, kept = ac.fit(ac.Model.linear(), run, reject_outliers=False), ac.fit(ac.Model.linear(), run)
     assert every.noise().q > 2.0 * kept.noise().q
     assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers."
     grown, truth = add(kept, run, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
