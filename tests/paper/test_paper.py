@@ -18,8 +18,8 @@ import accelcal.paper as paper
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.filters.choice import FilterChoice
 from accelcal.paper.convergence import convergence_item, race, robustness_item, settling_time
+from accelcal.paper.filter_consistency import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.gaps import CURVED_SENSOR, GAP, gap_ends, gap_errors, gaps_item, random_walk_floor, withheld
-from accelcal.paper.honesty import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scale_update_item
 from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test

@@ -1,6 +1,6 @@
-"""Stakkeland, Prytz, Booij, Pedersen (2007), reproduced: what the paper says beside what our filters do.
+"""Stakkeland, Prytz, Booij, Pedersen (2007), reproduced: each claim of the paper with the result of our filters.
 
-Everything runs on simulated data with a stated seed. Where a claim of the paper does not hold in these runs, its row
+Everything runs on simulated data with a stated seed. The row of a claim that does not hold in these runs
 says so.
 """
 
@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from accelcal.paper.convergence import convergence_item, robustness_item
+from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
-from accelcal.paper.honesty import consistency_item
 from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_item
 from accelcal.paper.question import question_item
 from accelcal.paper.render import render

@@ -1,4 +1,4 @@
-"""Initial errors (paper III-A1, III-A2, III-B1): which filter settles faster, and which one never does."""
+"""Initial errors (paper III-A1, III-A2, III-B1): which filter settles faster, and which one does not settle."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def convergence_item(plan: Plan) -> Item:
 
 
 def robustness_item(plan: Plan) -> Item:
-    """An initial error that the prior denies."""
+    """An initial error far beyond the prior."""
     runs = plan.runs(5, 20)
     aci = replace(ACI, form="inverse")
     counts = {trust: (failures(plan, aci, trust, runs), failures(plan, CWPA, trust, runs)) for trust in TRUST}
@@ -91,17 +91,17 @@ def robustness_item(plan: Plan) -> Item:
             remark=f"the prior claims {trust:.1%} of the error that is there",
         )
 
-    overtrusted, honest, blind = (counts[trust] for trust in TRUST)
+    narrow, consistent, wide = (counts[trust] for trust in TRUST)
     rows = (
         row(
             "paper",
             TRUST[0],
             "ACI survives initial errors that ruin CWPA",
             "CWPA fails in more than half, ACI in none",
-            overtrusted[0] == 0 and 2 * overtrusted[1] > runs,
+            narrow[0] == 0 and 2 * narrow[1] > runs,
         ),
-        row("us", TRUST[1], "with an honest prior neither fails", "none fails", honest == (0, 0)),
-        row("us", TRUST[2], "with a blind prior ACI fails too", "both fail at times", min(blind) > 0),
+        row("us", TRUST[1], "with a consistent prior neither fails", "none fails", consistent == (0, 0)),
+        row("us", TRUST[2], "with an overly wide prior ACI fails too", "both fail at times", min(wide) > 0),
     )
     return Item(
         name="robustness",

@@ -1,4 +1,4 @@
-"""What the sensor models alone say (paper II-B, II-B1, II-C): equations (7), (8) and the scale update."""
+"""Predictions of the sensor models alone (paper II-B, II-B1, II-C): equations (7), (8) and the scale update."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from accelcal.paper.tuning import ACI, CWPA, PLAIN_CXL02, filtered, prior_sigmas
 from accelcal.simulation.motion import Motion, Tones
 from accelcal.simulation.sensor import Simulated, simulate
 
-QUIET = replace(PLAIN_CXL02, sensor=replace(PLAIN_CXL02.sensor, noise=0.0), resolution=None)
+NOISE_FREE = replace(PLAIN_CXL02, sensor=replace(PLAIN_CXL02.sensor, noise=0.0), resolution=None)
 SECONDS = 60.0
 CORRECTED = "corrected"
 
 
 def fourier_item(plan: Plan) -> Item:
-    """Fourier coefficients (8) of the output under a sine, and the linear fit that they corrupt."""
+    """Fourier coefficients (8) of the output under a sine, and the linear fit that they bias."""
     return Item(
         name="fourier",
         title="Output under a = A sin(wt), A = 15 m/s²",
@@ -91,8 +91,8 @@ def scale_update_item(plan: Plan) -> Item:
             row("paper", "K0", "is divided by 1 + k", 1.0 / s, "as printed"),
             row("us", "K2", "is divided by 1 + k", 1.0 / s, "missing in the text"),
             row("us", "K3", "is divided by 1 + k", 1.0 / s, "missing in the text"),
-            row("paper", "K2", "stays as it is", 1.0, "what the text amounts to, since it rescales K0 alone"),
-            row("paper", "K3", "stays as it is", 1.0, "what the text amounts to, since it rescales K0 alone"),
+            row("paper", "K2", "stays as it is", 1.0, "implied by the text, which rescales K0 alone"),
+            row("paper", "K3", "stays as it is", 1.0, "implied by the text, which rescales K0 alone"),
         ),
     )
 
@@ -103,7 +103,7 @@ def harmonics(sensor: Mapping[str, float], amplitude: float) -> dict[str, float]
     sine = Motion((Tones(np.array([-amplitude / w**2]), np.array([5.0]), np.zeros(1)),), 1.0)
     rng = np.random.default_rng(0)  # nothing is drawn: no noise
     y = simulate(
-        sine, seconds=1.0, rig=QUIET, parameters=sensor, rng=rng, accel_rate=2000.0, position_noise=0.0
+        sine, seconds=1.0, rig=NOISE_FREE, parameters=sensor, rng=rng, accel_rate=2000.0, position_noise=0.0
     ).recording.accel.y
     spectrum = np.fft.rfft(y) / len(y)
     return {

@@ -3,8 +3,8 @@
 Two answers, each an experiment. A coefficient that is fitted adds its uncertainty to the drift whether the sensor has
 it or not: K2 and K3 of the paper's size are at break-even on an ADXL105. And an effect that is neither can make both
 significant: here an output growing with v², as the rectified vibration of ball bearings does, which a fit on
-point-to-point moves takes for curvature of the sensor. On a motion that accelerates harder that model tracks several
-times worse, and the loop names the right cause.
+point-to-point moves mistakes for curvature of the sensor. On a motion with larger accelerations that model tracks
+several times worse, and `improve` names the right cause.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ HORIZON = 5.0
 """Time without position, s."""
 BASE = {"bias": 0.05, "scale_factor": 0.01}
 CURVATURE = {"quadratic": -1e-4, "cubic": 1e-5}
-"""K2 and K3 as in III-A2: below what an ADXL105 shows on this motion."""
+"""K2 and K3 as in III-A2: below the detection limits of an ADXL105 on this motion."""
 PLAIN = 10.0
-"""Times `CURVATURE`: what this motion shows."""
+"""Multiple of `CURVATURE` that this motion shows."""
 BREAK_EVEN = 2.0
 """Two drifts within this factor of each other: neither model is to be preferred."""
 WINDAGE = 0.2
 """Coefficient of v², m/s² per (m/s)²: 2 mm/s² at 0.1 m/s, as a vibration of 2 m/s² rectified by K2 = 1e-3 gives."""
 
 
-def quiet(rig: Rig) -> Rig:
-    """The rig with a sensor that has no noise: its drift is what the model itself gets wrong."""
+def noise_free(rig: Rig) -> Rig:
+    """The rig with a noise-free sensor: its drift is the error of the model alone."""
     return replace(rig, sensor=replace(rig.sensor, noise=0.0))
 
 
@@ -52,39 +52,39 @@ class Drifts:
     linear: Array
     cubic: Array
     found: Array
-    """Of the model that the loop arrives at; empty where it is not asked."""
+    """Of the model that `improve` returns; empty where that is not run."""
     snr: Array
     """sqrt of the gain of K2 and K3 together, by their own covariance."""
     names: tuple[tuple[str, ...], ...]
-    """What the loop added in each record."""
+    """Effects that `improve` added in each record."""
 
 
 def question_item(plan: Plan) -> Item:
     """Linear against cubic when the sensor is curved too little, plainly, or not at all."""
     few, many = plan.runs(3, 24), plan.runs(2, 12)
-    absent, faint, plain = (curved(plan, times, few) for times in (0.0, 1.0, PLAIN))
-    posing = windage(plan, many)
-    named = sum("velocity_squared" in names for names in posing.names)
+    absent, small, large = (curved(plan, times, few) for times in (0.0, 1.0, PLAIN))
+    windy = windage(plan, many)
+    named = sum("velocity_squared" in names for names in windy.names)
     return Item(
         name="question",
         title=f"Linear against cubic: drift {HORIZON:g} s after position is withheld, on another motion",
         source="IV, Table III and Fig. 5",
         rows=(
             _pair("K2, K3 that are fitted but absent cost drift", absent, "linear", "cubic"),
-            _even("K2, K3 of the paper are at break-even, ADXL105", faint),
-            _pair(f"the cubic model tracks better when they are {PLAIN:g} times as large", plain, "cubic", "linear"),
+            _even("K2, K3 of the paper are at break-even, ADXL105", small),
+            _pair(f"the cubic model tracks better when they are {PLAIN:g} times as large", large, "cubic", "linear"),
             Row(
                 by="us",
                 claim="an output growing with v² makes K2, K3 significant, though the sensor has neither",
                 expected=f"median beyond {SIGMAS:.2f} sigma",
-                measured=f"{np.median(posing.snr):.1f} sigma ({np.min(posing.snr):.1f} to {np.max(posing.snr):.1f})",
-                value=float(np.median(posing.snr)),
+                measured=f"{np.median(windy.snr):.1f} sigma ({np.min(windy.snr):.1f} to {np.max(windy.snr):.1f})",
+                value=float(np.median(windy.snr)),
                 n=many,
                 threshold=f"{SIGMAS:.2f} sigma",
-                holds=bool(np.median(posing.snr) > SIGMAS),
+                holds=bool(np.median(windy.snr) > SIGMAS),
                 remark="CXL02, fitted on moves",
             ),
-            _pair("the linear model then tracks better than the significant cubic one", posing, "linear", "cubic"),
+            _pair("the linear model then tracks better than the significant cubic one", windy, "linear", "cubic"),
             Row(
                 by="us",
                 claim="the loop names velocity_squared instead",
@@ -95,7 +95,7 @@ def question_item(plan: Plan) -> Item:
                 threshold="all",
                 holds=named == many,
             ),
-            _pair("with it the model tracks better than both", posing, "found", "linear"),
+            _pair("with it the model tracks better than both", windy, "found", "linear"),
         ),
     )
 
@@ -107,7 +107,7 @@ def curved(plan: Plan, times: float, runs: int) -> Drifts:
     def once(rng: np.random.Generator) -> tuple[float, float, float]:
         train, test = (
             simulate("interleaved", seconds=SECONDS, rig=rig, parameters=sensor, rng=rng).recording
-            for rig in (ADXL105_RIG, quiet(ADXL105_RIG))
+            for rig in (ADXL105_RIG, noise_free(ADXL105_RIG))
         )
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         return drift(linear, test), drift(cubic, test), snr(cubic)
@@ -123,18 +123,18 @@ def windage(plan: Plan, runs: int) -> Drifts:
     def once(rng: np.random.Generator) -> tuple[float, float, float, float, tuple[str, ...]]:
         made = [
             simulate(motion, seconds=SECONDS, rig=rig, parameters=BASE, rng=rng)
-            for motion, rig in (("moves", CXL02_RIG), ("interleaved", quiet(CXL02_RIG)))
+            for motion, rig in (("moves", CXL02_RIG), ("interleaved", noise_free(CXL02_RIG)))
         ]
         origins = PreparedRun(made[0].recording).origins
-        train, test = (with_effect(one, effect, WINDAGE, {}, origins) for one in made)
+        train, test = (with_effect(record, effect, WINDAGE, {}, origins) for record in made)
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         loop = improve(train, holdout=test)
         last = loop.steps[-1].fit
         return drift(linear, test), drift(cubic, test), drift(last, test), snr(cubic), loop.effects
 
     found = plan.repeat("question windage", runs, once)
-    linear, cubic, last, seen = (np.array([one[i] for one in found]) for i in range(4))
-    return Drifts(linear, cubic, last, seen, tuple(one[4] for one in found))
+    linear, cubic, last, seen = (np.array([run[i] for run in found]) for i in range(4))
+    return Drifts(linear, cubic, last, seen, tuple(run[4] for run in found))
 
 
 def drift(found: Fit, recording: Recording) -> float:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def render(items: Iterable[Item], *, width: int = 160) -> str:
-    """Tables of what is claimed, expected and measured; then the claims that do not hold, the paper's and ours apart.
+    """Tables of what is claimed, expected and measured; then the claims that do not hold, first the paper's, then ours.
 
     Parameters
     ----------

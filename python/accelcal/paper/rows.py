@@ -1,4 +1,4 @@
-"""One claim of the paper beside what our runs say, and how claims are counted."""
+"""One claim with its result in our runs, and the statistics that decide it."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ SIGMAS = 3.2905
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What is claimed, what should be seen, what was seen."""
+    """A claim with its expected and measured values."""
 
     by: Literal["paper", "us"]
-    """Who claims it. A claim of the paper may fail in our runs, and then that is the result; one of ours may not."""
+    """Source of the claim. A claim of the paper may fail in our runs, which is then the result; one of ours may not."""
     claim: str
     expected: str
     measured: str
@@ -36,7 +36,7 @@ class Row:
     n: int
     """Runs, or samples, that it rests on."""
     threshold: str
-    """What makes the claim hold."""
+    """Criterion of the claim."""
     holds: bool
     remark: str = ""
 
@@ -88,7 +88,7 @@ class Paired:
 
     @property
     def verdict(self) -> str:
-        """Which of the two is smaller; below 2 % nobody would notice, whatever the statistics say."""
+        """Which of the two is smaller; below 2 % the difference is irrelevant, significant or not."""
         if abs(self.deviate) < SIGMAS or abs(np.log(self.ratio)) < 0.02:
             return "no difference"
         return "smaller" if self.ratio < 1.0 else "larger"

@@ -82,15 +82,15 @@ def parameter_tracks(
 
     def track(choice: FilterChoice) -> ParameterTrack:
         run = filtered(choice, simulated.recording, noise, start(choice, simulated.truth), prior_sigmas(choice))
-        thin = np.arange(0, len(run.times), max(1, len(run.times) // _POINTS))
+        drawn = np.arange(0, len(run.times), max(1, len(run.times) // _POINTS))
         block = slice(motion_states(choice), None)
-        squared = _mean_square(simulated.truth.motion, run.times[thin])
+        squared = _mean_square(simulated.truth.motion, run.times[drawn])
         return ParameterTrack(
             title=label(choice),
-            t=run.times[thin],
+            t=run.times[drawn],
             names=names,
-            estimates=run.states[thin, block],
-            sigmas=np.sqrt(run.variances[thin, block]),
+            estimates=run.states[drawn, block],
+            sigmas=np.sqrt(run.variances[drawn, block]),
             truth=truth,
             motion=squared / np.max(squared),
             final_deviates=(run.states[-1, block] - truth) / np.sqrt(run.variances[-1, block]),

@@ -149,10 +149,5 @@ def sampled(track: FilterRun, t: Array) -> Array:
     return np.asarray(track.states[_last(track, t)])
 
 
-def sampled_sigmas(track: FilterRun, t: Array) -> Array:
-    """Standard deviations (m, N) likewise."""
-    return np.asarray(np.sqrt(track.variances[_last(track, t)]))
-
-
 def _last(track: FilterRun, t: Array) -> NDArray[np.intp]:
     return np.maximum(np.searchsorted(track.times, t, side="right") - 1, 0)

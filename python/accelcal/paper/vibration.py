@@ -97,7 +97,7 @@ def vibration_power(motion: Motion, amplitude: float) -> float:
 
 def _row(name: str, amplitude: float, cell: Cell, runs: int) -> Row:
     K2, K3 = SUBSTITUTE[name, amplitude]
-    apart = max(abs(np.log(cell.quadratic / K2)), abs(np.log(cell.cubic / K3)))
+    distance = max(abs(np.log(cell.quadratic / K2)), abs(np.log(cell.cubic / K3)))
     return Row(
         by="us",
         claim=f"{name}, A = {amplitude:g} m/s²",
@@ -106,7 +106,7 @@ def _row(name: str, amplitude: float, cell: Cell, runs: int) -> Row:
         value=cell.cubic,
         n=runs,
         threshold=f"within a factor {WITHIN:g} of both",
-        holds=bool(apart <= np.log(WITHIN)),
+        holds=bool(distance <= np.log(WITHIN)),
         remark="expected: an independent simulation, as the printed figures are lost",
     )
 
@@ -118,27 +118,27 @@ def _ruin_row(cells: Mapping[tuple[str, float], Cell], runs: int) -> Row:
         growth[name] = (shaken.quadratic / still.quadratic, shaken.cubic / still.cubic)
     return Row(
         by="us",
-        claim="vibration spoils K3 before K2",
+        claim="vibration biases K3 before K2",
         expected="K3 grows more from A = 0 to 2 m/s²",
         measured="; ".join(f"{name} K2 x{a:.0f}, K3 x{b:.0f}" for name, (a, b) in growth.items()),
         value=min(b / a for a, b in growth.values()),
         n=runs,
         threshold="in both systems",
         holds=all(b > a for a, b in growth.values()),
-        remark="raising the variance (II-F) does not cure a bias: K3 is wrong, not merely uncertain",
+        remark="a larger variance (II-F) does not remove a bias: K3 is biased, not merely uncertain",
     )
 
 
 def _order_row(cells: Mapping[tuple[str, float], Cell], runs: int) -> Row:
     first, second = ([cells[name, A] for A in AMPLITUDES] for name in ("ACI", "ACI, order 2"))
-    apart = max(abs(two.cubic / one.cubic - 1.0) for one, two in zip(first, second, strict=True))
+    difference = max(abs(b.cubic / a.cubic - 1.0) for a, b in zip(first, second, strict=True))
     return Row(
         by="us",
         claim="first and second order give the same figures",
-        expected="K3 alike at every A",
-        measured=f"differ by {apart:.1%} at most (ACI)",
-        value=apart,
+        expected="equal K3 at every A",
+        measured=f"differ by {difference:.1%} at most (ACI)",
+        value=difference,
         n=runs,
         threshold="5 %",
-        holds=apart < 0.05,
+        holds=difference < 0.05,
     )

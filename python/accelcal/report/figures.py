@@ -69,7 +69,7 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
         yield Entry(
             "falling",
             "falling",
-            "Hatched: effect not in the model yet.",
+            "" if all(member.in_model for member in nested.models) else "Hatched: effect not in the model yet.",
             lambda theme: interactive.error_reduction(nested, theme=theme),
             lambda theme: diagnosis.error_reduction(nested, theme=theme),
         )

@@ -165,7 +165,7 @@ def limits(content: Content) -> list[str]:
         s for s in content.power.detectabilities if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"
     ]
     mine = [s for s in detectabilities if find(s.effect).owner == "sensor"]
-    return [f"{s.effect} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
+    return [f"{spelled(s.effect)} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
 
 
 def apart(content: Content) -> list[dict[str, str]]:

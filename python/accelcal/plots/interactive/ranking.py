@@ -43,7 +43,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        f"Missing effects: {diagnosis.scan.examined} candidates examined",
+        f"Candidate effects: {diagnosis.scan.examined} examined",
         note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
         height=drawing.BOTTOM + 20 + 30 * len(flat),
         left=drawing.label_margin(names),

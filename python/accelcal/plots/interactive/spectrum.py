@@ -97,9 +97,9 @@ def _panels(fit: Fit, comparison: Comparison) -> list[Panel]:
     below, whole = accel_spectrum(fit, comparison), one_step_spectrum(comparison)
     found = []
     if below is not None:
-        found.append(Panel(below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer side, inside the band"))
+        found.append(Panel(below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer residual, inside the band"))
     if whole is not None:
-        title = "one step ahead, up to half the encoder's rate"
+        title = "one-step residual, up to half the encoder rate"
         found.append(Panel(whole, "one-step residual / predicted σ", "1/√Hz", title))
     return found
 

@@ -108,7 +108,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     figure = style.new_figure(WIDTH, 1.4 + 0.3 * max(3, len(flat)), palette)
     axes = figure.subplots()
     style.format_axes(axes, palette, x=formatting.label("significance", "equivalent standard deviations"), y="")
-    style.headline(figure, f"Missing effects: {diagnosis.scan.examined} candidates examined", palette)
+    style.headline(figure, f"Candidate effects: {diagnosis.scan.examined} examined", palette)
     if not flat:
         style.message(axes, "No candidate could be tested on this record.", palette)
         return figure

@@ -77,7 +77,7 @@ def own_model(
     runs : int
     seconds : float
     assumed : Noise
-        What the filters believe; the data always have `OWN`.
+        Noise that the filters assume; the data always have `OWN`.
     """
     sigma = prior_sigmas(pair[0])
 
@@ -152,7 +152,7 @@ def parameter_nees(
         m/s².
     rig : Rig
     tau : float
-        Low-pass that the filter is told of, s.
+        Low-pass that the filter models, s.
     jerk_factor : float
         On the jerk density of CWPA.
     """
@@ -231,7 +231,7 @@ def _rig_row(choice: FilterChoice, result: Consistency) -> Row:
 
 
 def _known_lag_row(plan: Plan, runs: int) -> Row:
-    """The same rig, and an ACI that is told of the low-pass."""
+    """ACI on the rig with its low-pass modelled."""
     choice = replace(ACI, interpolation="cubic")
     assert ADXL105_RIG.lowpass is not None  # the ready-made rig declares it
     result = parameter_nees(plan, choice, runs, 3.0, rig=ADXL105_RIG, tau=ADXL105_RIG.lowpass.tau)
@@ -257,7 +257,7 @@ def _noise_rows(plan: Plan, runs: int) -> list[Row]:
     return [
         Row(
             by="us",
-            claim="ACI at 0.5 m/s² rms: noise of the output biases k, and the covariance does not know",
+            claim="ACI at 0.5 m/s² rms: noise of the output biases k, and the covariance does not include that",
             expected="well above 2 (13 in an independent simulation)",
             measured=f"{slow.mean:.2f}",
             value=slow.mean,
@@ -268,7 +268,7 @@ def _noise_rows(plan: Plan, runs: int) -> list[Row]:
         ),
         Row(
             by="us",
-            claim="ACI at 3 m/s² rms: the bias drowns",
+            claim="ACI at 3 m/s² rms: the bias is negligible",
             expected="2",
             measured=f"{fast.mean:.2f}",
             value=fast.mean,
@@ -286,7 +286,7 @@ def _noise_rows(plan: Plan, runs: int) -> list[Row]:
             n=runs,
             threshold="at least fivefold from a tenth to ten times (II-E2)",
             holds=jerks[0] > 5.0 * jerks[-1],
-            remark="NEES of k and K0; a smooth motion is no white jerk",
+            remark="NEES of k and K0; the jerk of a smooth motion is not white",
         ),
     ]
 
