@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal.diagnosis.search.hypotheses import Hypothesis
@@ -28,6 +28,7 @@ def shape_of(effect: Effect, share: float) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("effect", WITH_BASIS, ids=lambda e: e.name)
+@settings(deadline=None)  # the machine may be busy
 @given(share=st.floats(0.0, 1.0), other_share=st.floats(0.0, 1.0))
 def test_refined_shapes_set_the_sizes_of_columns_and_nothing_else(effect: Effect, share: float, other_share: float):
     s = MOTION
