@@ -70,7 +70,7 @@ def test_what_is_left_out_is_said(folder):
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["m.json"], 2, "say what to write"),
+        (["m.json"], 2, "nothing to write"),
         (["m.json", "--c", "x.h", "--schema", "dcc.xsd"], 2, "add --dcc draft.xml"),
         (["m.json", "--dcc", "x.pdf"], 2, "--dcc x.pdf: expected a name that ends in .xml"),
         (["m.json", "--c", "x.rs"], 2, "--c x.rs: expected a name that ends in .h or .c"),

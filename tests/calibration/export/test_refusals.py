@@ -84,7 +84,7 @@ def test_saturation_ends_the_range():
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ({"acceleration": None}, "does not say which accelerations"),
+        ({"acceleration": None}, "does not state the range of accelerations"),
         ({"acceleration": (3.0, 3.0)}, "range of acceleration is empty"),
     ],
 )
@@ -94,7 +94,7 @@ def test_a_fit_without_a_range_is_refused(changed, said):
 
 
 def test_a_thermal_model_without_temperatures_is_refused():
-    with pytest.raises(NotExportable, match="depends on temperature but its fit has seen none"):
+    with pytest.raises(NotExportable, match="depends on temperature but its fit had none"):
         calibrate(fit_of({**BASE, "temperature_bias": 1e-3}))
 
 
