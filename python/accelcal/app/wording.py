@@ -95,8 +95,12 @@ def largest_contribution(found: Diagnosis, size: Size) -> str:
 def limits(found: Diagnosis) -> list[list[str]]:
     """Detection limits: effect, and the smallest coefficient of it that would have been detected."""
     rows = []
-    common_first = sorted(CATALOGUE.items(), key=lambda item: not item[1].traits.common)
-    for name, effect in common_first:
+    # Common effects first, of these the static ones before drift.
+    order = sorted(
+        CATALOGUE.items(),
+        key=lambda item: (not item[1].traits.common, item[1].traits.common and not item[1].traits.static),
+    )
+    for name, effect in order:
         size = found.scan.detection_limits.get(name, math.inf)
         if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
             rows.append([spelled(name), with_unit(number(size, 3), effect.unit)])
