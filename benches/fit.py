@@ -33,7 +33,7 @@ FIT = """
 import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
-from accelcal.fit import fit
+from accelcal.estimation.estimate import fit
 from accelcal.model import Model
 recording = io.load(sys.argv[1])
 loaded = time.process_time()

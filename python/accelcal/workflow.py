@@ -13,7 +13,7 @@ from accelcal.diagnosis.search.hypotheses import finer
 from accelcal.diagnosis.search.scan import ALPHA, scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, result, solve_runs, taken_up
+from accelcal.estimation.estimate import Fit, restored_states, result, solve_runs
 from accelcal.estimation.estimate import fit as fit_all
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
@@ -97,7 +97,7 @@ def without_outliers(
     band: float | None = None,
 ) -> Fit:
     """The fit made again without wild readings; the fit itself where there are none."""
-    passes = taken_up(fit, recordings)
+    passes = restored_states(fit, recordings)
     if passes is not None and not any(outliers_found(run_noise_tests(one)) for one in passes):
         return fit
 
@@ -135,7 +135,7 @@ def add(
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    model, passes = fit.model, taken_up(fit, several)
+    model, passes = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
         if name in model.effects and not finer(model, effect):

@@ -13,7 +13,8 @@ import accelcal as ac
 from accelcal import workflow
 from accelcal.cli import write_recording
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
-from accelcal.estimation.estimate import solve_runs, taken_up
+from accelcal.estimation.estimate import restored_states, solve_runs
+from accelcal.estimation.normal_equations import normal_equations
 from accelcal.serialization import diagnosis_json, model_file
 from accelcal.workflow import add, diagnose, drop, improve
 
@@ -55,15 +56,16 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
     assert found.diagnosis.scan.detection_limits["cubic"] > 0.0
 
 
-def test_a_fit_is_taken_up_as_it_was_left():
+def test_states_of_a_fit_are_restored():
     one = dataclasses.replace(record(6, cubic=1e-3), digest="six")
     found = ac.fit(ac.Model.cubic(), one)
-    left, taken = solve_runs(found.model, [one]).passes[0], taken_up(found, [one])[0]
+    left, restored = solve_runs(found.model, [one]).passes[0], restored_states(found, [one])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
-    assert np.allclose(taken.normal.gram, left.normal.gram, rtol=1e-4)
-    assert taken.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
-    assert taken_up(found, [dataclasses.replace(one, digest="seven")]) is None
-    assert taken_up(found, [one.part(0.0, 20.0)]) is None
+    again, before = (normal_equations(state, found.model.free) for state in (restored, left))
+    assert np.allclose(again.gram, before.gram, rtol=1e-4)
+    assert restored.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
+    assert restored_states(found, [dataclasses.replace(one, digest="seven")]) is None
+    assert restored_states(found, [one.part(0.0, 20.0)]) is None
 
 
 def test_wild_readings_count_neither_in_a_fit_nor_when_an_effect_is_added():

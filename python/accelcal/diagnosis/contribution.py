@@ -65,7 +65,6 @@ def sizes_of(
     inside: dict[str, Size] = {}
     for number, one in enumerate(passes):
         values = fit.values(number)
-        assert one.signals is not None
         total: dict[str, np.ndarray] = {}
         for term, column in zip(values.terms, evaluate(values.terms, one.signals), strict=True):
             part = values.by_name[term.name] * column

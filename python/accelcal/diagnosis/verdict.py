@@ -20,9 +20,8 @@ from accelcal.diagnosis.search.confounding import THIN
 from accelcal.diagnosis.search.scan import ALPHA, LEAST_BLOCKS, Scan, Verdict, scan
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, judge, result
-from accelcal.estimation.gauss_newton import Solution, estimated
-from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.shape_parameters import signals_of
+from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
+from accelcal.estimation.run import prepare
 from accelcal.model import Model, Term, evaluate, terms_of
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
@@ -124,7 +123,7 @@ class TimeSpan:
             found = usable(recording)
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
-        run = PreparedRun(recording, start=start, end=end) if columns is None else columns.run
+        run = prepare(recording, start=start, end=end) if columns is None else columns.run
         suspect = tuple(fault.sentence for fault in faults(recording, run, columns))
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
@@ -138,7 +137,7 @@ def verdict_on(
 ) -> Diagnosis:
     """Verdict on a model that has just been fitted; the solution is used up."""
     solution, tests = state.solution, state.tests
-    model, profiled = solution.model, result(solution)
+    model, profiled, recording = solution.model, result(solution), solution.passes[0].run.recording
     found = scan(
         solution.passes, model, extra=extra, apart=lines_apart(state), alpha=alpha, report=within(report, 0.0, 0.8)
     )
@@ -149,8 +148,7 @@ def verdict_on(
     largest, sizes = contributions(profiled, solution), sizes_of(profiled, solution.passes, found.candidates, loud)
     delay = "time_offset" not in model.fixed and delayed(profiled, found, alpha)
     delay = delay and delayed(completed(solution, profiled, found), found, alpha)
-    for one in solution.passes:  # what follows predicts anew: one set of signals at a time
-        one.release()
+    solution.passes.clear()  # the comparison predicts anew: one set of signals at a time
     if found.blocks < LEAST_BLOCKS:
         loud = ()
     ties = [Confounded(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= LEAST_BLOCKS]
@@ -176,7 +174,7 @@ def verdict_on(
         fit=profiled,
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=loud,
-        where=compare(profiled, solution.passes[0].run.recording, start=stretch.start, end=stretch.end),
+        where=compare(profiled, recording, start=stretch.start, end=stretch.end),
         largest=largest,
         sizes=sizes,
         alpha=alpha,
@@ -190,7 +188,7 @@ def lines_apart(state: CleanFit) -> list[Term]:
     of the motion is paid for explaining them."""
     if "tone" in state.solution.model.effects:
         return []
-    fastest = 0.4 / max(signals_of(one).step for one in state.solution.passes)
+    fastest = 0.4 / max(one.signals.step for one in state.solution.passes)
     lines = [test.parts for test in state.tests if test.effect == "tone" and test.p_value < ALARM]
     return [
         term
@@ -240,7 +238,6 @@ def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
     found: dict[str, float] = {}
     for number, one in enumerate(solution.passes):
         values = fit.values(number)
-        assert one.signals is not None
         for term, column in zip(values.terms, evaluate(values.terms, one.signals), strict=True):
             size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
             found[term.name] = max(size, found.get(term.name, 0.0))
@@ -297,11 +294,10 @@ def completed(solution: Solution, profiled: Fit, found: Scan) -> Fit:
     try:
         for finding in found.found:
             model = finding.enter(model)
-        passes = [one.grown(model) for one in solution.passes]
-        for one in solution.passes:
-            one.release()
-        again = estimated(model, passes, grown=True)
-        judge(again.layout, again.x, again.covariance, [one.run for one in solution.passes])
+        grown = [one.grown(model) for one in solution.passes]
+        solution.passes.clear()  # so that each step frees the track before it
+        again = estimated(model, grown, least=ROUNDS_OF_GROWN)
+        judge(again.layout, again.x, again.covariance, [state.run for state in grown])
         estimates = again.layout.estimates(again.x, again.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=again.covariance)
     except ValueError:

@@ -10,7 +10,8 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.estimation.estimate import Fit, fit
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model
@@ -52,7 +53,7 @@ def fit_recursive(
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = fit(model, recording, start=start, end=end)
     offset = replayed["time_offset"]
-    prepared = PreparedRun(recording, replayed.origins, start=start, end=end)
+    prepared = prepare(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")
     position = Channel("position", prepared.t, prepared.z, "m")
     noise, scale, tau = replayed.noise(), replayed.values().scale, prepared.tau(replayed.values())
@@ -103,7 +104,7 @@ def smoothed_acceleration(prepared: PreparedRun, replayed: Fit) -> Array:
     """Acceleration of the stage at the accelerometer's rate, without most of the noise, (n,) m/s²."""
     cutoff = replayed.validity["frequency"][1]
     values = replayed.values()
-    return prepared.output_at(prepared.uniform_times(), cutoff, prepared.tau(values)) / values.scale
+    return output_at(prepared, uniform_times(prepared), cutoff, prepared.tau(values)) / values.scale
 
 
 def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:

@@ -16,9 +16,8 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.hypotheses import candidates_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import HOUSE, Effect, find, is_local
-from accelcal.estimation.column_filter import ColumnFilter
+from accelcal.estimation.columns import CHUNK, ColumnFilter, whitened_columns
 from accelcal.estimation.estimate import fit, solve_runs
-from accelcal.estimation.run import CHUNK
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 from accelcal.signals.signals import Signals
@@ -29,13 +28,14 @@ from tests.effects.motions import sines
 PEAK = """
 import json, sys
 import numpy as np
-from accelcal.diagnose import carry, scan
-from accelcal.fit import solve_runs
+from accelcal.diagnosis.search.scan import scan
+from accelcal.estimation import columns
+from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from benches.fit import record
 from benches.peak import megabytes
 if sys.argv[2] == "unbounded":
-    carry.MOST_SUMS = carry.MOST_READINGS = 1 << 40
+    columns.MOST_SUMS = columns.MOST_READINGS = 1 << 40
 made = record(int(sys.argv[1]))
 solution = solve_runs(Model.linear(), [made])
 before = megabytes()
@@ -62,9 +62,7 @@ def fitted(bent: Recording) -> RunState:
 
 def plain_sums(one: RunState, terms: list[Term], group: int) -> Array:
     """The columns at the full rate, as a fit takes them, summed afterwards; (terms, rows)."""
-    assert one.signals is not None
-    parts = [columns for _, columns in one.run.columns(one.track, one.drive, terms, one.signals)]
-    counted = np.concatenate(parts)[one.counts]
+    counted = np.concatenate([columns for _, columns in whitened_columns(one, terms)])
     rows = len(counted) // group
     return counted[: rows * group].reshape(rows, group, len(terms)).sum(axis=1).T / np.sqrt(group)
 
@@ -73,7 +71,7 @@ def plain_sums(one: RunState, terms: list[Term], group: int) -> Array:
 def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
     fitted: RunState, readings: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", readings)
+    monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
     items = candidates_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
@@ -89,7 +87,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
 
 def test_a_scan_says_the_same_in_one_stretch_and_in_many(fitted: RunState, monkeypatch: pytest.MonkeyPatch):
     whole = scan([fitted], Model.linear())
-    monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", 7001)
+    monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", 7001)
     parts = scan([fitted], Model.linear())
     assert whole.found
     assert [f.effect for f in whole.found] == [f.effect for f in parts.found]

@@ -9,8 +9,8 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.refine import direction
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import HOUSE, Effect, find
+from accelcal.estimation.columns import multiples, sizes
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.proportional_columns import multiples, sizes
 from accelcal.model import Model, terms_of
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from tests.effects.motions import sines

@@ -20,6 +20,7 @@ from accelcal.diagnosis.search.refine import between_trials
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
+from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
@@ -79,7 +80,9 @@ def test_what_a_jump_leaves_in_the_innovations_is_what_the_filter_makes_of_it(pl
     one = fitted(plain, np.zeros_like)
     reading = 12_000
     jump = np.where(np.arange(len(one.run.t)) >= reading, 1.0, 0.0)
-    before, after = (one.run.track(dataclasses.replace(one.drive, z=one.run.z + y), one.noise) for y in (0.0, jump))
+    before, after = (
+        run_filter(one.run, dataclasses.replace(one.drive, z=one.run.z + y), one.noise) for y in (0.0, jump)
+    )
     left = (after.series("e") - before.series("e"))[reading:]
     response = after_jump(one)
     np.testing.assert_allclose(response, left[: len(response)], atol=0.01)

@@ -10,8 +10,9 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.tones import carried, local_level, pair_fit
-from accelcal.estimation.adjoint import asked_of_readings
+from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
+from accelcal.estimation.adjoint import gradient_in_readings
+from accelcal.estimation.columns import whitened_reading_errors
 
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods of the scale that are looked for, m; the shortest is at least three counts."""
@@ -61,7 +62,7 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
 def over_position(seen: Residuals, cell: float, travel: float) -> Array:
     """Innovations, taken back through the filter, over cells of position and a quarter of the travel (m) more."""
     n = scipy.fft.next_fast_len(int(travel / cell) + 2 + int(0.25 * travel / cell), real=True)
-    wanted = asked_of_readings(seen.state, seen.readings)
+    wanted = gradient_in_readings(seen.state, seen.readings)
     p = seen.smooth_position[seen.state.counts]
     place = (p - p.min()) / cell
     low = place.astype(np.intp)
@@ -72,5 +73,5 @@ def over_position(seen: Residuals, cell: float, travel: float) -> Array:
 def cyclic_fit(seen: Residuals, kappa: float) -> tuple[float, float, float, float]:
     """Gain of twice the log-likelihood, amplitude, its standard deviation, and 1/period, by exact columns."""
     phase = 2.0 * np.pi * kappa * seen.smooth_position
-    X = carried(seen, np.zeros((4, 0)), np.column_stack([np.cos(phase), np.sin(phase)]), seen.step)
+    X = whitened_reading_errors(seen.state, [np.cos(phase), np.sin(phase)])
     return (*pair_fit(X, seen.readings), kappa)

@@ -29,7 +29,6 @@ class Residuals:
     """What both channels say beyond the fitted model, on uniform times."""
 
     def __init__(self, state: RunState) -> None:
-        assert state.signals is not None, "the fit has not been iterated"
         self.state, self.run = state, state.run
         self.signals: Signals = state.signals
         run, s = self.run, self.signals

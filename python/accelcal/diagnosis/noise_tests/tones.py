@@ -12,6 +12,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
+from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
 
 MOST_LINES = 5
@@ -207,30 +208,10 @@ def driven(s: Signals, frequency: float, amplitude: float) -> bool:
 def line_fit(seen: Residuals, frequency: float) -> tuple[float, float]:
     """Amplitude of a line at the output and its standard deviation, by exact columns of the replay, m/s²."""
     phase = 2.0 * np.pi * frequency * np.arange(int((seen.run.t[-1] - seen.run.t[0]) / seen.step) + 4) * seen.step
-    grid = np.column_stack([np.cos(phase), np.sin(phase)]) / seen.state.values.scale
-    X = carried(seen, grid, np.zeros((len(seen.run.t), 0)), seen.step)
+    scale = seen.state.values.scale
+    X = whitened_accelerations(seen.state, [np.cos(phase) / scale, np.sin(phase) / scale], seen.step)
     _, amplitude, std = pair_fit(X, seen.readings)
     return amplitude, std
-
-
-def carried(seen: Residuals, on_grid: Array, direct: Array, step: float) -> Array:
-    """Whitened columns of settled readings, either driven by accelerations on a grid or added to the readings."""
-    run, state = seen.run, seen.state
-    columns = on_grid.shape[1] + direct.shape[1]
-    whitened = np.empty((len(run.t), columns))
-    state.track.carry(
-        run.t,
-        state.drive.restart,
-        on_grid,
-        direct,
-        start=float(run.t[0]),
-        step=step,
-        from_=0,
-        to=len(run.t),
-        state=np.zeros(2 * columns),
-        whitened=whitened,
-    )
-    return np.asarray(whitened[state.counts])
 
 
 def pair_fit(X: Array, y: Array) -> tuple[float, float, float]:

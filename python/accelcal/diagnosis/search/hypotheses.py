@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from accelcal.diagnosis.search.initial_shapes import PICKS, InitialShape
 from accelcal.effects import HOUSE, Effect, find, side_channels
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.shape_parameters import linearised, signals_of
+from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
 
 FREE_SHAPES = 1
@@ -51,7 +51,6 @@ class Hypothesis:
 def candidates_for(one: RunState, model: Model, extra: Sequence[Effect] = ()) -> list[Hypothesis]:
     """Every effect that could be missing from a model on this record, at each of its trial shapes."""
     s = one.signals
-    assert s is not None
     recorded = [(name, channel.unit) for name, channel in one.run.recording.side.items()]
     offered = (*HOUSE, *side_channels(recorded), *extra)
     wanders = any(find(name).port == "process" for name in model.effects)
@@ -99,5 +98,4 @@ def nuisances(one: RunState, model: Model) -> list[tuple[Term, float]]:
     """
     tolerance = one.run.rig.lowpass_tolerance
     known = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
-    bends = linearised(model, one.values, signals_of(one), one.information)
-    return known + [(bend.term, bend.belief) for bend in bends]
+    return known + [(shape.term, shape.prior_std) for shape in linearised(model, one)]

@@ -9,7 +9,7 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.effects import find
-from accelcal.estimation.adjoint import asked_of_output
+from accelcal.estimation.adjoint import gradient_in_output
 from accelcal.estimation.run_state import RunState
 
 JUMPS = 8
@@ -127,7 +127,7 @@ def folded(one: RunState, x: Array, lowest: float, highest: float) -> tuple[Arra
     low, span, cell = float(np.min(x)), float(np.ptp(x)), 1.0 / (CELLS * highest)
     n = scipy.fft.next_fast_len(int(PADDED * span / cell) + 2, real=True)
     place = (np.interp(one.run.t[one.counts] - one.run.origins.t, s.t, x) - low) / cell
-    wanted = asked_of_output(one, one.whitened[one.counts])
+    wanted = gradient_in_output(one, one.whitened[one.counts])
     cells = np.bincount(np.rint(np.maximum(place, 0.0)).astype(np.intp), wanted, n)
     kappa = np.fft.rfftfreq(n, cell)
     rows = slice(*np.searchsorted(kappa, [lowest, highest]))
