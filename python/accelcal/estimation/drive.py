@@ -57,7 +57,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     values : coefficients at which the model is taken.
     signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
     """
-    begin = run.t[0]  # a small offset would drown in the last digits of a clock that counts from 1970
+    begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
     first, second, covered = _core.drive(
         run.accel.t - begin,
         run.accel.y,

@@ -32,7 +32,7 @@ from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
 
 TRIAL_BANDS = 9
-"""Bands that are tried when it is not."""
+"""Bands that are tried where the noise is not white."""
 SEPARATED_BY_TURNING = ("tilt",)
 SEPARATED_BY_ROLLING = ("misalignment", "cross_axis_gravity")
 SCALE_STD_LIMIT = 0.5
@@ -55,11 +55,11 @@ class Fit:
     """Rig of the first recording."""
     method: str = "replay"
     validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) that the fit has seen."""
+    """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) in the data of the fit."""
     remarks: tuple[str, ...] = ()
-    """Sentences a user must read beside the numbers."""
+    """Sentences a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
-    """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
+    """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
 
     def __repr__(self) -> str:
         each = (
@@ -110,9 +110,9 @@ def fit(
     ----------
     model : base and effects.
     recordings : one or several runs. Each is whitened on its own; their information adds up. Parameters of the
-        sensor are shared, those of timing belong to each run. Runs with a reversed mount beside normal ones bring in
-        `tilt`, rolled beside normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance
-        brings in `lowpass_error` with that tolerance as its prior.
+        sensor are shared, those of timing belong to each run. Reversed mounts together with normal ones add `tilt`,
+        rolled with normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance adds
+        `lowpass_error` with that tolerance as its prior.
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
@@ -151,8 +151,7 @@ def solve_runs(
     origins: Origins | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
-    """Complete the model, prepare the runs and iterate; where the noise is not white, in the band that determines the
-    scale best.
+    """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
 
     Parameters and errors are those of :func:`fit`.
     """
@@ -262,12 +261,12 @@ def choose_band(model: Model, state: RunState) -> float | None:
 
 
 def name_of(run: PreparedRun) -> str:
-    """What messages call a run."""
+    """Name of a run in messages."""
     return run.recording.name or "recording"
 
 
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
-    """Add what turning or rolling the sensor between recordings makes visible, and the error of the low-pass.
+    """The model with the effects that turning or rolling the sensor separates, and the error of the low-pass.
 
     Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
     for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
@@ -312,7 +311,7 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
 
 
 def require_band(run: PreparedRun, band: float | None) -> None:
-    """Refuse a band that is none, or lies beyond what the readings can show.
+    """Refuse a band that is not positive, or beyond half the rate of the readings.
 
     Raises
     ------
@@ -328,7 +327,7 @@ def require_band(run: PreparedRun, band: float | None) -> None:
 
 
 def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
-    """Refuse what cannot be a sensor, and say what is strange.
+    """Refuse what cannot be a sensor; remarks on what is implausible.
 
     Raises
     ------
@@ -371,7 +370,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
 
 
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
-    """Coefficients of which the record says less than physics did before it, each a sentence."""
+    """A sentence for each coefficient that the prior determines more than the record."""
     return [
         f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
         for k, (term, _) in enumerate(layout.slots)
@@ -380,7 +379,7 @@ def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
 
 
 def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
-    """Ranges that the fit has seen, over all runs."""
+    """Ranges of motion, frequency and side channels in the data of the fit, over all runs."""
     ranges: dict[str, list[float]] = {}
 
     def widen(key: str, low: float, high: float) -> None:
@@ -399,7 +398,7 @@ def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 
 
 def tied_sum(fit: Fit, name: str) -> str:
-    """What a parameter really is on this rig, as long as no joint fit has separated it."""
+    """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
     separated = set(fit.model.effects)
     parts = {
         "bias": [

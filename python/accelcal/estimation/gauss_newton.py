@@ -98,7 +98,7 @@ def estimated(
 
     Parameters
     ----------
-    model : whose free coefficients are estimated.
+    model : its free coefficients are estimated.
     states : runs at which the first step is linearised; each moves with the steps that follow.
     report : called with the share of the work that is done, 0 to 1.
     least : rounds at least; two suffice where the states come from a fit of a smaller model.
@@ -144,7 +144,7 @@ def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations]
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Which row of the joint solve belongs to which coefficient and run."""
+    """Rows of the joint solve by coefficient and run."""
 
     terms: tuple[Term, ...]
     runs: int
@@ -160,7 +160,7 @@ class Layout:
         return cls(model.free, runs, tuple(slots))
 
     def rows(self, run: int) -> list[int]:
-        """Row of each free coefficient as run `run` sees it."""
+        """Row of each free coefficient of run `run`."""
         return [
             next(i for i, (slot, r) in enumerate(self.slots) if slot.name == term.name and r in (None, run))
             for term in self.terms
@@ -175,7 +175,7 @@ class Layout:
         return x
 
     def scatter(self, x: Array, model: Model, run: int) -> Values:
-        """Coefficients as run `run` sees them."""
+        """Coefficients of run `run`."""
         own = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
         terms = model.terms
         return Values({t.name: own.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)

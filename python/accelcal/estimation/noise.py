@@ -23,9 +23,9 @@ BLOCK_SPAN = 50.0
 NEAR, GROWN = 0.05, 0.3
 """First steps of a search in log q and log R: the least, and that of a model to which effects were added."""
 LEAST_COUNT = 256
-"""Fewer settled readings than this say nothing about noise."""
-SAID_BEYOND = 1.5
-"""A fitted density that differs from the declared one by more than this factor is said."""
+"""Fewer settled readings than this do not determine the noise."""
+REMARKED_BEYOND = 1.5
+"""A fitted density that differs from the declared one by more than this factor is remarked on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class NoiseReport:
-    """Noise of one recording: all of it, the rests, the motion, and what the data sheet says."""
+    """Noise of one recording: as a whole, at rest, in motion, and as declared on the data sheet."""
 
     noise: Noise
     all: Level
@@ -53,7 +53,7 @@ class NoiseReport:
     declared: float | None
     """Declared one-sided density, (m/s²)/sqrt(Hz)."""
     crossover: float
-    """Frequency above which the accelerometer knows more than the encoder, Hz."""
+    """Frequency above which the accelerometer determines the acceleration better than the encoder, Hz."""
     band: float | None = None
     """Band that was imposed because the noise is not white, Hz."""
 
@@ -64,8 +64,8 @@ class NoiseReport:
 
     @property
     def remark(self) -> str | None:
-        """What is said when fit and data sheet disagree by more than a factor 1.5."""
-        if self.ratio is None or 1.0 / SAID_BEYOND <= self.ratio <= SAID_BEYOND:
+        """A sentence when fit and data sheet disagree by more than a factor 1.5."""
+        if self.ratio is None or 1.0 / REMARKED_BEYOND <= self.ratio <= REMARKED_BEYOND:
             return None
         if self.ratio > 1.0:
             return (

@@ -125,7 +125,7 @@ def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
         else Estimate(e.name, e.symbol, e.unit, e.value, 0.0, e.owner)
         for e in replayed.estimates
     )
-    said = (
+    remarks = (
         f"{' and '.join(f'{name} {value:.3g} s' for name, value in held.items())} and the noise are the replay's; "
         "the filter does not estimate them, and its standard deviations take them as known",
         *replayed.remarks,
@@ -144,5 +144,5 @@ def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
         estimates=estimates,
         covariance=covariance[np.ix_(rows, rows)],
         method=" ".join(parts),
-        remarks=said,
+        remarks=remarks,
     )

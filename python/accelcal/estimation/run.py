@@ -84,7 +84,7 @@ class PreparedRun:
         return 0.0, 1e4 * r, 0.0, self.speed**2 + r / self.reading_step**2
 
     def crossover(self, noise: Noise) -> float:
-        """Frequency at which both channels know the acceleration equally well, Hz (derivations 3.4)."""
+        """Frequency at which both channels determine the acceleration equally well, Hz (derivations 3.4)."""
         return float((noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi))
 
     def wait(self, noise: Noise) -> float:

@@ -19,7 +19,7 @@ from accelcal.signals.signals import Signals
 
 @dataclass(frozen=True, slots=True)
 class RunFit:
-    """What the fit learned about one of its recordings."""
+    """Span, noise and likelihood of one recording of a fit."""
 
     name: str
     digest: str

@@ -144,7 +144,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     def smoothed(y: Array) -> Array:
         return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
 
-    # one spline at a time: each holds six series of its own
+    # one spline at a time: each holds six arrays of its own
     missed = smoothed(ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1])
     residual = -values.scale * rig.polarity * second_derivative(missed, step)
     del missed

@@ -24,7 +24,7 @@ MOST_STARTS = 200
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 MEMORY = 10.0
-"""Seconds before a start that effects with memory are run up on; others see the time from the start on alone."""
+"""Seconds before a start over which effects with memory are evaluated; others need the time from the start on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,7 @@ class Prediction:
         self.p = track.series("p") + gain_p * self.e
         self.v = track.series("v") + gain_v * self.e
         self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r)
-        del track  # gone before the next is made: each holds nine series
+        del track  # free the old track before the next is made; each holds nine arrays
         self.counts: Flags = self.drive.settled(run.wait(noise))
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
@@ -121,14 +121,14 @@ class Prediction:
         return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
 
     def constant_at(self, k: int) -> tuple[float, float]:
-        """Extra constant acceleration that readings up to `k` ask for, with standard deviation, m/s²."""
+        """Constant acceleration estimated from the innovations up to reading `k`, with standard deviation, m/s²."""
         information = float(self.information[k])
         if information <= 0.0:
             return 0.0, math.inf
         return float(self.evidence[k]) / information, information**-0.5
 
     def predict(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Reading at `rows` from what was known at reading `k`: frozen and rezeroed, (n,) m each."""
+        """Readings at `rows` predicted from reading `k`: frozen and rezeroed, (n,) m each."""
         h = self.run.t[rows] - self.run.t[k]
         driven = self.moved[rows] - self.moved[k] - h * self.travelled[k]
         frozen = self.p[k] + h * self.v[k] + driven
@@ -140,7 +140,7 @@ class Prediction:
         return frozen, frozen + delta * (self.unit_p[k] + h * self.unit_v[k] + h**2 / 2.0)
 
     def effects_ahead(self, known: Signals, k: int, rows: NDArray[np.intp]) -> Array:
-        """What the model's effects add to the readings at `rows`, from output and simulated motion alone, (n,) m."""
+        """Contribution of the model's effects to the readings at `rows`, from output and simulated motion, (n,) m."""
         run, origin, step = self.run, self.run.origins, known.step
         begin = self.run.t[k] - origin.t
         past = np.searchsorted(known.t, [begin - self.memory, begin], side="right")
@@ -201,8 +201,8 @@ class Prediction:
         ends = np.minimum(np.searchsorted(t, t[starts] + horizon), len(t) - 1)
         errors = np.empty((len(starts), 3))
         for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
-            one, two = self.predict(int(k), np.array([row]))
-            errors[i] = self.run.z[row] - one[0], self.run.z[row] - two[0], self.floor(int(k), t[[row]])[0]
+            frozen, rezeroed = self.predict(int(k), np.array([row]))
+            errors[i] = self.run.z[row] - frozen[0], self.run.z[row] - rezeroed[0], self.floor(int(k), t[[row]])[0]
         return Coasting(starts, ends, *errors.T)
 
     def k_step(self, k: int) -> float | None:
