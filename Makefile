@@ -3,10 +3,10 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
+SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long embedded check bench bench-check bench-hidden bench-peers stubs format clean
+.PHONY: help demo docs test test-long embedded check bench bench-check bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -21,7 +21,7 @@ docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, th
 test: $(STAMP) ## Run every test: Rust, then Python.
 	cargo test --workspace --exclude accelcal-py --quiet
 	cargo build -p ekf-core --no-default-features --quiet
-	$(BIN)/python -m pytest -n auto --dist worksteal -q
+	$(BIN)/python -m pytest -n auto --dist worksteal -q $(PYTEST)
 
 test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
@@ -38,8 +38,8 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	cargo fmt --manifest-path firmware/Cargo.toml --check
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml --check
 	cargo clippy --manifest-path firmware/Cargo.toml --target-dir target/firmware --lib --quiet -- -D warnings
-	$(BIN)/ruff format --check python tests benches docs
-	$(BIN)/ruff check python tests benches docs
+	$(BIN)/ruff format --check python tests benches docs tools
+	$(BIN)/ruff check python tests benches docs tools
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest accelcal._core --ignore-disjoint-bases
 
@@ -58,6 +58,12 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh
 
+compare-outputs: $(STAMP) ## Outputs of ten recordings against another revision: make compare-outputs REV=aab2a6e.
+	tools/compare_outputs.sh $(REV)
+
+bench-against: $(STAMP) ## Time and memory of fit and diagnose against another revision: make bench-against REV=aab2a6e.
+	tools/bench_against.sh $(REV)
+
 bench-peers: $(STAMP) ## Run every other filter on our workloads and put the table into docs/benchmarks.md. Installs them.
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[peers]"
 	$(BIN)/python -m benches.peers --write
@@ -69,8 +75,8 @@ format: $(STAMP) ## Rewrite sources in the house style.
 	cargo fmt --all
 	cargo fmt --manifest-path firmware/Cargo.toml
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml
-	$(BIN)/ruff format python tests benches docs
-	$(BIN)/ruff check --fix python tests benches docs
+	$(BIN)/ruff format python tests benches docs tools
+	$(BIN)/ruff check --fix python tests benches docs tools
 
 clean: ## Remove everything that can be made again.
 	rm -rf $(VENV) target demo build

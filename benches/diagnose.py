@@ -40,7 +40,7 @@ DIAGNOSE = """
 import json, sys, time
 from accelcal import io
 from benches.peak import megabytes
-from accelcal.fit import fit
+from accelcal.estimation.estimate import fit
 from accelcal.workflow import diagnose
 from accelcal.model import Model
 recording = io.load(sys.argv[1])

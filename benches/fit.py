@@ -90,10 +90,10 @@ def main() -> int:
             write_sample(record(samples), path)
             found[name] = cost(path)
             path.unlink()
-            one = found[name]
+            run = found[name]
             print(
-                f"{name:16s} {one['samples']:9.0f} samples: load {one['load_s']:.2f} s, fit {one['fit_s']:.2f} s "
-                f"processor time, peak {one['megabytes']:.0f} MB; 1 + k = {one['scale']:.5f} +- {one['std']:.1g}",
+                f"{name:16s} {run['samples']:9.0f} samples: load {run['load_s']:.2f} s, fit {run['fit_s']:.2f} s "
+                f"processor time, peak {run['megabytes']:.0f} MB; 1 + k = {run['scale']:.5f} +- {run['std']:.1g}",
                 flush=True,
             )
     short, ten, hour = found.values()

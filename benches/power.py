@@ -28,12 +28,12 @@ INSIDE = 0.999
 
 PREFACE = """# Power: detection as predicted, detection as observed
 
-Each record comes from `tests/worlds`, simulators that share no formula with the product, and was written to CSV and
-sidecar and read back. Its power was predicted from the motion and the noise that was fitted to the record alone,
-by running the rules of the search on drawn scores. An effect counts as found when anything enters. `d` is how many
-standard deviations it stands from nothing, the base taken out; for a wandering bias its intensity over that which is
-found with 95 %, times the distance at which one coefficient is. A band holds 99.9 % of the binomial law at the
-prediction. The last rows are motions that `plan` made: their power was predicted from limits and data sheet alone.
+Each record comes from `tests/worlds`, simulators that share no formula with the package, and was written to CSV and
+sidecar and read back. The probability of detection was predicted from the motion and the fitted noise of the record alone,
+by applying the rules of the search to drawn scores. An effect counts as found when any effect enters. `d` is its distance from
+zero in standard deviations, with the base estimated; for a random-walk bias its intensity relative to that which is
+found with 95 %, times the d at which one coefficient is. A band contains 99.9 % of the binomial distribution at
+the prediction. The last rows are motions made by `plan`: their power was predicted from limits and data sheet alone.
 `make bench` repeats the table.
 
 """

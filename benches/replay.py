@@ -139,14 +139,15 @@ def main() -> int:
     found = []
     for seconds in LENGTHS:
         tries = [cost(seconds) for _ in range(REPEATS if seconds == LENGTHS[0] else 1)]
-        found.append(min(tries, key=lambda one: one["seconds"]))
-        one = found[-1]
+        found.append(min(tries, key=lambda run: run["seconds"]))
+        last = found[-1]
         print(
-            f"{seconds:.0f} s, {COLUMNS} columns: {one['seconds']:.3f} s processor time (filter {one['filter']:.3f} s; "
-            f"not counted: {one['columns']:.2f} s to make the columns), peak {one['megabytes']:.0f} MB",
+            f"{seconds:.0f} s, {COLUMNS} columns: {last['seconds']:.3f} s processor time "
+            f"(filter {last['filter']:.3f} s; "
+            f"not counted: {last['columns']:.2f} s to make the columns), peak {last['megabytes']:.0f} MB",
             flush=True,
         )
-    exponent = float(np.polyfit(np.log(LENGTHS), np.log([one["seconds"] for one in found]), 1)[0])
+    exponent = float(np.polyfit(np.log(LENGTHS), np.log([run["seconds"] for run in found]), 1)[0])
     checks = [
         ("a minute with Gram matrix, s", found[0]["seconds"], (0.0, SECONDS_FOR_A_MINUTE)),
         ("peak memory for an hour, MB", found[-1]["megabytes"], (0.0, MEGABYTES_FOR_AN_HOUR)),

@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from benches.peers.contest import contest
+from benches.peers.comparison import compare_peers
 from benches.peers.table import BARS, bars, markdown, write
 from benches.peers.workload import WORKLOADS
 
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="the workload with this name")
     parser.add_argument("--write", action="store_true", help="put the table into docs/benchmarks.md")
     chosen = parser.parse_args(arguments)
-    found = contest([w for w in WORKLOADS if chosen.only in w.name], chosen.rounds)
+    found = compare_peers([w for w in WORKLOADS if chosen.only in w.name], chosen.rounds)
     text = markdown(found)
     print("\n" + text)
     if chosen.write:

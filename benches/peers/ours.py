@@ -13,7 +13,7 @@ from accelcal.filters.stream import LiveFilter
 
 
 def settings(workload: Workload) -> dict[str, object]:
-    """What `run_batch` and `LiveFilter` are told."""
+    """Settings of `run_batch` and `LiveFilter`."""
     aci = workload.system == "aci"
     return {
         "q": Q if aci else JERK,

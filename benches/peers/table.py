@@ -1,4 +1,4 @@
-"""The table of the contest: times, ratios, bars; and its place in docs/benchmarks.md."""
+"""The table of peers: times, ratios, bars; and its place in docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from benches.peers.contest import FUSED, Found
+from benches.peers.comparison import FUSED, Found
 
 from accelcal import __version__
 from accelcal.io import atomic_write
@@ -45,7 +45,7 @@ BARS = (
 
 def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
     """The smallest ratio of each bar, of the workloads that were run."""
-    told = []
+    found_bars = []
     for bar in asked:
         ratios = []
         for result in found.results:
@@ -53,12 +53,12 @@ def bars(found: Found, asked: Sequence[Bar]) -> list[Bar]:
             if us is not None and result.peer.startswith(bar.peer) and result.workload in bar.workloads:
                 ratios.append(result.nanoseconds / us.nanoseconds)
         if ratios:
-            told.append(Bar(bar.peer, bar.workloads, bar.least, min(ratios)))
-    return told
+            found_bars.append(Bar(bar.peer, bar.workloads, bar.least, min(ratios)))
+    return found_bars
 
 
 def markdown(found: Found) -> str:
-    """Times with their ratios to ours, then the bars, then who was not here."""
+    """Times with their ratios to ours, then the bars, then the peers that were not installed."""
     workloads = sorted({result.workload for result in found.results})
     names = sorted(
         dict.fromkeys(result.peer for result in found.results), key=lambda name: not name.startswith("accelcal")
@@ -75,7 +75,7 @@ def markdown(found: Found) -> str:
         "",
         f"accelcal {__version__} on {processor()}; Python {platform.python_version()}; {said('rustc')}; {said('c++')}.",
     ]
-    lines += [f"Not here: {name} ({why})." for name, why in found.missing.items()]
+    lines += [f"Not installed: {name} ({why})." for name, why in found.missing.items()]
     return "\n".join(lines) + "\n"
 
 
@@ -85,7 +85,7 @@ def cell(found: Found, name: str, workload: str) -> str:
     if result is None:
         return ""
     if not result.agrees:
-        return f"**disagrees by {result.apart:.1g}**"
+        return f"**disagrees by {result.deviation:.1g}**"
     us = found.of(FUSED, workload) or found.of(next(r.peer for r in found.results if r.workload == workload), workload)
     assert us is not None
     return f"{figures(result.nanoseconds)} ({figures(result.nanoseconds / us.nanoseconds)})"

@@ -80,7 +80,7 @@ def hide(name: str, seed: int) -> Hidden:
     if effect.name not in possible:
         raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
     shape = {key: float(rng.choice(declared.grid(one.signals))) for key, declared in effect.shapes.items()}
-    size = float(rng.choice([1.0] if effect.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
+    size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins
     return Hidden(
         with_effect(made[0], effect, size, shape, origins),

@@ -119,7 +119,7 @@ def usual(unit: str, value: float, std: float) -> str:
     return typeset(display(unit, value, std) or "").replace(" u", " µ")
 
 
-def spoken(text: str) -> str:
+def readable(text: str) -> str:
     """A sentence of the library without the identifiers of the catalogue."""
     for name in sorted((n for n in CATALOGUE if "_" in n), key=len, reverse=True):
         text = text.replace(name, spelled(name))

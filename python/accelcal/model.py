@@ -140,7 +140,7 @@ class Model:
         shapes : shape parameters of those that have some, by effect.
         priors : other belief in coefficients, by name.
         """
-        physics = {name: Prior(*belief) for name in names if (belief := find(name).belief)}
+        physics = {name: Prior(*belief) for name in names if (belief := find(name).search.prior)}
         return replace(
             self,
             effects=(*self.effects, *names),

@@ -1,4 +1,4 @@
-"""The loop: fit, diagnose, add, refit, and watch the error fall on data that no fit has seen."""
+"""The product's verbs: fit, diagnose, add, drop, improve, history. Outliers are rejected before every fit."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
-from accelcal.diagnosis.search.hypotheses import finer
-from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.hypotheses import may_be_refined
+from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, restored_states, result, solve_runs
-from accelcal.estimation.estimate import fit as fit_all
+from accelcal.estimation.estimate import fit as estimate
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
 from accelcal.selection.improvement import History, Improvement, Step
@@ -24,7 +25,7 @@ from accelcal.validation.comparison import HELD_OUT
 from accelcal.validation.evaluation import compare
 
 MOST_EFFECTS = 3
-"""Effects that `improve` adds unless told otherwise."""
+"""Effects that `improve` adds at most by default."""
 
 
 @one_thread
@@ -32,8 +33,8 @@ def diagnose(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
     *,
-    extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    extra: Sequence[Effect] | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
     report: Callable[[float], None] = lambda share: None,
@@ -44,10 +45,15 @@ def diagnose(
     ----------
     fit : the model; on another recording than its own all coefficients are profiled anew.
     recordings : one or several runs.
-    extra : effects of the user's own, beside the catalogue.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+        `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part is used.
     report : called with the share of the work that is done, 0 to 1.
+
+    Returns
+    -------
+    Verdict, ranked candidates, confounded effects and noise tests; its sentence sums them up.
 
     Raises
     ------
@@ -63,9 +69,9 @@ def diagnose(
             fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins, report=within(report, 0.1, 0.3)
         )
 
-    state = clean_fit(several, solve)
-    judged = verdict_on(state, stretch, extra, alpha, within(report, 0.35, 1.0))
-    return replace(judged, dropped=state.dropped(several))
+    fitted = clean_fit(several, solve)
+    judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
+    return replace(judged, dropped=fitted.rejected(several))
 
 
 @one_thread
@@ -77,18 +83,53 @@ def fit(
     end: float | None = None,
     band: float | None = None,
     origins: Origins | None = None,
+    reject_outliers: bool = True,
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Fit a model as `accelcal.fit` does, but without wild readings, which the remarks of the fit count.
+    """Fit a model to one or several recordings; samples that the noise of their channel does not allow are rejected.
 
-    Parameters and errors are those of :func:`accelcal.fit`.
+    Parameters
+    ----------
+    model : what is to be estimated.
+    recordings : one run, or several with one sensor.
+    start, end : s, optional; only this part is used.
+    band : bandwidth of the smoothed motion, Hz; by default the most likely one.
+    origins : zero of time, position and temperature; by default those of the first recording.
+    reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.fit`.
+    report : called with the share of the work that is done, 0 to 1.
+
+    Returns
+    -------
+    Estimates with their covariance. Its remarks say how many samples of each channel were rejected.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the motion does not excite a parameter.
+    RecordingError
+        If the recordings are of different sensors, or one of them cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=rng)
+    >>> found = ac.fit(ac.Model.linear(), made.recording)
+    >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
+    True
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    every = fit_all(model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, 0.8))
-    return without_outliers(every, several, start=start, end=end, band=band)
+    share = 0.8 if reject_outliers else 1.0
+    every = estimate(
+        model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
+    )
+    if not reject_outliers:
+        return every
+    return fit_without_outliers(every, several, start=start, end=end, band=band)
 
 
-def without_outliers(
+def fit_without_outliers(
     fit: Fit,
     recordings: Sequence[Recording],
     *,
@@ -96,20 +137,20 @@ def without_outliers(
     end: float | None = None,
     band: float | None = None,
 ) -> Fit:
-    """The fit made again without wild readings; the fit itself where there are none."""
+    """The model fitted again without outliers; the fit itself where there are none."""
     passes = restored_states(fit, recordings)
-    if passes is not None and not any(outliers_found(run_noise_tests(one)) for one in passes):
+    if passes is not None and not any(outliers_found(run_noise_tests(state)) for state in passes):
         return fit
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
 
-    state = clean_fit(recordings, solve)
-    dropped = state.dropped(recordings)
-    if not dropped:
+    clean = clean_fit(recordings, solve)
+    rejected = clean.rejected(recordings)
+    if not rejected:
         return fit
-    kept = result(state.solution)
-    return replace(kept, remarks=(*(f"{one.sentence}." for one in dropped), *kept.remarks))
+    kept = result(clean.solution)
+    return replace(kept, remarks=(*(f"{channel.sentence}." for channel in rejected), *kept.remarks))
 
 
 @one_thread
@@ -117,16 +158,17 @@ def add(
     fit: Fit,
     recordings: Recording | Sequence[Recording],
     *names: str,
-    extra: Sequence[Effect] = (),
+    extra: Sequence[Effect] | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Return a new fit with further effects, without wild readings; shape parameters are found by likelihood.
+    """Return a new fit with further effects, outliers rejected; shape parameters are found by likelihood.
 
     Parameters
     ----------
     fit, recordings : the model, and what it is fitted to again.
     names : effects to add, in this order.
-    extra : effects of the user's own.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+        `effect`, `from_expression`), with () none.
     report : called with the share of the work that is done, 0 to 1.
 
     Raises
@@ -138,22 +180,22 @@ def add(
     model, passes = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
-        if name in model.effects and not finer(model, effect):
+        if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
         if passes is None or model is not fit.model:
             passes = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).passes
-        alone = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
-        if not alone.entered:
+        requested = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
+        if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
-            why = "this record does not excite it; `accelcal power` says what it can see"
+            why = "this record does not excite it; `accelcal power` says what the record can show"
             if lacking:
                 why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
-            if effect.beside and effect.beside not in model.effects:
-                why = f"it is sought beside {effect.beside}; add that first"
+            if effect.search.beside and effect.search.beside not in model.effects:
+                why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")
-        model = alone.entered[0].enter(model)
+        model = requested.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
-    return without_outliers(grown, several)
+    return fit_without_outliers(grown, several)
 
 
 @one_thread
@@ -163,17 +205,22 @@ def drop(
     *names: str,
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Return a new fit without some effects, and without wild readings.
+    """Return a new fit without some effects, outliers rejected.
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
-    return without_outliers(left, several)
+    return fit_without_outliers(left, several)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:
-    """Compare several models with one recording: the falling error.
+    """Compare several models with one recording: how the error falls from model to model.
+
+    Parameters
+    ----------
+    fits : models in the order in which they were made.
+    recording : one that none of them was fitted to.
 
     Raises
     ------
@@ -181,8 +228,8 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
         If there is no model.
     """
     if not fits:
-        raise ValueError("a history needs at least one model; give the fits in the order of their story")
-    return History(tuple(fits), tuple(compare(one, recording) for one in fits))
+        raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
+    return History(tuple(fits), tuple(compare(fit, recording) for fit in fits))
 
 
 @one_thread
@@ -191,8 +238,8 @@ def improve(
     *,
     holdout: Recording | None = None,
     most: int = MOST_EFFECTS,
-    extra: Sequence[Effect] = (),
-    alpha: float = ALPHA,
+    extra: Sequence[Effect] | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
     report: Callable[[float], None] = lambda share: None,
@@ -202,53 +249,65 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : a run to show the falling error on; by default the last 30 % of the first run, which then is not fitted.
+    holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is not fitted.
     most : most effects to add.
-    extra : effects of the user's own.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+        `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part of the recordings is used.
     report : called with the share of the work that is done.
+
+    Returns
+    -------
+    Every step with its fit and its errors on fitted and on held-out data, and the verdict on the last model.
+
+    Raises
+    ------
+    NotIdentifiable, RecordingError
+        From the fit of the base model.
     """
     original = [recordings] if isinstance(recordings, Recording) else list(recordings)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
-    walk = StepwiseSelection.begin(original, stretch, split, extra, alpha)
+    selection = StepwiseSelection.begin(original, stretch, split, extra, alpha)
     report(0.3)
     for number in range(2 * most):
-        room = len(walk.story.effects) < most
-        if not (room and walk.step()) and not walk.mend():
+        room = len(selection.history.effects) < most
+        if not (room and selection.add_next()) and not selection.replace_by_family():
             break
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
-    walk.finish()
-    verdict, state = walk.at.verdict, walk.at.state
-    dropped = state.dropped(original)
+    selection.finish()
+    verdict, fitted = selection.current.verdict, selection.current.fitted
+    rejected = fitted.rejected(original)
     test = original[0] if holdout is None else holdout
     test_begin, test_end = (split, finish) if same_run else (None, None)
-    if dropped:
-        test, lost = clean_holdout(walk.fits[0][1].model, test, test_begin, test_end)
-        dropped = (*dropped, *lost)
+    if rejected:
+        test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
+        rejected = (*rejected, *rejected_from_test)
     steps = [
         Step(
             names,
-            one,
-            compare(one, state.recordings[0], start=begin, end=split),
-            compare(one, test, start=test_begin, end=test_end),
+            fit,
+            compare(fit, fitted.recordings[0], start=begin, end=split),
+            compare(fit, test, start=test_begin, end=test_end),
         )
-        for names, one in walk.fits
+        for names, fit in selection.fits
     ]
-    told = replace(verdict, dropped=dropped)
-    return Improvement(tuple(steps), told, tuple(walk.story.ties), walk.examined, same_run)
+    last = replace(verdict, dropped=rejected)
+    return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, same_run)
 
 
 def clean_holdout(
     model: Model, recording: Recording, start: float | None, end: float | None
 ) -> tuple[Recording, tuple[RejectedReadings, ...]]:
-    """Held-out data without their own wild readings, the same for every step; as they are where no fit is possible."""
+    """Held-out data without their own outliers, so that every step is judged on the same samples; unchanged where no
+    fit is possible."""
     try:
-        state = clean_fit([recording], lambda these: solve_runs(model, these, start=start, end=end))
+        clean = clean_fit([recording], lambda these: solve_runs(model, these, start=start, end=end))
     except (NotIdentifiable, ValueError):
         return recording, ()
-    found = state.dropped([recording])
-    return state.recordings[0], tuple(replace(d, recording=f"held out, {d.recording or 'recording'}") for d in found)
+    rejected = clean.rejected([recording])
+    named = (replace(channel, recording=f"held out, {channel.recording or 'recording'}") for channel in rejected)
+    return clean.recordings[0], tuple(named)

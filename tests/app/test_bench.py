@@ -66,7 +66,7 @@ def test_the_cubic_is_offered_first_and_nothing_after_it(grown):
     assert near[0].significant
     assert last.verdict == "adequate"
     assert wording.offered(last)[:2] == ([], [])
-    assert not wording.may_add(grown.state, last)
+    assert not wording.can_add(grown.state, last)
     assert wording.limits(last)[0][0] == "quadratic"
 
 
@@ -76,7 +76,7 @@ def test_nothing_is_offered_where_nothing_is_missing(bench, files):
     bench.fit()
     bench.diagnose()
     assert bench.diagnosis.verdict == "adequate"
-    assert not wording.may_add(bench.state, bench.diagnosis)
+    assert not wording.can_add(bench.state, bench.diagnosis)
 
 
 def test_undo_redo_remove_and_branch(bench, files):
@@ -117,16 +117,16 @@ def test_a_parameter_is_held_and_released(grown, files, tmp_path):
 def test_another_division_begins_models_anew_and_undo_brings_them_back(grown, tmp_path):
     bench = Workbench(tmp_path)
     bench.state = grown.state
-    bench.leave_out(10.0, 5.0)
-    assert bench.state.left_out == ((5.0, 10.0),)
+    bench.exclude(10.0, 5.0)
+    assert bench.state.excluded == ((5.0, 10.0),)
     assert bench.state.steps == ()
     t = bench.state.train.position.t
     assert not np.any((t >= 5.0) & (t <= 10.0))
     bench.hold_out(0.0, 12.0)
     assert bench.state.train.position.t[0] > 12.0
     t = bench.state.unseen.position.t
-    assert not np.any((t >= 5.0) & (t <= 10.0))  # the stretch left out is not judged either
-    bench.take_back(0)
+    assert not np.any((t >= 5.0) & (t <= 10.0))  # the excluded stretch is not used for validation either
+    bench.use_again(0)
     t = bench.state.unseen.position.t
     assert np.any((t >= 5.0) & (t <= 10.0))
     assert t[-1] == pytest.approx(12.0, abs=0.01)
@@ -135,16 +135,16 @@ def test_another_division_begins_models_anew_and_undo_brings_them_back(grown, tm
     assert bench.state is grown.state
     bench.hold_out(-5.0, 100.0)
     assert bench.state is grown.state
-    assert "nothing is left" in bench.sentence
+    assert "no data would be left" in bench.sentence
     bench.hold_out(50.0, 60.0)
-    assert "outside the recording" in bench.sentence
+    assert "outside the used range" in bench.sentence
 
 
 def test_a_hole_in_the_middle_makes_no_effect(grown, tmp_path):
     # False-alarm rate of a record: alpha = 0.005; the sister is the cubic, which is seen around the hole.
     bench = Workbench(tmp_path)
     bench.state = grown.state
-    bench.leave_out(8.4, 18.5)
+    bench.exclude(8.4, 18.5)
     bench.fit()
     bench.diagnose()
     assert bench.diagnosis.effects[0] == "cubic"
@@ -179,21 +179,21 @@ def test_an_own_formula_becomes_a_candidate(bench, files):
 
 @pytest.mark.parametrize("name", ["bad.csv", "binary.csv"])
 def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
-    drawer = bench.drawer()
-    path = bench.accept(name, drawer)
+    upload_folder = bench.upload_folder()
+    path = bench.upload_path(name, upload_folder)
     path.write_bytes((files / name).read_bytes())
     done = subprocess.run(
-        [sys.executable, "-m", "accelcal", "check", name], cwd=drawer, capture_output=True, text=True, timeout=60
+        [sys.executable, "-m", "accelcal", "check", name], cwd=upload_folder, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 3
     bench.load(path)
-    assert (bench.state.trouble or bench.sentence) == done.stderr.strip().removeprefix("accelcal: ")
+    assert (bench.state.problem or bench.sentence) == done.stderr.strip().removeprefix("accelcal: ")
     assert bench.state.recording is None
 
 
 def test_columns_are_mapped_by_hand(bench, files):
     bench.load(files / "odd.csv")
-    assert "no column for accel" in bench.state.trouble
+    assert "no column for accel" in bench.state.problem
     text = mapping.text_of(bench.state.file, bench.state.sidecar)
     chosen = [
         mapping.Choice("stamp", "time", "s"),
@@ -201,7 +201,7 @@ def test_columns_are_mapped_by_hand(bench, files):
         mapping.Choice("scale", "position", "mm"),
     ]
     bench.load(bench.state.file, mapping.sidecar_from(text, chosen))
-    assert bench.sentence == bench.state.trouble == ""
+    assert bench.sentence == bench.state.problem == ""
     original = io.load(files / "other.csv")
     np.testing.assert_allclose(bench.state.recording.position.y, original.position.y, atol=1e-11)  # nine digits of mm
     assert not io.sidecar_of(files / "odd.csv").exists()  # what the user chose stays in the folder of the workbench
@@ -211,7 +211,7 @@ def test_columns_are_mapped_by_hand(bench, files):
 
 
 def test_an_uploaded_name_cannot_leave_its_drawer(bench):
-    drawer = bench.drawer()
+    upload_folder = bench.upload_folder()
     for name in (
         "../../etc/cron.csv",
         "..\\..\\x.csv",
@@ -221,23 +221,23 @@ def test_an_uploaded_name_cannot_leave_its_drawer(bench):
         "a\0b.csv",
         "~/q.csv",
     ):
-        path = bench.accept(name, drawer)
-        assert path.parent == drawer
-        assert path.resolve().parent == drawer.resolve()
+        path = bench.upload_path(name, upload_folder)
+        assert path.parent == upload_folder
+        assert path.resolve().parent == upload_folder.resolve()
     for name in ("x.py", "x.pkl", "x", "../..", ""):
         with pytest.raises(Refused, match="drop a recording"):
-            bench.accept(name, drawer)
-    assert bench.drawer() != drawer  # an older sidecar never lies beside a newer recording
+            bench.upload_path(name, upload_folder)
+    assert bench.upload_folder() != upload_folder  # an older sidecar never lies beside a newer recording
 
 
 def test_sizes_are_limited_with_a_sentence(bench, files, monkeypatch):
     monkeypatch.setattr(bench_module, "MOST_BYTES", 1000)
     bench.load(files / "cubic.csv")
-    assert "the workbench takes 0 MB" in bench.sentence
+    assert "the limit of the workbench is 0 MB" in bench.sentence
     monkeypatch.setattr(bench_module, "MOST_BYTES", 10**9)
     monkeypatch.setattr(bench_module, "MOST_SAMPLES", 100)
     bench.load(files / "cubic.csv")
-    assert "samples; the workbench takes 100" in (bench.sentence or bench.state.trouble)
+    assert "samples; the limit of the workbench is 100" in (bench.sentence or bench.state.problem)
 
 
 def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
@@ -251,7 +251,7 @@ def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
         go_on.wait(10.0)
         return State()
 
-    thread = threading.Thread(target=bench._do, args=("long work", work))
+    thread = threading.Thread(target=bench._perform, args=("long work", work))
     thread.start()
     begun.wait(10.0)
     assert bench.job.title == "long work"
@@ -275,15 +275,15 @@ def test_work_hears_of_a_cancellation_while_it_runs(bench, files):
     def work(state, report):
         fit = ac.fit(ac.Model.linear(), state.train)
 
-        def heard(share):
+        def zoomed(share):
             seen.append(share)
             if share > 0.3:
                 bench.cancel()
             report(share)
 
-        return workflow.diagnose(fit, state.train, report=heard)
+        return workflow.diagnose(fit, state.train, report=zoomed)
 
-    bench._do("diagnosing", work)
+    bench._perform("diagnosing", work)
     assert max(seen) < 0.6  # it ended at the next report, long before the end
 
 
@@ -322,8 +322,8 @@ def test_the_script_and_the_commands_give_the_same_numbers(grown, files, tmp_pat
             ran = runner.invoke(command_line, words_[1:])
             assert ran.exit_code == 0, (line, ran.output)
     # Written and read again as text: a CSV keeps all digits, so only the digests differ.
-    again = model_file.load(tmp_path / "m1.json")
-    assert again["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
+    reread = model_file.load(tmp_path / "m1.json")
+    assert reread["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
 
 
 def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_path):
@@ -344,9 +344,9 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
         command = [sys.executable, "-m", "accelcal", *shlex.split(line)[1:]]
         ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
         assert ran.returncode == 0, (line, ran.stderr)
-    again = model_file.load(tmp_path / "m2.json")
+    reread = model_file.load(tmp_path / "m2.json")
     for name in ("law_of_the_cube", "lift_of_the_cable"):
-        assert again[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
+        assert reread[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
 
 
 def test_model_and_report_are_taken_away(grown, tmp_path):

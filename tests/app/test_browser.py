@@ -82,7 +82,7 @@ def test_the_loop_from_drop_to_report(tab, files):
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
     assert (number(tab, "before"), number(tab, "error")) == (before, after)
     assert after < before
-    assert tab.get_by_text("Nothing missing larger than").is_visible()
+    assert tab.get_by_text("Detection limits: no missing effect is larger than").is_visible()
     assert tab.get_by_role("button", name="Nothing to add").is_disabled()
     # The previous residual stands behind the new one.
     tab.locator(".plot .main-svg").nth(2).wait_for(timeout=LONG)
@@ -97,8 +97,8 @@ def test_the_loop_from_drop_to_report(tab, files):
     assert number(tab, "error") == before
     tab.get_by_role("button", name="Redo").click()
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
-    # Take away.
-    tab.get_by_role("tab", name="Take away").click()
+    # Download.
+    tab.get_by_role("tab", name="Download").click()
     with tab.expect_download(timeout=LONG) as model:
         tab.get_by_role("button", name="Model (.json)").click()
     content = json.loads(Path(model.value.path()).read_text(encoding="utf-8"))
@@ -109,7 +109,7 @@ def test_the_loop_from_drop_to_report(tab, files):
     assert "cubic" in Path(report.value.path()).read_text(encoding="utf-8")
 
 
-def taken(page, button, folder):
+def downloaded(page, button, folder):
     with page.expect_download(timeout=LONG) as download:
         page.get_by_role("button", name=button).click()
     path = folder / download.value.suggested_filename
@@ -117,16 +117,16 @@ def taken(page, button, folder):
     return path
 
 
-def test_exports_are_taken_away_and_can_be_used(tab, files, tmp_path):
+def test_exports_are_downloaded_and_can_be_used(tab, files, tmp_path):
     load(tab, files, "cubic")
     fit(tab)
     tab.get_by_role("button", name="Add cubic", exact=True).click()
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
-    tab.get_by_role("tab", name="Take away").click()
-    header = taken(tab, "For firmware, C (.h)", tmp_path)
-    module = taken(tab, "For firmware, Rust (.rs)", tmp_path)
-    content = json.loads(taken(tab, "Calibration (.json)", tmp_path).read_text(encoding="utf-8"))
-    certificate = ElementTree.parse(taken(tab, "Certificate, draft (.xml)", tmp_path)).getroot()
+    tab.get_by_role("tab", name="Download").click()
+    header = downloaded(tab, "For firmware, C (.h)", tmp_path)
+    module = downloaded(tab, "For firmware, Rust (.rs)", tmp_path)
+    content = json.loads(downloaded(tab, "Calibration (.json)", tmp_path).read_text(encoding="utf-8"))
+    certificate = ElementTree.parse(downloaded(tab, "Draft certificate (.xml)", tmp_path)).getroot()
     assert [p["name"] for p in content["parameters"]] == ["bias", "scale_factor", "cubic"]
     assert certificate.tag == "{https://ptb.de/dcc}digitalCalibrationCertificate"
     assert (header.name, module.name) == ("cubic_sensor.h", "cubic_sensor.rs")
@@ -204,7 +204,7 @@ def test_every_screen_fits_its_window(browser, server, files, width, scheme):  #
     fit(page)
     dark = page.evaluate("() => document.body.classList.contains('body--dark')")
     assert dark == (scheme == "dark")
-    for name in ("Data", "Improve", "Where it fails", "Model", "Take away"):
+    for name in ("Data", "Improve", "Residuals", "Model", "Download"):
         page.get_by_role("tab", name=name).click()
         page.wait_for_timeout(800)
         assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth"), name
@@ -220,7 +220,7 @@ def test_every_screen_fits_its_window(browser, server, files, width, scheme):  #
 
 def test_the_keyboard_reaches_everything_that_matters(tab, files):
     load(tab, files, "cubic")
-    wanted = {"Fit the linear model", "Hold this stretch out", "Leave this stretch out", "Undo"}
+    wanted = {"Fit the linear model", "Hold this stretch out", "Exclude this stretch", "Undo"}
     reached = set()
     for _ in range(60):
         tab.keyboard.press("Tab")

@@ -22,13 +22,13 @@ MOTIONS = ("interleaved", "bursts", "moves")
 def drawn(seed: int) -> World:
     """A world with an effect that this motion can show, drawn at random."""
     rng = np.random.default_rng([51, seed])
-    quiet = Nuisances(clock_offset=float(rng.uniform(-2e-5, 2e-5)), clock_tolerance=2e-5)
+    silent = Nuisances(clock_offset=float(rng.uniform(-2e-5, 2e-5)), clock_tolerance=2e-5)
     while True:
         hidden = (Hidden(str(rng.choice(MEANS)), 0.0),)
         hidden = (Hidden(hidden[0].name, abs(CATALOGUE[hidden[0].name].typical)),)
         motion, sensor = str(rng.choice(MOTIONS)), str(rng.choice(["CXL02", "ADXL105"]))
         try:
-            return at_d(World(motion, sensor, hidden, seed=int(rng.integers(2**31)), nuisances=quiet), STRENGTH, 0)
+            return at_d(World(motion, sensor, hidden, seed=int(rng.integers(2**31)), nuisances=silent), STRENGTH, 0)
         except ValueError:
             continue
 
@@ -67,7 +67,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     before = number(tab, "error")
     train, unseen = parts(path)
     model = ac.fit(ac.Model.linear(), train)
-    told = workflow.add(model, train, world.hidden[0].name)
+    informed = workflow.add(model, train, world.hidden[0].name)
     print(f"{world.hidden[0].name} on {world.motion}, {world.sensor}")
     for _ in range(workflow.MOST_EFFECTS):
         missing = workflow.diagnose(model, train).scan.found
@@ -76,10 +76,10 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
         tab.get_by_role("button", name=f"Add {spelled(missing[0].effect)}", exact=True).click()
         model = workflow.add(model, train, missing[0].effect)
         shows(tab, last(coasting(workflow.compare(model, unseen))))
-    tab.get_by_text("Nothing missing larger than").wait_for(timeout=LONG)
+    tab.get_by_text("Detection limits: no missing effect is larger than").wait_for(timeout=LONG)
     found, oracle, more = (
         coasting(workflow.compare(model, unseen)),
-        coasting(workflow.compare(told, unseen)),
+        coasting(workflow.compare(informed, unseen)),
         allowed(model, unseen),
     )
     base = coasting(workflow.compare(ac.fit(ac.Model.linear(), train), unseen))
@@ -90,7 +90,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     horizon = next(key for key, value in found.items() if value == last(found))
     for key in ("one_step", horizon):
         assert found[key] <= 1.05 * np.hypot(oracle[key], more[key])
-    tab.get_by_role("tab", name="Take away").click()
+    tab.get_by_role("tab", name="Download").click()
     with tab.expect_download(timeout=LONG) as report:
         tab.get_by_role("button", name="Report (.html)").click()
     assert report.value.suggested_filename.endswith(".html")

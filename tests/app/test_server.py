@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.app.server import HOST, free_port
-from accelcal.app.sessions import MOST, Benches
+from accelcal.app.sessions import MOST, Workbenches
 
 pytest.importorskip("nicegui")
 
@@ -60,7 +60,7 @@ def test_each_visit_begins_its_own_work(server):
     assert all(place.startswith("/bench/") and len(place) > 20 for place in places)
     status, _, text = asked(server[0], "/bench/nobody")
     assert status == 200
-    assert "This work is gone" in text
+    assert "This session has expired" in text
 
 
 def test_a_foreign_name_is_refused(server):
@@ -74,17 +74,17 @@ def test_no_path_leads_out(server, path):
 
 
 def test_old_work_makes_room(tmp_path):
-    benches = Benches(tmp_path)
-    names = [benches.new() for _ in range(MOST)]
-    benches.find(names[0])
-    benches.new()
-    assert benches.find(names[0]) is not None
-    assert benches.find(names[1]) is None
+    workbenches = Workbenches(tmp_path)
+    names = [workbenches.new() for _ in range(MOST)]
+    workbenches.find(names[0])
+    workbenches.new()
+    assert workbenches.find(names[0]) is not None
+    assert workbenches.find(names[1]) is None
     assert not (tmp_path / names[1]).exists()
 
 
 def test_a_taken_port_is_passed_over():
-    with socket.socket() as taken:
-        taken.bind((HOST, 0))
-        port = taken.getsockname()[1]
+    with socket.socket() as occupied:
+        occupied.bind((HOST, 0))
+        port = occupied.getsockname()[1]
         assert free_port(port) != port

@@ -104,7 +104,10 @@ SETTINGS = (
     ),
     Setting("3 m/s² 20 ug, encoder at 2.5 kHz", "tones", 3.0, CXL02_RIG, position_rate=2500.0),
 )
-"""Settings of declared noise. Interleaved and shake stay near the 0.1 m/s of the paper's encoder; the tones need a faster one."""
+"""Settings of declared noise.
+
+Interleaved and shake stay near the 0.1 m/s of the paper's encoder; the tones need a faster one.
+"""
 
 BOUNDED = (
     Setting("linear, 0.5 m/s² 225 ug", "interleaved", 0.5, ADXL105_RIG, seconds=30.0),

@@ -1,4 +1,4 @@
-"""What no unbiased estimator can beat, from the truth alone (derivations 6.5: Riccati recursion along the true trajectory).
+"""Cramer-Rao bound from the truth alone (derivations 6.5: Riccati recursion along the true trajectory).
 
 NumPy only; nothing of the fit is used. The stage obeys p'' = f⁻¹(output) + w with E w w' = (N²/2)/f'(a)², the encoder
 reads p with variance R. A parameter moves the stage by a column; the predicted reading responds through the filter's

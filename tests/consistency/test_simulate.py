@@ -151,7 +151,8 @@ def test_noise_has_the_declared_density_at_low_frequency(lowpass: LowPass | None
 
 
 def test_low_passed_noise_has_the_variance_and_correlation_of_an_rc() -> None:
-    # derivations 3.4: sigma² = N² pi fc/2, lag one exp(-dt/tau); 100 000 samples, about 30 000 independent: ±4 sigma is 3.3 %
+    # derivations 3.4: sigma² = N² pi fc/2, lag one exp(-dt/tau).
+    # 100 000 samples, about 30 000 independent: ±4 sigma is 3.3 %.
     run = simulate("rest", seconds=60.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(12))
     y = run.recording.accel.y
     variance = (225e-6 * STANDARD_GRAVITY) ** 2 * np.pi / 2 * 159.0

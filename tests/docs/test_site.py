@@ -15,7 +15,7 @@ from .site import broken, read, remote
 DOCS = Path(__file__).parents[2] / "docs"
 PUBLIC = (
     "accelcal",
-    "accelcal.power",
+    "accelcal.experiment",
     "accelcal.campaign",
     "accelcal.io",
     "accelcal.plots",

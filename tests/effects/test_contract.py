@@ -54,7 +54,7 @@ def middle(effect: Effect, s: Signals) -> dict[str, float]:
 def test_the_catalogue_holds_exactly_the_promised_names():
     assert sorted(e.name for e in HOUSE) == sorted(IDENTIFIERS)
     unseen = {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity", "lowpass_error"}
-    assert {e.name for e in HOUSE if not e.visible} == unseen
+    assert {e.name for e in HOUSE if not e.traits.visible} == unseen
     assert {e.name for e in HOUSE if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
 
 
@@ -99,7 +99,7 @@ def test_the_card_is_complete(effect):
     assert effect.scale > 0.0
     mentioned = re.findall(r"\b[a-z]+_[a-z_]+[a-z]\b", effect.line("Easily confused with"))
     assert set(mentioned) <= {*IDENTIFIERS, "a_y"}
-    assert set(effect.includes) <= set(IDENTIFIERS)
+    assert set(effect.search.includes) <= set(IDENTIFIERS)
     assert len(set(effect.parts)) == effect.width
     assert list(inspect.signature(effect.function).parameters)[1:] == list(effect.shapes)
 
@@ -157,7 +157,10 @@ def test_a_moved_origin_gives_the_effect_itself_and_what_it_includes(effect, ori
     else:
         moved = dataclasses.replace(s, **{origin: getattr(s, origin) + 0.7})
     new = effect.column(moved, **middle(effect, moved)).reshape(len(s.t), -1)
-    columns = [effect.column(s, **middle(effect, s)), *(effects.find(name).column(s) for name in effect.includes)]
+    columns = [
+        effect.column(s, **middle(effect, s)),
+        *(effects.find(name).column(s) for name in effect.search.includes),
+    ]
     if effect.port == "position":
         # A constant is the start position; the straight line is encoder_scale, for which k stands in every base.
         columns += [np.ones_like(s.t), s.p]

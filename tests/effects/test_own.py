@@ -63,7 +63,7 @@ def test_loading_again_takes_the_file_as_it_is_now(write):
 
 
 ONE = '@effect("own", unit="1", symbol="c", scale=1.0)\ndef own(s):\n    return {}\n'
-HEAD = "import numpy as np\nfrom accelcal.effects import effect, Shape\n"
+HEAD = "import numpy as np\nfrom accelcal.effects import Search, Shape, Variable, effect, family\n"
 
 
 @pytest.mark.parametrize(
@@ -82,11 +82,15 @@ HEAD = "import numpy as np\nfrom accelcal.effects import effect, Shape\n"
         (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", port="sideways"'), 3, "port 'sideways' is none of"),
         (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", owner="nobody"'), 3, "owner 'nobody' is none of"),
         (
-            HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", coarse=1'),
+            HEAD + '@family(Variable("acceleration", "a", "m/s²"), coarse=1)\n' + ONE.format("s.a"),
             3,
             "1 of its 1 columns cannot be a coarser",
         ),
-        (HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", belief=(1.0, 0.0)'), 3, "needs a mean and a positive"),
+        (
+            HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", search=Search(prior=(1.0, 0.0))'),
+            3,
+            "needs a mean and a positive",
+        ),
         (
             HEAD + ONE.format("s.a").replace('unit="1"', 'unit="1", shapes={"tau": Shape("s", (1, 2))}'),
             3,

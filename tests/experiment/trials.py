@@ -12,8 +12,9 @@ import numpy as np
 
 import accelcal as ac
 from accelcal import io
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
@@ -54,11 +55,11 @@ class Pair:
         """Choose the magnitude on a record that is not counted."""
         one = fitted(World(self.motion, self.sensor, seconds=SECONDS, seed=UNCOUNTED))
         seen = power(one)
-        truth, unit = told(self, one, seen.contest)
+        truth, unit = told(self, one, seen.detection_model)
         if truth.effect.port == "process":
             smallest = seen[self.effect].smallest[0]
-            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, ALPHA) * smallest)
-        return Sized(self, self.d / seen.contest.distance(truth, unit))
+            return Sized(self, self.d / least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA) * smallest)
+        return Sized(self, self.d / seen.detection_model.distance(truth, unit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +77,9 @@ class Sized:
 
     def predicted(self, one: RunState, factor: float = 1.0) -> float:
         """Probability of detection on a record, for an effect `factor` times as large."""
-        contest = DetectionModel.of(one, Model.linear())
-        truth, unit = told(self.pair, one, contest)
-        return contest.detection(truth, factor * self.magnitude * unit, DRAWS)
+        detection_model = DetectionModel.of(one, Model.linear())
+        truth, unit = told(self.pair, one, detection_model)
+        return detection_model.detection(truth, factor * self.magnitude * unit, DRAWS)
 
     def row(self, seed: int) -> Row:
         """Prediction and outcome of one record."""
@@ -149,10 +150,10 @@ def found(one: RunState) -> bool:
     return bool(scan([one], Model.linear()).found)
 
 
-def told(pair: Pair, one: RunState, contest: DetectionModel) -> tuple[Hypothesis, np.ndarray]:
+def told(pair: Pair, one: RunState, detection_model: DetectionModel) -> tuple[Hypothesis, np.ndarray]:
     """The effect of a world in the product's words: its shape, and its coefficients per unit of the magnitude."""
     shape, sizes = words(pair.effect, pair.shape, one.run.origins)
-    return contest.item(pair.effect, shape), np.array(sizes)
+    return detection_model.item(pair.effect, shape), np.array(sizes)
 
 
 def words(effect: str, shape: Mapping[str, float], origins: Origins) -> tuple[dict[str, float], tuple[float, ...]]:

@@ -1,7 +1,7 @@
 """A small part of every claim on hidden effects, each with a counter-test that must fail; `make bench-hidden` runs all.
 
-Seeds are fixed. Where the whole meets its thresholds, a slice fails by chance with at most the rate beside each test. A twin
-hands the same judge outcomes for which its claim is wrong.
+Seeds are fixed. Where the whole meets its thresholds, a slice fails by chance with at most the rate beside each test.
+A twin hands the same judge outcomes for which its claim is wrong.
 """
 
 from __future__ import annotations

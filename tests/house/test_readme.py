@@ -14,11 +14,27 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", README.read_text(), flags=re.M | re.S)
 
 
-def test_python_examples_run(tmp_path):
+def test_python_examples_run_and_draw_the_figure(tmp_path):
     examples = blocks("python")
     assert examples
     for example in examples:
         subprocess.run([sys.executable, "-c", example], cwd=tmp_path, check=True, capture_output=True, timeout=300)
+    (shown,) = re.findall(r"!\[[^]]+\]\(docs/static/([\w.-]+)\)", README.read_text())
+    assert {path.name for path in tmp_path.iterdir()} == {shown}
+    assert (README.parent / "docs" / "static" / shown).stat().st_size < 100_000
+
+
+def test_it_is_short_enough_to_be_read():
+    assert len(README.read_text().splitlines()) <= 170
+
+
+def test_the_map_names_every_folder():
+    listed = set(re.findall(r"`([\w./-]+)`", README.read_text().partition("## Map")[2]))
+    package = README.parent / "python" / "accelcal"
+    folders = {path.parent.name for path in package.glob("*/__init__.py")} - {"_support"}
+    assert folders <= listed
+    assert {f"crates/{path.parent.name}" for path in README.parent.glob("crates/*/Cargo.toml")} <= listed
+    assert {"firmware", "tests", "benches", "tools", "docs"} <= listed
 
 
 def test_shell_examples_run_in_order(tmp_path):

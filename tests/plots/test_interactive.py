@@ -17,13 +17,10 @@ from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
-from accelcal.plots.interactive.error_reduction import steps
-from accelcal.plots.interactive.ranking import classes
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
-from accelcal.plots.interactive.tiles import tiles_of
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.plots.static.comparison import normalised
+from accelcal.plots.numbers import candidate_groups, model_names, normalised_residuals, tiles_of
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.consistency import cumulative_periodogram
@@ -35,7 +32,7 @@ THEMES = ("light", "dark")
 LINE = NoiseTest("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
 
 
-class Story:
+class Example:
     """Everything that figures are drawn from, for one record with a hidden cubic."""
 
     def __init__(self):
@@ -67,31 +64,31 @@ class Story:
             "simulated": interactive.simulated(seen, theme=theme),
             "coasting": interactive.coasting(seen, theme=theme),
             "one_step": interactive.one_step(seen, previous=seen, theme=theme),
-            "accel_side": interactive.accel_side(seen, previous=seen, theme=theme),
+            "accel_residual": interactive.accel_residual(seen, previous=seen, theme=theme),
             "regions": interactive.regions(seen, theme=theme),
             "spectrum": interactive.spectrum(self.fit, seen, [LINE], theme=theme),
-            "white": interactive.white(seen, theme=theme),
+            "whiteness_plot": interactive.whiteness_plot(seen, theme=theme),
             "quantile_plot": interactive.quantile_plot(seen, theme=theme),
             "tiles": interactive.tiles(seen, theme=theme),
             "tracks": interactive.tracks(self.track, theme=theme),
             "ranking": interactive.ranking(self.diagnosis, theme=theme),
             "signatures": interactive.signatures(self.power, theme=theme),
-            "falling": interactive.falling(self.nested, theme=theme),
-            "shape": interactive.shape(shapes(self.shaped), theme=theme),
-            "power_of": interactive.power_of(self.power, theme=theme),
+            "error_reduction": interactive.error_reduction(self.nested, theme=theme),
+            "fitted_curve": interactive.fitted_curve(shapes(self.shaped), theme=theme),
+            "detectable_sizes": interactive.detectable_sizes(self.power, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
             "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }
 
 
 @pytest.fixture(scope="module")
-def story():
-    return Story()
+def example():
+    return Example()
 
 
 @pytest.fixture(scope="module")
-def drawn(story):
-    return {theme: story.figures(theme) for theme in THEMES}
+def drawn(example):
+    return {theme: example.figures(theme) for theme in THEMES}
 
 
 def axes(figure, letter):
@@ -119,7 +116,13 @@ def test_every_axis_carries_its_unit(drawn, theme):
     for name, figure in drawn[theme].items():
         for letter in "xy":
             titles = [axis.title.text for axis in axes(figure, letter) if axis.title.text]
-            inherits = {("tiles", "y"), ("signatures", "y"), ("ranking", "y"), ("power_of", "y"), ("falling", "x")}
+            inherits = {
+                ("tiles", "y"),
+                ("signatures", "y"),
+                ("ranking", "y"),
+                ("detectable_sizes", "y"),
+                ("error_reduction", "x"),
+            }
             if (name, letter) in inherits:  # names of variables, effects and models
                 continue
             assert titles, (name, letter)
@@ -144,24 +147,24 @@ def test_themes_differ_in_looks_alone(drawn):
                 np.testing.assert_array_equal(np.asarray(a.y, dtype=float), np.asarray(b.y, dtype=float))
 
 
-def test_one_step_keeps_extremes_and_states_statistics_of_all_data(story, drawn):
-    t, e = story.seen.residual
+def test_one_step_keeps_extremes_and_states_statistics_of_all_data(example, drawn):
+    t, e = example.seen.residual
     figure = drawn["light"]["one_step"]
     shown = np.asarray(named(figure, "residual").y)
     assert len(t) > 2 * len(shown)
     assert np.nanmax(shown) == pytest.approx(1e6 * e.max(), rel=1e-6)  # single precision, in µm
     assert np.nanmin(shown) == pytest.approx(1e6 * e.min(), rel=1e-6)
-    inside = np.mean(np.abs(e) <= 1.96 * story.seen.residual_std)
+    inside = np.mean(np.abs(e) <= 1.96 * example.seen.residual_std)
     assert f"{100 * inside:.1f} % of" in headline(figure)
     assert f"4 000 of {formatting.grouped(len(t))} points shown" in headline(figure)
 
 
-def test_coasting_shows_drift_and_floor(story, drawn):
+def test_coasting_shows_drift_and_floor(example, drawn):
     figure = drawn["light"]["coasting"]
     for name, found in (
-        ("this run's constant re-estimated", story.seen.coast_rms),
-        ("every parameter from the fit", story.seen.coast_frozen_rms),
-        ("noise alone", story.seen.coast_floor),
+        ("this run's constant re-estimated", example.seen.coast_rms),
+        ("every parameter from the fit", example.seen.coast_frozen_rms),
+        ("noise alone", example.seen.coast_floor),
     ):
         line = named(figure, name)
         factor = line.y[0] / found[line.x[0]]
@@ -169,8 +172,8 @@ def test_coasting_shows_drift_and_floor(story, drawn):
         np.testing.assert_allclose(line.y, [factor * found[h] for h in line.x], rtol=1e-12)  # one product
 
 
-def test_regions_come_in_the_order_of_what_they_explain(story, drawn):
-    found = ordered(story.seen)
+def test_regions_come_in_the_order_of_what_they_explain(example, drawn):
+    found = ordered(example.seen)
     shares = [share for _, share in found]
     assert shares == sorted(shares, reverse=True)
     assert found[0][0].variable == "acceleration"  # a cubic is a function of acceleration
@@ -193,7 +196,7 @@ def test_explained_share_of_a_pure_function_and_of_noise():
         assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
 
 
-def test_spectrum_names_lines_and_keeps_its_band(story, drawn):
+def test_spectrum_names_lines_and_keeps_its_band(example, drawn):
     figure = drawn["light"]["spectrum"]
     assert "tone at 12.5 Hz" in headline(figure)
     labels = [a for a in figure.layout.annotations if a.text == "tone 12.5 Hz"]
@@ -210,20 +213,20 @@ def test_spectrum_of_white_residuals_stays_in_its_region():
     assert 0.92 < np.mean((ratio > found.low) & (ratio < found.high)) < 0.98
     # The sister: residuals with a line leave it.
     t, e = white.residual
-    loud = replace(white, residual=(t, e + 1e-6 * np.sin(2.0 * np.pi * 10.0 * t)))
-    heard = one_step_spectrum(loud)
-    peak = np.argmax(heard.density / heard.predicted)
-    assert heard.frequency[peak] == pytest.approx(10.0, abs=0.1)
-    assert heard.density[peak] / heard.predicted[peak] > 10 * heard.high
+    with_line = replace(white, residual=(t, e + 1e-6 * np.sin(2.0 * np.pi * 10.0 * t)))
+    found = one_step_spectrum(with_line)
+    peak = np.argmax(found.density / found.predicted)
+    assert found.frequency[peak] == pytest.approx(10.0, abs=0.1)
+    assert found.density[peak] / found.predicted[peak] > 10 * found.high
 
 
-def test_predicted_noise_is_that_of_a_good_model(story):
-    cubic = ac.fit(ac.Model.linear().add("cubic"), story.run)
-    found = accel_spectrum(cubic, compare(cubic, story.other))
+def test_predicted_noise_is_that_of_a_good_model(example):
+    cubic = ac.fit(ac.Model.linear().add("cubic"), example.run)
+    found = accel_spectrum(cubic, compare(cubic, example.other))
     middle = found.frequency < 0.7 * found.frequency[-1]
     ratio = found.density[middle] / found.predicted[middle]
     assert np.mean(ratio) == pytest.approx(1.0, abs=0.15)  # five sigma of 24 segments over some ten bands
-    lacking = accel_spectrum(story.fit, compare(story.fit, story.other))
+    lacking = accel_spectrum(example.fit, compare(example.fit, example.other))
     short = lacking.density / lacking.predicted
     assert np.mean((short < lacking.low) | (short > lacking.high)) > 0.3  # the sister: a model that lacks the cubic
 
@@ -243,28 +246,28 @@ def test_cumulative_periodogram_tells_white_from_coloured():
         cumulative_periodogram(np.ones(40))
 
 
-def test_quantiles_are_those_of_all_residuals(story, drawn):
-    y = np.sort(normalised(story.seen))
+def test_quantiles_are_those_of_all_residuals(example, drawn):
+    y = np.sort(normalised_residuals(example.seen))
     shown = np.asarray(named(drawn["light"]["quantile_plot"], "residuals").y)
     assert shown[0] == pytest.approx(y[0], rel=1e-6)
     assert shown[-1] == pytest.approx(y[-1], rel=1e-6)
 
 
-def test_tiles_hold_scores(story):
-    seen = tiles_of(story.seen)
+def test_tiles_hold_scores(example):
+    seen = tiles_of(example.seen)
     for row, sigma in zip(seen.rows, seen.sigma, strict=True):
-        one = next(b for b in story.seen.bins if row.startswith(f"{b.variable},"))
+        one = next(b for b in example.seen.bins if row.startswith(f"{b.variable},"))
         known = one.std > 0.0
         np.testing.assert_array_equal(sigma[known], one.score[known])
         assert np.all(np.isnan(sigma[~known]))
     assert seen.rows[0].startswith("acceleration")
 
 
-def test_tracks_end_where_the_fit_ends(story):
-    for i, name in enumerate(story.track.names):
-        assert story.track.values[-1, i] == pytest.approx(story.fit[name].value, rel=1e-9, abs=1e-12)  # same solve
-        assert story.track.std[-1, i] == pytest.approx(story.fit[name].std, rel=1e-9)
-    late = story.track.std[20:]
+def test_tracks_end_where_the_fit_ends(example):
+    for i, name in enumerate(example.track.names):
+        assert example.track.values[-1, i] == pytest.approx(example.fit[name].value, rel=1e-9, abs=1e-12)  # same solve
+        assert example.track.std[-1, i] == pytest.approx(example.fit[name].std, rel=1e-9)
+    late = example.track.std[20:]
     assert np.all(np.diff(late, axis=0) <= 1e-12 * late[:-1])  # information only grows
 
 
@@ -281,62 +284,62 @@ def test_a_track_equals_a_fit_of_the_first_part():
         assert found.std[9, i] > 1.1 * found.std[-1, i]
 
 
-def test_ranking_draws_every_candidate_and_brackets_ties(story, drawn):
-    groups = classes(story.diagnosis)
+def test_ranking_draws_every_candidate_and_brackets_ties(example, drawn):
+    groups = candidate_groups(example.diagnosis)
     flat = [c.effect for group in groups for c in group]
-    assert sorted(flat) == sorted(c.effect for c in story.diagnosis.scan.candidates[:12])
+    assert sorted(flat) == sorted(c.effect for c in example.diagnosis.scan.candidates[:12])
     figure = drawn["light"]["ranking"]
     bars = [x for t in figure.data if t.type == "bar" for x in t.x]
-    assert sorted(bars) == sorted(c.snr for c in story.diagnosis.scan.candidates[:12])
+    assert sorted(bars) == sorted(c.snr for c in example.diagnosis.scan.candidates[:12])
     several = sum(1 for group in groups if len(group) > 1)
     assert sum(1 for a in figure.layout.annotations if "told apart" in (a.text or "")) == several
     assert sum(1 for t in figure.data if t.type == "scatter") == several
 
 
-def test_a_tie_is_bracketed(story):
-    first, second, *rest = story.diagnosis.scan.candidates
+def test_a_tie_is_bracketed(example):
+    first, second, *rest = example.diagnosis.scan.candidates
     tied = (replace(first, members=(first.effect, second.effect)), replace(second, p_value=1e-9), *rest)
     diagnosis = replace(
-        story.diagnosis,
-        scan=replace(story.diagnosis.scan, candidates=tied),
+        example.diagnosis,
+        scan=replace(example.diagnosis.scan, candidates=tied),
         classes=(Confounded(first.effect, (first.effect, second.effect), "x"),),
     )
-    assert [c.effect for c in classes(diagnosis)[0]] == [first.effect, second.effect]
+    assert [c.effect for c in candidate_groups(diagnosis)[0]] == [first.effect, second.effect]
     unsure = (replace(tied[0], p_value=0.5), *tied[1:])
-    assert len(classes(replace(diagnosis, scan=replace(diagnosis.scan, candidates=unsure)))[0]) == 1
+    assert len(candidate_groups(replace(diagnosis, scan=replace(diagnosis.scan, candidates=unsure)))[0]) == 1
     alone = replace(
         diagnosis, scan=replace(diagnosis.scan, candidates=(replace(first, members=(first.effect,)), *rest))
     )
-    assert [c.effect for c in classes(alone)[0]] == [first.effect]
+    assert [c.effect for c in candidate_groups(alone)[0]] == [first.effect]
 
 
-def test_signatures_are_the_correlations_of_the_record(story):
-    seen = chosen(story.power, ["cubic", "odd_quadratic"])
+def test_signatures_are_the_correlations_of_the_record(example):
+    seen = chosen(example.power, ["cubic", "odd_quadratic"])
     assert {"cubic", "odd_quadratic"} <= set(seen.names)
     np.testing.assert_allclose(np.diag(seen.correlation), 1.0, rtol=1e-9)  # of unit signatures
     np.testing.assert_allclose(seen.correlation, seen.correlation.T, rtol=1e-9, atol=1e-12)
-    ties = [{a, b} for g in story.power.ties for a, b in itertools.combinations(g.members, 2) if a == g.members[0]]
+    ties = [{a, b} for g in example.power.ties for a, b in itertools.combinations(g.members, 2) if a == g.members[0]]
     for i, j in itertools.combinations(range(len(seen.names)), 2):
         rho = abs(seen.correlation[i, j])
         assert rho <= 1.0 + 1e-9
         if rho > 0.955:  # said to be tied, unless another trial shape of the rival comes nearer
-            assert {seen.names[i], seen.names[j]} in ties or len(story.power[seen.names[i]].members) > 1
+            assert {seen.names[i], seen.names[j]} in ties or len(example.power[seen.names[i]].members) > 1
 
 
-def test_falling_draws_errors_floor_and_shares(story, drawn):
-    figure = drawn["light"]["falling"]
+def test_falling_draws_errors_floor_and_shares(example, drawn):
+    figure = drawn["light"]["error_reduction"]
     bars = [y for t in figure.data if t.type == "bar" for y in t.y]
-    factor = bars[0] / story.nested.errors[0]
-    np.testing.assert_allclose(bars, np.array(story.nested.errors) * factor, rtol=1e-12)  # one product
-    np.testing.assert_allclose(named(figure, "noise alone").y, story.nested.floor * factor, rtol=1e-12)
+    factor = bars[0] / example.nested.errors[0]
+    np.testing.assert_allclose(bars, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
+    np.testing.assert_allclose(named(figure, "noise alone").y, example.nested.floor * factor, rtol=1e-12)
     texts = [text for t in figure.data if t.type == "bar" for text in t.text]
-    assert f"{100 * story.nested.shares[1]:.0f} % of the excess" in texts[1]
-    assert story.nested.errors[1] < 0.6 * story.nested.errors[0]
+    assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in texts[1]
+    assert example.nested.errors[1] < 0.6 * example.nested.errors[0]
     assert "not in the model yet" in {t.name for t in figure.data}
 
 
-def test_a_base_at_the_floor_explains_nothing(story):
-    good = replace(story.nested, models=story.nested.models[1:])
+def test_a_base_at_the_floor_explains_nothing(example):
+    good = replace(example.nested, models=example.nested.models[1:])
     poor = tuple(
         replace(r, heldout=replace(r.heldout, coast_floor=dict.fromkeys(r.heldout.coast_floor, 1.0)))
         for r in good.models
@@ -344,42 +347,42 @@ def test_a_base_at_the_floor_explains_nothing(story):
     assert replace(good, models=poor).shares == (None,)
 
 
-def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(story):
-    once, shape = story.nested.models[0], replace(story.nested.models[-1], effect="shape_of_position")
-    twice = replace(story.nested, models=(once, shape, shape))
-    assert steps(twice) == ["base", "+ shape of position", "+ shape of position, finer"]
+def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(example):
+    once, shape = example.nested.models[0], replace(example.nested.models[-1], effect="shape_of_position")
+    twice = replace(example.nested, models=(once, shape, shape))
+    assert model_names(twice) == ["base", "+ shape of position", "+ shape of position, finer"]
 
 
-def test_recovered_shape_is_the_fitted_function(story):
-    (one,) = shapes(story.shaped)
+def test_recovered_shape_is_the_fitted_function(example):
+    (one,) = shapes(example.shaped)
     effect = "shape_of_position"
     from scipy.interpolate import BSpline
     from scipy.special import eval_legendre
 
-    low, high = story.ends[effect]["low"], story.ends[effect]["high"]
+    low, high = example.ends[effect]["low"], example.ends[effect]["high"]
     knots = low + (high - low) / 7.0 * np.arange(-3, 11)
-    x = one.x - story.shaped.origins.p
+    x = one.x - example.shaped.origins.p
     share = 2 * (x - low) / (high - low) - 1
-    weights = [0.0, 0.0, *(story.shaped[f"{effect}.s{j}"].value for j in range(3, 9)), 0.0, 0.0]
+    weights = [0.0, 0.0, *(example.shaped[f"{effect}.s{j}"].value for j in range(3, 9)), 0.0, 0.0]
     independent = BSpline(knots, weights, 3)(x)
     for degree in range(1, 4):
-        independent += story.shaped[f"{effect}.p{degree}"].value * eval_legendre(degree, share)
+        independent += example.shaped[f"{effect}.p{degree}"].value * eval_legendre(degree, share)
     inside = slice(1, -1)  # the ends stand on a knot
     np.testing.assert_allclose(one.value[inside], independent[inside], rtol=1e-8, atol=1e-12)  # same polynomials
     assert np.all(one.std > 0.0)
 
 
-def test_power_shows_contributions_by_port(story, drawn):
-    figure = drawn["light"]["power_of"]
+def test_power_shows_contributions_by_port(example, drawn):
+    figure = drawn["light"]["detectable_sizes"]
     shown = {y: x for t in figure.data for x, y in zip(t.x, t.y, strict=True)}
     for name, x in shown.items():
-        assert x == story.power[name.replace(" ", "_")].largest
+        assert x == example.power[name.replace(" ", "_")].largest
     assert {"cubic", "encoder cyclic"} <= set(shown)
 
 
-def test_breaks_and_faults_are_marked(story):
+def test_breaks_and_faults_are_marked(example):
     marks = Marks(0.0, 12.0, (12.0,), (), ((1.0, 2.0),))
-    figure = interactive.timeline(story.run, marks)
+    figure = interactive.timeline(example.run, marks)
     assert "1 break, no fault" in headline(figure)
     lines = [s for s in figure.layout.shapes if s.type == "line"]
     assert [s.x0 for s in lines] == [12.0, 12.0]
@@ -390,28 +393,31 @@ def test_breaks_and_faults_are_marked(story):
 @pytest.mark.parametrize("theme", THEMES)
 def test_records_too_short_are_said_in_place_of_figures(theme):
     short = a_comparison(n=40, bins=(), accel_residual=(np.empty(0), np.empty(0)), **SHORT)
-    for draw in (interactive.coasting, interactive.regions, interactive.tiles, interactive.accel_side):
+    for draw in (interactive.coasting, interactive.regions, interactive.tiles, interactive.accel_residual):
         texts = " ".join(a.text for a in draw(short, theme=theme).layout.annotations)
         assert "too short" in texts
-    assert interactive.white(a_comparison(n=12), theme=theme).layout.annotations
+    assert interactive.whiteness_plot(a_comparison(n=12), theme=theme).layout.annotations
 
 
-def test_a_band_below_every_frequency_leaves_no_spectrum(story):
-    assert accel_spectrum(story.fit, replace(story.seen, band=1e-3)) is None
-    alone = interactive.spectrum(story.fit, replace(story.seen, band=1e-3))
+def test_a_band_below_every_frequency_leaves_no_spectrum(example):
+    assert accel_spectrum(example.fit, replace(example.seen, band=1e-3)) is None
+    alone = interactive.spectrum(example.fit, replace(example.seen, band=1e-3))
     assert len(axes(alone, "x")) == 1
 
 
-def test_power_of_few_effects_is_drawn(story):
-    few = replace(story.power, sights=tuple(s for s in story.power.sights if s.effect in ("cubic", "quadratic")))
-    figure = interactive.power_of(few)
+def test_power_of_few_effects_is_drawn(example):
+    few = replace(
+        example.power,
+        detectabilities=tuple(s for s in example.power.detectabilities if s.effect in ("cubic", "quadratic")),
+    )
+    figure = interactive.detectable_sizes(few)
     assert [sorted(t.y) for t in figure.data] == [["cubic", "quadratic"]]
-    none = interactive.power_of(replace(story.power, sights=()))
+    none = interactive.detectable_sizes(replace(example.power, detectabilities=()))
     assert "No effect can be seen" in none.to_json()
 
 
-def test_previous_residuals_stand_faintly_behind(story):
-    figure = interactive.accel_side(story.seen, previous=story.seen)
+def test_previous_residuals_stand_faintly_behind(example):
+    figure = interactive.accel_residual(example.seen, previous=example.seen)
     assert [t.name for t in figure.data] == ["before", "output − model"]
     assert figure.data[0].opacity < 0.5
 

@@ -14,7 +14,8 @@ from accelcal.estimation.estimate import fit
 from accelcal.formatting import concise
 from accelcal.model import Model
 from accelcal.plots import style
-from accelcal.plots.static.comparison import normalised, quantiles, sentence
+from accelcal.plots.numbers import normal_quantiles, normalised_residuals
+from accelcal.plots.static.comparison import summary_sentence
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.evaluation import compare
@@ -214,12 +215,12 @@ def test_histogram_is_a_density_of_all_residuals():
     (stairs,) = left.patches
     density, edges, _ = stairs.get_data()
     assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)  # none of 600 beyond 5 sigma
-    np.testing.assert_array_equal(drawn(lines(right)["residuals"])[1], np.sort(normalised(c)))
+    np.testing.assert_array_equal(drawn(lines(right)["residuals"])[1], np.sort(normalised_residuals(c)))
 
 
 def test_quantiles_of_a_long_record_keep_both_ends():
     y = np.random.default_rng(1).standard_normal(100_000)
-    expected, seen = quantiles(y)
+    expected, seen = normal_quantiles(y)
     assert len(seen) < 7000
     np.testing.assert_array_equal(seen[:2000], np.sort(y)[:2000])
     np.testing.assert_array_equal(seen[-2000:], np.sort(y)[-2000:])
@@ -229,7 +230,7 @@ def test_quantiles_of_a_long_record_keep_both_ends():
 def test_autocorrelation_is_that_of_the_residuals():
     c = a_comparison()
     (axes,) = plots.autocorrelation(c).axes
-    y = normalised(c)
+    y = normalised_residuals(c)
     lag, rho = drawn(lines(axes)["residuals"])
     np.testing.assert_array_equal(lag, np.arange(1, 41))
     full = np.correlate(y, y, mode="full")[len(y) - 1 :]
@@ -305,7 +306,7 @@ def test_a_short_record_is_not_thinned_and_nothing_is_said():
 def test_statistics_come_from_the_full_data():
     c = a_comparison(n=400_000)
     said = texts(plots.histogram(c))
-    assert f"{np.std(normalised(c)):.3f}" in said
+    assert f"{np.std(normalised_residuals(c)):.3f}" in said
 
 
 def test_a_hole_in_the_record_is_a_break_in_the_line():
@@ -394,8 +395,8 @@ def contrast(a, b):
 @pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
 def test_curves_differ_in_two_cues_and_stand_out_from_the_page(theme):
     for part in ("colour", "line", "marker"):
-        assert len({getattr(look, part) for look in theme.looks}) == len(theme.looks)
-    for look in theme.looks:
+        assert len({getattr(look, part) for look in theme.line_styles}) == len(theme.line_styles)
+    for look in theme.line_styles:
         assert contrast(look.colour, theme.page) >= 3.0  # WCAG 1.4.11, graphical objects
         assert look.colour in {*style.OKABE_ITO.values(), "#FFFFFF"}
     assert contrast(theme.ink, theme.page) >= 7.0  # WCAG 1.4.6, text
@@ -435,7 +436,7 @@ def test_titles_of_axes_say_the_unit_or_that_there_is_none(unit, shown):
 def test_overview_says_the_numbers(fitted):
     _, found, c = fitted
     said = texts(plots.overview(found, c)).replace("\n", " ")
-    assert sentence(found, c) in said
+    assert summary_sentence(found, c) in said
     for number in (c.one_step_rms, c.coast_rms[10.0], c.coast_floor[10.0], c.simulated_rms):
         assert formatting.length(number) in said
     assert c.worst in said
@@ -443,7 +444,7 @@ def test_overview_says_the_numbers(fitted):
 
 def test_overview_of_a_short_record_claims_no_drift(fitted):
     _, found, _ = fitted
-    assert "no unaided drift over 10 s (too short)" in sentence(found, a_comparison(**SHORT))
+    assert "no unaided drift over 10 s (too short)" in summary_sentence(found, a_comparison(**SHORT))
 
 
 def test_a_comparison_without_bins_or_residual_is_drawn_as_sentences(fitted):
@@ -520,7 +521,7 @@ def test_matplotlib_is_not_imported_before_a_figure_is_drawn():
 def test_pyplot_is_never_imported():
     code = (
         "import sys, accelcal.plots.style as s, pathlib, tempfile;"
-        "s.save(s.sheet(2, 2, s.DARK), pathlib.Path(tempfile.mkdtemp(), 'x.png'));"
+        "s.save(s.new_figure(2, 2, s.DARK), pathlib.Path(tempfile.mkdtemp(), 'x.png'));"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -5,13 +5,21 @@ import pytest
 
 from accelcal.effects import HOUSE, find
 from accelcal.plots.static import signature as cards
-from accelcal.plots.static.signature import FOLLOWS, beside, caption, card_motion, contributions, share, typical_shape
+from accelcal.plots.static.signature import (
+    FOLLOWS,
+    caption,
+    card_motion,
+    contributions,
+    dependence,
+    explained_share,
+    typical_shape,
+)
 
 
 def variable(name):
     s = card_motion()
     shape = typical_shape(find(name), s)
-    found = beside(find(name), s, shape, contributions(find(name), s, shape))
+    found = dependence(find(name), s, shape, contributions(find(name), s, shape))
     return None if found is None else found.variable
 
 
@@ -39,10 +47,10 @@ def test_an_effect_is_drawn_against_what_it_is_a_function_of(name, expected):
 def test_share_is_one_for_a_function_zero_for_chance_and_for_a_constant():
     rng = np.random.default_rng(1)
     x = rng.uniform(-1.0, 1.0, 4000)
-    assert share(x, np.sin(9.0 * x)) > 0.999
-    assert abs(share(x, rng.standard_normal(4000))) < 0.1  # 6 sigma of 1/sqrt(4000)
-    assert share(x, np.full(4000, 3.0)) == 0.0
-    assert share(x, np.sin(9.0 * x) + rng.standard_normal(4000)) < FOLLOWS
+    assert explained_share(x, np.sin(9.0 * x)) > 0.999
+    assert abs(explained_share(x, rng.standard_normal(4000))) < 0.1  # 6 sigma of 1/sqrt(4000)
+    assert explained_share(x, np.full(4000, 3.0)) == 0.0
+    assert explained_share(x, np.sin(9.0 * x) + rng.standard_normal(4000)) < FOLLOWS
 
 
 @pytest.mark.parametrize("effect", HOUSE, ids=lambda e: e.name)

@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import report
 from accelcal._support.extras import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
-from accelcal.formatting import spoken
+from accelcal.formatting import readable
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
 from tests.report.conftest import FILE, HOSTILE
@@ -63,8 +63,8 @@ def test_numbers_are_those_of_the_api(pages, lacking, complete):
 def test_the_verdict_comes_first(pages, lacking):
     page = Page(pages["lacking"])
     text = page.text
-    assert spoken(lacking.diagnosis.sentence) in text
-    assert text.index(spoken(lacking.diagnosis.sentence)) < text.index("What was found")
+    assert readable(lacking.diagnosis.sentence) in text
+    assert text.index(readable(lacking.diagnosis.sentence)) < text.index("What was found")
     assert lacking.diagnosis.verdict in ("named", "tied")
     assert "cubic" in lacking.diagnosis.effects
 
@@ -72,7 +72,7 @@ def test_the_verdict_comes_first(pages, lacking):
 def test_suspect_data_are_said_before_the_verdict(lacking):
     diagnosis = replace(lacking.diagnosis, suspect=("output: 3 samples hit the rail",))
     text = Page(report.light(replace(lacking, diagnosis=diagnosis))).text
-    assert text.index("3 samples hit the rail") < text.index(spoken(diagnosis.sentence))
+    assert text.index("3 samples hit the rail") < text.index(readable(diagnosis.sentence))
 
 
 def test_text_from_files_is_text(pages):

@@ -75,7 +75,7 @@ def test_wild_readings_count_neither_in_a_fit_nor_when_an_effect_is_added():
     one = dataclasses.replace(clean, accel=dataclasses.replace(clean.accel, y=spoiled))
     every, kept = ac.fit(ac.Model.linear(), one), workflow.fit(ac.Model.linear(), one)
     assert every.noise().q > 2.0 * kept.noise().q
-    assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel are left out as wild."
+    assert kept.remarks[0] == "simulated interleaved: 11 of 66680 readings of accel were rejected as outliers."
     grown, truth = add(kept, one, "cubic"), add(workflow.fit(ac.Model.linear(), clean), clean, "cubic")
     assert grown.remarks[0] == kept.remarks[0]
     assert grown["cubic"].value == pytest.approx(truth["cubic"].value, abs=0.5 * truth["cubic"].std)

@@ -1,4 +1,4 @@
-"""Figures of the library, laid out for the page: the headline becomes text, the rest goes to the browser as data."""
+"""Figures of the library for the page: the headline becomes text, the rest goes to the browser as data."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class Picture:
 
 
 def picture(figure: Figure, **config: Any) -> Picture:
-    """Take the headline out of a figure; the axes move up by its height."""
+    """Separate the headline from a figure; the axes move up by its height."""
     content = json.loads(figure.to_json())
     layout = content["layout"]
     layout.pop("template", None)
     notes = layout.get("annotations", [])
-    told = next((n["text"] for n in notes if n.get("name") == "headline"), "")
+    headline = next((n["text"] for n in notes if n.get("name") == "headline"), "")
     layout["annotations"] = [n for n in notes if n.get("name") != "headline"]
-    lines = told.split("<br>") if told else []
+    lines = headline.split("<br>") if headline else []
     small = [line for line in lines if line.startswith("<span")]
     large = [line for line in lines if not line.startswith("<span")]
     freed = LINE * len(large) + SMALL * len(small)
@@ -57,13 +57,13 @@ def _text(lines: list[str]) -> str:
 
 
 def marked(state: State) -> list[tuple[float, float, str]]:
-    """Stretches that are held out or left out."""
-    found = [(a, b, "left out") for a, b in state.left_out]
+    """Stretches that are held out or excluded."""
+    found = [(a, b, "excluded") for a, b in state.excluded]
     return found + ([(*state.held_out, "held out")] if state.held_out is not None else [])
 
 
 def arriving(recording: Recording, theme: ThemeName) -> Picture:
-    """A recording before anything is known of it."""
+    """A recording before its check."""
     return picture(interactive.linked(recording, theme=theme))
 
 
@@ -74,7 +74,7 @@ def data(state: State, theme: ThemeName, window: tuple[float, float] | None = No
     for at in state.breaks:
         figure.add_vline(x=at, line={"dash": "dash", "width": 2}, annotation_text=f"break at {at:.4g} s")
     figure.update_layout(dragmode="select", selectdirection="h")
-    # Lines alone cannot be brushed: a few unseen points make the axes listen.
+    # Plotly selects markers only: two invisible ones make the axes react to brushing.
     low, high = state.recording.position.t[0], state.recording.position.t[-1]
     figure.add_scatter(x=[low, high], y=[None, None], mode="markers", showlegend=False, hoverinfo="skip", row=1, col=1)
     return picture(figure, modeBarButtonsToRemove=["lasso2d", "autoScale2d"], scrollZoom=False)
@@ -90,7 +90,7 @@ def linked(
 
 
 def nested_of(state: State) -> NestedModels:
-    """The falling error along the path to the model that is looked at."""
+    """Held-out errors along the path to the current model."""
     models = tuple(NestedModel(s.label, True, s.fit, s.heldout) for s in state.path)
     horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
     return NestedModels(models, state.other is None, max(horizons, default=None))
@@ -99,10 +99,10 @@ def nested_of(state: State) -> NestedModels:
 def falling(state: State, theme: ThemeName) -> Picture:
     """One bar for each model on the path."""
     nested = nested_of(state)
-    figure = interactive.falling(nested, theme=theme)
+    figure = interactive.error_reduction(nested, theme=theme)
     names = [html.escape(spelled(s.label)) for s in state.path]
     sizes = [formatting.length(error) for error in nested.errors]
-    shares = [f"<br>{told(share)}" if share is not None else "" for share in nested.shares]
+    shares = [f"<br>{share_explained(share)}" if share is not None else "" for share in nested.shares]
     ticks = [f"{name}: {size}{share}" for name, size, share in zip(names, sizes, shares, strict=True)]
     figure.update_xaxes(ticktext=ticks, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
@@ -110,29 +110,29 @@ def falling(state: State, theme: ThemeName) -> Picture:
     return picture(figure, displayModeBar=False)
 
 
-def told(share: float) -> str:
-    """The part of the excess over noise that an effect takes away."""
+def share_explained(share: float) -> str:
+    """The part of the excess over noise that an effect explains."""
     if share >= 0.995:
         return "all of the excess explained"
     return f"{100.0 * share:.0f} % of the excess explained".replace("-", "−")
 
 
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:
-    """What is left over on held-out data, what was left over before, in the same band, faintly behind."""
+    """Accelerometer residual on held-out data; in grey that of the previous model, in the same frequency band."""
     assert state.step is not None
-    return picture(faint(interactive.accel_side(state.step.heldout, previous=before, theme=theme)))
+    return picture(dimmed(interactive.accel_residual(state.step.heldout, previous=before, theme=theme)))
 
 
-def faint(figure: Figure) -> Figure:
-    """What was before, behind what is now: grey, so that it is seen on either page and takes no attention."""
+def dimmed(figure: Figure) -> Figure:
+    """Draw the trace of the previous model in grey, readable in both themes."""
     return figure.update_traces(line={"color": "#8A9099", "dash": "solid"}, opacity=0.5, selector={"name": "before"})
 
 
 def one_step(state: State, theme: ThemeName) -> Picture:
-    """One-step residuals on held-out data, those of the model before faintly behind."""
+    """One-step residuals on held-out data; in grey those of the previous model."""
     assert state.step is not None
     before = state.previous.heldout if state.previous is not None else None
-    return picture(faint(interactive.one_step(state.step.heldout, previous=before, theme=theme)))
+    return picture(dimmed(interactive.one_step(state.step.heldout, previous=before, theme=theme)))
 
 
 def coasting(state: State, theme: ThemeName) -> Picture:
@@ -142,12 +142,12 @@ def coasting(state: State, theme: ThemeName) -> Picture:
 
 
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:
-    """Where the model fails on what it was fitted to."""
+    """Residuals of the model on the fitted data, by variable, frequency and lag."""
     seen = found.where
     return [
         picture(interactive.tiles(seen, theme=theme), displayModeBar=False),
         picture(interactive.regions(seen, theme=theme)),
         picture(interactive.spectrum(found.fit, seen, found.channels, theme=theme)),
-        picture(interactive.white(seen, theme=theme)),
+        picture(interactive.whiteness_plot(seen, theme=theme)),
         picture(interactive.quantile_plot(seen, theme=theme)),
     ]

@@ -1,4 +1,4 @@
-"""Which column is which channel: a proposal from the file, and the sidecar that a user's choice amounts to."""
+"""Mapping of columns to channels: a proposal from the file, and the sidecar for the user's choice."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ UNKNOWN = "?"
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """What one column of a file is taken for."""
+    """Channel and unit assigned to one column of a file."""
 
     column: str
     channel: str
-    """time, accel, position, a name of the user's, or `NOT_USED`."""
+    """time, accel, position, a name chosen by the user, or `NOT_USED`."""
     unit: str
     """Empty where none is known."""
 
@@ -41,7 +41,7 @@ def columns_of(path: Path) -> tuple[str, ...]:
 
 
 def text_of(path: Path, sidecar: str | None) -> str:
-    """The sidecar as it stands: the user's text, else the file beside the recording, else a commented first one."""
+    """Current text of the sidecar: the user's, else the file next to the recording, else a commented template."""
     if sidecar is not None:
         return sidecar
     beside = io.sidecar_of(path)
@@ -51,13 +51,13 @@ def text_of(path: Path, sidecar: str | None) -> str:
 
 
 def choices(path: Path, text: str) -> list[Choice]:
-    """What each column is taken for, as a sidecar says; what it does not mention, as the file's own names say."""
+    """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name."""
     declared = _channels(text)
     guessed = _channels(io.template(path))
     found = []
     for column in columns_of(path):
         channel, unit = next(
-            ((name, one) for source in (declared, guessed) for name, (of, one) in source.items() if of == column),
+            ((name, unit) for source in (declared, guessed) for name, (of, unit) in source.items() if of == column),
             (NOT_USED, ""),
         )
         found.append(Choice(column, channel, "" if unit == UNKNOWN else unit))
@@ -73,10 +73,10 @@ def sidecar_from(text: str, chosen: Sequence[Choice]) -> str:
         If two columns are the same channel, or the text is no TOML.
     """
     used = [c for c in chosen if c.channel != NOT_USED]
-    for i, one in enumerate(used):
-        twin = next((c for c in used[:i] if c.channel == one.channel), None)
+    for i, choice in enumerate(used):
+        twin = next((c for c in used[:i] if c.channel == choice.channel), None)
         if twin is not None:
-            raise RecordingError(f'columns "{twin.column}" and "{one.column}" are both {one.channel}; keep one')
+            raise RecordingError(f'columns "{twin.column}" and "{choice.column}" are both {choice.channel}; keep one')
     try:
         document = tomlkit.parse(text)
     except tomlkit.exceptions.ParseError as error:
@@ -87,16 +87,16 @@ def sidecar_from(text: str, chosen: Sequence[Choice]) -> str:
         del table[name]
     if "time" in names and "rate" in table:
         del table["rate"]
-    for one in used:
-        old = table.get(one.channel)
+    for choice in used:
+        old = table.get(choice.channel)
         kept = {k: v for k, v in old.items() if k not in ("column", "unit")} if isinstance(old, dict) else {}
         entry = tomlkit.inline_table()
-        entry["column"] = one.column
-        if one.unit:
-            entry["unit"] = one.unit
+        entry["column"] = choice.column
+        if choice.unit:
+            entry["unit"] = choice.unit
         for key, value in kept.items():
             entry[key] = value
-        table[one.channel] = entry
+        table[choice.channel] = entry
     return tomlkit.dumps(document)
 
 

@@ -1,4 +1,4 @@
-"""The frame of the page: header, progress, tabs; it shows a workbench and hands on what the user does."""
+"""The frame of the page: header, progress, tabs; it shows a workbench and forwards the user's actions to it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
 TICK = 0.25
-"""s between looks at the workbench."""
-QUIET = """<script>addEventListener("unhandledrejection", event => {
+"""Interval at which the page polls the workbench, s."""
+IGNORE_RESIZE_ERRORS = """<script>addEventListener("unhandledrejection", event => {
   if (String(event.reason).includes("Resize must be passed a displayed plot")) event.preventDefault();
 });</script>"""
-"""A plot that is taken off the page while it is being resized has nothing to complain of."""
+"""A plot that is removed while it is being resized raises this error; it is harmless."""
 Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 """Title, icon and builder of a screen."""
 
@@ -30,26 +30,26 @@ class Page:
     def __init__(self, bench: Workbench, screens: Mapping[str, Screen]) -> None:
         self.bench = bench
         self.screens = screens
-        """By name, in the order of the work."""
+        """By name, in the order of the tabs."""
         self.theme: ThemeName = "light"
         self.tab = "data" if bench.state.step is None else "improve"
         self.window: tuple[float, float] | None = None
-        """Part of the time axis that is zoomed in, s."""
+        """Part of the time axis that is zoomed in on, s."""
         self.brushed: tuple[float, float] | None = None
         self.fields: tuple[ui.number, ...] = ()
-        """From and to of a stretch, on the screen that has them."""
+        """Fields for start and end of a stretch, on the screen that has them."""
         self._seen = -1
-        self._turn = 0
+        self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
         self._drawing: dict[tuple[Any, ...], asyncio.Task[list[Picture]]] = {}
         self.asking = False
-        """Whether a diagnosis begins as soon as the pictures are drawn."""
+        """Whether a diagnosis begins as soon as the figures are drawn."""
 
     async def build(self) -> None:
-        """Lay the frame out and show the first screen."""
+        """Lay out the frame and show the first screen."""
         ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
         ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
-        ui.add_head_html(QUIET)
+        ui.add_head_html(IGNORE_RESIZE_ERRORS)
         self.dark = ui.dark_mode()
         with ui.header().classes("bar"):
             ui.label("accelcal").classes("brand")
@@ -57,21 +57,21 @@ class Page:
             ui.space()
             self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
             self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
-            self.look = widgets.button("Dark page", "dark_mode", self.turn_theme, flat=True)
+            self.look = widgets.button("Dark theme", "dark_mode", self.toggle_theme, flat=True)
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
             widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline")
-            self.said = ui.label().classes("said")
+            self.message = ui.label().classes("message")
         self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
         with self.tabs:
             for name, (title, icon, _) in self.screens.items():
                 ui.tab(name, title, icon=icon)
         self.tabs.set_value(self.tab)
         self.body = ui.element("main").classes("body")
-        # What draws takes a second or two to load; a figure that nobody sees has it loaded before the first drop.
+        # plotly.js takes a second or two to load; a hidden figure loads it before the first recording is dropped.
         ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
         ui.keyboard(on_key=self._key)
         await ui.context.client.connected()
@@ -80,10 +80,10 @@ class Page:
         self.rebuild()
         ui.timer(TICK, self._tick)
 
-    # What the user does
+    # Actions of the user
 
     async def act(self, action: Callable[..., Any], *args: Any, then: str = "") -> Any:
-        """Do something that takes time off the page's own thread; then go to another screen if it went well."""
+        """Run an action off the page's own thread; then show the screen `then` if it succeeded."""
         try:
             background = run.io_bound(action, *args)
             self._tick()
@@ -97,14 +97,14 @@ class Page:
         return result
 
     async def improve(self, action: Callable[..., Any], *args: Any) -> None:
-        """Change the model, show it, and ask what the new one lacks as soon as its pictures are drawn."""
+        """Change the model, show it, and diagnose the new one as soon as its figures are drawn."""
         self.asking = True
         await self.act(action, *args, then="improve")
         await asyncio.gather(*self._drawing.values(), return_exceptions=True)
         await self.ask()
 
     async def ask(self) -> None:
-        """Ask what the model that is looked at lacks, unless there is something to be read first."""
+        """Diagnose the current model, unless an error message is waiting to be read."""
         self.asking = not self.bench.sentence
         if self.asking:
             self.rebuild()
@@ -112,7 +112,7 @@ class Page:
         self.asking = False
 
     def change(self, action: Callable[[], None]) -> None:
-        """Do something that is done at once."""
+        """Run an action that ends at once."""
         action()
         self._tick()
 
@@ -122,15 +122,15 @@ class Page:
             self.tab = tab
             self.rebuild()
 
-    def turn_theme(self) -> None:
-        """Turn light into dark and back."""
+    def toggle_theme(self) -> None:
+        """Switch between the light and the dark theme."""
         self._set_theme("light" if self.theme == "dark" else "dark")
         self.rebuild()
 
     def _set_theme(self, theme: ThemeName) -> None:
         self.theme = theme
         self.dark.set_value(theme == "dark")
-        other = "Light page" if theme == "dark" else "Dark page"
+        other = "Light theme" if theme == "dark" else "Dark theme"
         self.look.set_text(other)
         self.look.props(f"icon={'light_mode' if theme == 'dark' else 'dark_mode'}")
 
@@ -138,10 +138,10 @@ class Page:
         if event.action.keydown and not event.action.repeat and event.modifiers.ctrl and event.key.name.lower() == "z":
             self.change(self.bench.redo if event.modifiers.shift else self.bench.undo)
 
-    # What the page shows
+    # Content of the page
 
     def _tick(self) -> None:
-        """Show progress and what can be done meanwhile; build the screen anew when the workbench has changed."""
+        """Show progress and enable buttons; rebuild the screen when the workbench has changed."""
         self.undo.set_enabled(self.bench.can_undo)
         self.redo.set_enabled(self.bench.can_redo)
         job = self.bench.job
@@ -154,13 +154,13 @@ class Page:
             self.rebuild()
 
     def rebuild(self) -> None:
-        """Build the screen that is looked at."""
+        """Rebuild the current screen."""
         self._seen = self.bench.version
-        self._turn += 1
+        self._build_count += 1
         state = self.bench.state
         self.file.set_text(state.file.name if state.file is not None else "")
         self.alert.set_visibility(bool(self.bench.sentence))
-        self.said.set_text(self.bench.sentence)
+        self.message.set_text(self.bench.sentence)
         self.body.clear()
         with self.body:
             self.screens[self.tab][2](self)
@@ -173,22 +173,25 @@ class Page:
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
-        """Draw figures where this is called; they are worked out beside the page and kept under `key`.
+        """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `prepare` is given each plot with a function that shows another picture in its place.
+        `prepare` is called with each plot and a function that replaces its figure.
         """
         key = (*key, self.theme)
-        theme, turn = self.theme, self._turn
+        theme, build = self.theme, self._build_count
         box = ui.element("div").classes("pictures").style(f"min-height: {height}px")
 
         def fill(several: Sequence[Picture]) -> None:
             box.style("min-height: 0")
-            for one in several:
+            for picture in several:
                 with ui.element("figure"):
-                    headline, note = ui.label(one.headline).classes("headline"), ui.label(one.note).classes("note")
-                    note.set_visibility(bool(one.note))
-                    plot = ui.plotly(one.figure).classes("plot")
-                    plot.props(f'role=img aria-label="{widgets.attribute(one.headline)}"')
+                    headline, note = (
+                        ui.label(picture.headline).classes("headline"),
+                        ui.label(picture.note).classes("note"),
+                    )
+                    note.set_visibility(bool(picture.note))
+                    plot = ui.plotly(picture.figure).classes("plot")
+                    plot.props(f'role=img aria-label="{widgets.attribute(picture.headline)}"')
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
@@ -222,11 +225,11 @@ class Page:
             try:
                 several = await asyncio.shield(drawing)
             except (ValueError, ImportError) as error:
-                if turn == self._turn:
+                if build == self._build_count:
                     with box:
                         ui.label(self.bench.plain(str(error))).classes("note")
                 return
-            if turn == self._turn and not box.is_deleted:
+            if build == self._build_count and not box.is_deleted:
                 with box:
                     fill(several)
 

@@ -1,4 +1,4 @@
-"""The same steps as a script and on the command line: what "copy as Python" gives."""
+"""The steps of the workbench as a Python script and as shell commands: what "Copy as Python" puts on the clipboard."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from accelcal.app.state import State
 
 
 def python(state: State) -> str:
-    """A script that repeats the path to the model that is looked at."""
-    lines = ["import accelcal as ac", "from accelcal import loop", ""]
+    """A script that repeats the steps to the current model."""
+    lines = ["import accelcal as ac", "from accelcal import workflow", ""]
     if state.own:
         lines.insert(1, "import accelcal.effects")
         files = ", ".join(f'*ac.effects.load_effects("{own.effect.name}.py")' for own in state.own)
@@ -21,9 +21,9 @@ def python(state: State) -> str:
     sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
     lines += [f'data = ac.load("{_quoted(state.file)}"{sidecar})']
     if state.breaks:
-        lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # a model cannot hold across a break")
-    if state.left_out:
-        lines.append(f"data = data.without({', '.join(f'({a!r}, {b!r})' for a, b in state.left_out)})")
+        lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # one model cannot hold across a break")
+    if state.excluded:
+        lines.append(f"data = data.without({', '.join(f'({a!r}, {b!r})' for a, b in state.excluded)})")
     if state.held_out is not None:
         a, b = state.held_out
         lines += [f"train, unseen = data.without(({a!r}, {b!r})), data.part({a!r}, {b!r})"]
@@ -31,12 +31,8 @@ def python(state: State) -> str:
         other = state.other.name if state.other is not None else ""
         lines += [f'train, unseen = data, ac.load("{other}")']
     if not state.path:
-        return (
-            "\n".join([*lines, "print(ac.overview.summarise(data))"]).replace(
-                "import accelcal as ac\n", "import accelcal as ac\nimport accelcal.data.summary\n"
-            )
-            + "\n"
-        )
+        lines.insert(1, "from accelcal.data.summary import summarise")
+        return "\n".join([*lines, "print(summarise(data))"]) + "\n"
     names = [f"m{i}" for i in range(len(state.path))]
     lines.append("")
     for i, step in enumerate(state.path):
@@ -48,21 +44,21 @@ def python(state: State) -> str:
         f"for m in [{', '.join(names)}]:",
         "    seen = ac.compare(m, unseen)",
         "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
-        f"print(loop.diagnose({names[-1]}, train{extra}).sentence)",
+        f"print(workflow.diagnose({names[-1]}, train{extra}).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',
     ]
     return "\n".join(lines) + "\n"
 
 
 def command_line(state: State) -> str:
-    """The same in a shell."""
+    """Shell commands that repeat the steps to the current model."""
     if state.file is None or state.recording is None:
         return "# load a recording first\n"
     run = shlex.quote(state.file.name)
     rig = f" --rig {shlex.quote(state.file.stem + '.toml')}" if state.sidecar is not None else ""
     lines = [f"accelcal check {run}{rig}"]
     only = f" --only {state.used[0]!r}:{state.used[1]!r}" if state.breaks else ""
-    without = "".join(f" --without {a!r}:{b!r}" for a, b in state.left_out)
+    without = "".join(f" --without {a!r}:{b!r}" for a, b in state.excluded)
     if state.held_out is not None:
         a, b = state.held_out
         held = f" --only {a!r}:{b!r}"

@@ -7,23 +7,23 @@ import socket
 import tempfile
 from pathlib import Path
 
-from accelcal.app.sessions import Benches
+from accelcal.app.sessions import Workbenches
 
 HOST = "127.0.0.1"
 NAMES = ("127.0.0.1", "localhost")
-"""Names under which the page may be asked for; others are refused, so that no foreign page can pose as this one."""
+"""Host names that are answered; others are refused, as a protection against DNS rebinding."""
 PORT = 8765
 TRIED = 20
-"""Ports that are tried from the first on."""
+"""Number of ports that are tried."""
 
 
 def free_port(first: int) -> int:
-    """Return the first port from `first` on that nobody listens on.
+    """Return the first free port from `first` on.
 
     Raises
     ------
     OSError
-        If all that are tried are taken.
+        If all that are tried are in use.
     """
     for port in range(first, first + TRIED):
         with socket.socket() as probe:
@@ -32,7 +32,7 @@ def free_port(first: int) -> int:
             except OSError:
                 continue
             return port
-    raise OSError(f"ports {first} to {first + TRIED - 1} are all taken; choose another with --port")
+    raise OSError(f"ports {first} to {first + TRIED - 1} are all in use; choose another with --port")
 
 
 def serve(recording: Path | None = None, *, port: int | None = None, show: bool = True) -> None:
@@ -61,9 +61,9 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     chosen = free_port(PORT) if port is None else port
     folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
     try:
-        install(Benches(folder, recording))
+        install(Workbenches(folder, recording))
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
-        print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C ends it)", flush=True)
+        print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C to stop)", flush=True)
         ui.run(
             host=HOST,
             port=chosen,

@@ -1,4 +1,4 @@
-"""Workbenches by session of the browser."""
+"""Workbenches by browser session."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from pathlib import Path
 from accelcal.app.workbench import Workbench
 
 MOST = 12
-"""Workbenches that are kept; the one that was not used for longest goes first."""
+"""Workbenches that are kept; the least recently used is deleted first."""
 
 
-class Benches:
+class Workbenches:
     """The workbenches of this server by their secret names."""
 
     def __init__(self, folder: Path, recording: Path | None = None) -> None:
@@ -29,13 +29,13 @@ class Benches:
         home.mkdir(mode=0o700)
         self._kept[name] = Workbench(home)
         while len(self._kept) > MOST:
-            gone, bench = self._kept.popitem(last=False)
+            oldest, bench = self._kept.popitem(last=False)
             bench.cancel()
-            shutil.rmtree(self.folder / gone, ignore_errors=True)
+            shutil.rmtree(self.folder / oldest, ignore_errors=True)
         return name
 
     def find(self, name: str) -> Workbench | None:
-        """Return the workbench called `name`, if it is still there."""
+        """Return the workbench called `name`, or None if it has been deleted."""
         if name in self._kept:
             self._kept.move_to_end(name)
         return self._kept.get(name)

@@ -1,4 +1,4 @@
-"""What the workbench knows at one moment: the data, how they are divided, and a tree of models. Values, no actions."""
+"""State of the workbench: the data, how they are divided, and a tree of models. Values, no actions."""
 
 from __future__ import annotations
 
@@ -22,49 +22,49 @@ class Step:
     key: int
     parent: int | None
     label: str
-    """What is new here, for people: base, + cubic, bias held."""
+    """What distinguishes this model from its parent, for people: base, + cubic, bias held."""
     python: str
     """The expression that makes its fit, with PARENT for the one before."""
     command: str
-    """The same on the command line, with PARENT and THIS for the model files."""
+    """The shell command that makes it, with PARENT and THIS for the model files."""
     fit: Fit
     heldout: Comparison
-    """Against the data that no fit has seen."""
+    """Against the held-out data."""
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """Everything that undo gives back."""
+    """Everything that undo restores."""
 
     file: Path | None = None
     sidecar: str | None = None
-    """Text that stands in the place of the sidecar beside the file; None = that one, if any."""
+    """Text that replaces the sidecar next to the file; None: use that one, if any."""
     columns: tuple[str, ...] = ()
-    trouble: str = ""
-    """Why the file is not understood; empty when it is."""
+    problem: str = ""
+    """Why the columns of the file are not understood; empty when they are."""
     recording: Recording | None = None
     used: Stretch = (0.0, 0.0)
-    """On which one model can hold."""
+    """Part on which one model can hold."""
     marks: Marks | None = None
     """Breaks, faults and rest on the time line."""
     breaks: tuple[float, ...] = ()
     held_out: Stretch | None = None
-    """Part of the recording that no fit sees; None when another recording is held out."""
+    """Part of the recording that is not fitted; None when another recording is held out."""
     other: Recording | None = None
     """Held-out recording."""
-    left_out: tuple[Stretch, ...] = ()
+    excluded: tuple[Stretch, ...] = ()
     own: tuple[Own, ...] = ()
     steps: tuple[Step, ...] = ()
     current: int | None = None
 
     @property
     def step(self) -> Step | None:
-        """The model that is looked at."""
+        """The current model."""
         return next((s for s in self.steps if s.key == self.current), None)
 
     @property
     def path(self) -> tuple[Step, ...]:
-        """From the base to the model that is looked at."""
+        """Models from the base to the current one."""
         found: list[Step] = []
         by_key = {s.key: s for s in self.steps}
         key = self.current
@@ -75,31 +75,31 @@ class State:
 
     @property
     def previous(self) -> Step | None:
-        """The model before the one that is looked at."""
+        """The parent of the current model."""
         return self.path[-2] if len(self.path) > 1 else None
 
     @property
     def own_files(self) -> str:
-        """How the command line is told of the user's own effects."""
+        """Command-line options that load the user's own effects."""
         return "".join(f" --effects-file {own.effect.name}.py" for own in self.own)
 
     @property
     def data(self) -> Recording:
-        """What is used of the recording, the held-out part included."""
+        """Data in use, the held-out part included."""
         assert self.recording is not None
         whole = self.recording
         if self.breaks:
             whole = whole.part(*self.used)
-        return whole.without(*self.left_out)
+        return whole.without(*self.excluded)
 
     @property
     def train(self) -> Recording:
-        """What models are fitted to."""
+        """Data that models are fitted to."""
         return self.data if self.held_out is None else self.data.without(self.held_out)
 
     @property
     def unseen(self) -> Recording:
-        """What no fit has seen."""
+        """Held-out data."""
         if self.other is not None:
             return self.other
         assert self.held_out is not None
@@ -108,19 +108,19 @@ class State:
 
 @dataclass
 class Job:
-    """Work that is under way."""
+    """The running action."""
 
     title: str
     share: float = 0.0
     cancelled: bool = field(default=False)
 
     def report(self, share: float) -> None:
-        """Take note of progress.
+        """Record progress, 0 to 1.
 
         Raises
         ------
         Cancelled
-            If nobody waits for the result any more.
+            If the action was cancelled.
         """
         if self.cancelled:
             raise Cancelled
@@ -128,4 +128,4 @@ class Job:
 
 
 class Cancelled(Exception):
-    """The user does not want the result any more."""
+    """The user has cancelled the action."""

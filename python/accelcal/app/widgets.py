@@ -1,4 +1,4 @@
-"""Small parts that every screen is made of: headings, buttons, tables, notes."""
+"""Widgets shared by all screens: headings, buttons, tables, notes."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from nicegui import ui
 
 
 def attribute(text: str) -> str:
-    """Text that may stand in an attribute of `props`."""
+    """Text escaped for an attribute of `props`."""
     return html.escape(" ".join(text.split())).replace("\\", "/")
 
 
 def heading(text: str, level: int = 2) -> ui.label:
-    """A heading that readers of the screen find."""
+    """A heading that screen readers find."""
     return ui.label(text).classes(f"h{level}").props(f"role=heading aria-level={level}")
 
 
 def button(
     text: str, icon: str, action: Callable[..., Any], *, flat: bool = False, primary: bool = False, label: str = ""
 ) -> ui.button:
-    """A button with a name; only the one that is meant to be pressed next is filled."""
+    """A button with a name; only the suggested next step is filled."""
     made = ui.button(text, icon=icon, on_click=action, color="primary" if primary else None)
-    made.classes("" if primary else "quiet").props(
+    made.classes("" if primary else "secondary").props(
         "no-caps " + ("unelevated" if primary else "flat" if flat else "outline")
     )
     if label:
@@ -43,13 +43,13 @@ def card(title: str = "", classes: str = "") -> Iterator[None]:
 
 
 def lines(texts: Sequence[str], kind: str = "note") -> None:
-    """Sentences under each other."""
+    """Sentences, one a line."""
     for text in texts:
         ui.label(text).classes(kind)
 
 
 Cell = str | Callable[[], Any]
-"""Text, or a function that builds what stands in a cell."""
+"""Text, or a function that builds the content of a cell."""
 
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> None:
@@ -71,13 +71,13 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> 
 
 
 def empty(text: str) -> None:
-    """What is said where there is nothing to show yet."""
+    """A hint in place of content that does not exist yet."""
     with ui.element("section").classes("sheet empty"):
         ui.label(text)
 
 
 def copies(page: Any) -> None:
-    """Buttons that copy the steps so far as a script or as commands."""
+    """Buttons that copy the steps so far as a Python script or as shell commands."""
     from accelcal.app.script import COPIES
 
     with ui.row().classes("copies"):

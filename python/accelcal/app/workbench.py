@@ -1,7 +1,7 @@
-"""One user's workbench: actions on its state through the public functions; it knows nothing of a page.
+"""One user's workbench: actions on its state through the public functions, independent of any page.
 
-Every action takes the state as it stands and puts a new one in its place, whole or not at all. One action runs at a
-time; a cancelled one leaves no trace.
+Every action replaces the state by a new one, whole or not at all. One action runs at a time; a cancelled one leaves the
+state as it was.
 """
 
 from __future__ import annotations
@@ -36,28 +36,28 @@ from accelcal.validation.prediction import Prediction
 from accelcal.workflow import add, diagnose, drop, fit
 
 EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
-"""What the simulated example is made of."""
+"""True parameters of the simulated example."""
 Report = Callable[[float], None]
 MOST_BYTES = 1_000_000_000
-"""Largest file that is taken."""
+"""Largest file that is read."""
 MOST_SAMPLES = 20_000_000
-"""Most samples of the accelerometer that are worked on."""
+"""Largest number of accelerometer samples."""
 Export = Literal["C", "Rust", "JSON", "DCC"]
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
-"""What a calibration is written as, and the name of the file."""
+"""Formats of an exported calibration, with their file names."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
 
 
 class Refused(ValueError):
-    """Something that cannot be done now. The text says why and what to do first."""
+    """An action that is not possible now. The text says why and what to do first."""
 
 
 class Workbench:
-    """The loop with a memory: load, divide, fit, diagnose, add, drop, hold, undo, branch.
+    """The loop with undo and branches: load, divide, fit, diagnose, add, drop, hold.
 
     Parameters
     ----------
-    folder : where uploaded files and sidecars of this user live.
+    folder : for uploaded files and sidecars of this user.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -65,13 +65,13 @@ class Workbench:
         self.state = State()
         self.job: Job | None = None
         self.sentence = ""
-        """What went wrong last, for the user; empty when nothing did."""
+        """The last error, for the user; empty after a success."""
         self.arriving: Recording | None = None
-        """A recording that has been read and is still being searched for breaks and faults."""
+        """A recording that was read and is still being checked for breaks and faults."""
         self.version = 0
-        """Rises with every change that a page must show."""
+        """Incremented with every change that a page must show."""
         self.diagnoses: dict[tuple[int, int], Diagnosis] = {}
-        """By key of the model and number of own effects that were offered."""
+        """By key of the model and number of user effects among the candidates."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
         self._whole: tuple[int, Comparison] | None = None
@@ -80,28 +80,28 @@ class Workbench:
 
     # Data
 
-    def drawer(self) -> Path:
-        """Return a fresh folder for files that were dropped together, so that no older sidecar lies beside them."""
+    def upload_folder(self) -> Path:
+        """Return a new folder for files that were dropped together, so that no older sidecar is in it."""
         new = self.folder / f"drop{next(self._keys)}"
         new.mkdir(parents=True)
         return new
 
     @staticmethod
-    def accept(name: str, drawer: Path) -> Path:
-        """Return where an uploaded file called `name` is to be written: in the drawer, whatever the name says.
+    def upload_path(name: str, upload_folder: Path) -> Path:
+        """Return the path for an uploaded file called `name`: inside `upload_folder`, whatever the name contains.
 
         Raises
         ------
         Refused
-            If it is no kind of file that is read here.
+            If the file has an ending that is not read here.
         """
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")[-120:]
         if Path(bare).suffix.lower() not in (*SUFFIXES, ".toml"):
             raise Refused(f"{bare or name!r}: drop a recording ({', '.join(SUFFIXES)}) or its sidecar (.toml)")
-        return drawer / bare
+        return upload_folder / bare
 
     def load(self, path: str | Path, sidecar: str | None = None) -> None:
-        """Read a recording; where its columns are not understood, the state says so and waits for a mapping.
+        """Read a recording; where its columns are not understood, `State.problem` says why until they are mapped.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class Workbench:
         sidecar : text in place of the sidecar beside the file.
         """
         path = Path(path)
-        self._do(f"reading {path.name}", lambda state, report: self._load(path, sidecar, report))
+        self._perform(f"reading {path.name}", lambda state, report: self._load(path, sidecar, report))
 
     def _load(self, path: Path, sidecar: str | None, report: Report) -> State:
         columns: tuple[str, ...] = ()
@@ -121,7 +121,7 @@ class Workbench:
         except RecordingError as error:
             if not columns:
                 raise
-            return State(file=path, sidecar=sidecar, columns=columns, trouble=self.plain(str(error)))
+            return State(file=path, sidecar=sidecar, columns=columns, problem=self.plain(str(error)))
         report(0.4)
         with self._lock:
             self.arriving = recording
@@ -136,7 +136,7 @@ class Workbench:
             used=(begin, end),
             breaks=seen.breaks,
             marks=seen,
-            held_out=(round(end - HELD_OUT * (end - begin), 3), end if seen.breaks else stamps(recording)[1]),
+            held_out=(round(end - HELD_OUT * (end - begin), 3), end if seen.breaks else time_span(recording)[1]),
         )
 
     def _read(self, path: Path, sidecar: str | None) -> Recording:
@@ -149,7 +149,7 @@ class Workbench:
             recording = io.load(path, declared)
         if len(recording.accel) > MOST_SAMPLES:
             raise RecordingError(
-                f"{path.name}: {len(recording.accel)} samples; the workbench takes {MOST_SAMPLES}. "
+                f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
                 "Cut the file, or use the command line"
             )
         return recording
@@ -161,44 +161,44 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             require_size(path)
             if state.recording is None:
-                raise Refused("load the recording to learn from first")
+                raise Refused("load the recording to fit first")
             beside = io.sidecar_of(path).exists()
             other = io.load(path) if beside else io.load(path, state.recording.rig)
             require_distinct([state.recording, other])
-            return again(replace(state, other=other, held_out=None))
+            return without_models(replace(state, other=other, held_out=None))
 
-        self._do(f"reading {path.name}", work)
+        self._perform(f"reading {path.name}", work)
 
     def hold_out(self, start: float, end: float) -> None:
         """Choose the part of the recording that no fit sees."""
 
         def work(state: State, report: Report) -> State:
-            begin, finish = clipped(state, start, end)
+            begin, finish = inside_used(state, start, end)
             new = replace(state, held_out=(begin, finish), other=None)
-            require_parts(new)
-            return again(new)
+            require_both_parts(new)
+            return without_models(new)
 
-        self._do("choosing the held-out part", work)
+        self._perform("choosing the held-out part", work)
 
-    def leave_out(self, start: float, end: float) -> None:
-        """Mark a stretch that is not used at all."""
-
-        def work(state: State, report: Report) -> State:
-            new = replace(state, left_out=(*state.left_out, clipped(state, start, end)))
-            require_parts(new)
-            return again(new)
-
-        self._do("leaving a stretch out", work)
-
-    def take_back(self, number: int) -> None:
-        """Use a stretch again that was left out."""
+    def exclude(self, start: float, end: float) -> None:
+        """Exclude a stretch from both fit and validation."""
 
         def work(state: State, report: Report) -> State:
-            if not 0 <= number < len(state.left_out):
-                raise Refused(f"there is no stretch {number} that is left out")
-            return again(replace(state, left_out=state.left_out[:number] + state.left_out[number + 1 :]))
+            new = replace(state, excluded=(*state.excluded, inside_used(state, start, end)))
+            require_both_parts(new)
+            return without_models(new)
 
-        self._do("using a stretch again", work)
+        self._perform("excluding a stretch", work)
+
+    def use_again(self, number: int) -> None:
+        """Include a stretch again that was excluded."""
+
+        def work(state: State, report: Report) -> State:
+            if not 0 <= number < len(state.excluded):
+                raise Refused(f"there is no excluded stretch {number}")
+            return without_models(replace(state, excluded=state.excluded[:number] + state.excluded[number + 1 :]))
+
+        self._perform("including a stretch again", work)
 
     # Models
 
@@ -208,36 +208,36 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
             found = fit(chosen, loaded(state).train, report=share_of(report, 0.0, 0.8))
-            python = f"loop.fit(ac.Model.{model}(), train)"
+            python = f"workflow.fit(ac.Model.{model}(), train)"
             command = f"accelcal fit train.csv --model {model} -o THIS"
-            return self._grown(replace(state, steps=(), current=None), "base", python, command, found)
+            return self._with_model(replace(state, steps=(), current=None), "base", python, command, found)
 
-        self._do("fitting the base model", work)
+        self._perform("fitting the base model", work)
 
     def add(self, name: str) -> None:
-        """Add an effect to the model that is looked at, and fit again."""
+        """Add an effect to the current model, and fit again."""
 
         def work(state: State, report: Report) -> State:
             before = fitted(state)
             extra = effects_of(state)
             found = add(before.fit, state.train, name, extra=extra, report=share_of(report, 0.0, 0.8))
             more = ", extra=own" if extra else ""
-            python = f'loop.add(PARENT, train, "{name}"{more})'
+            python = f'workflow.add(PARENT, train, "{name}"{more})'
             command = f"accelcal add PARENT train.csv --effect {name}{state.own_files} -o THIS"
-            return self._grown(state, f"+ {name}", python, command, found)
+            return self._with_model(state, f"+ {name}", python, command, found)
 
-        self._do(f"adding {name}", work)
+        self._perform(f"adding {name}", work)
 
     def drop(self, name: str) -> None:
-        """Remove an effect from the model that is looked at, and fit again."""
+        """Remove an effect from the current model, and fit again."""
 
         def work(state: State, report: Report) -> State:
             found = drop(fitted(state).fit, state.train, name, report=share_of(report, 0.0, 0.8))
-            python = f'loop.drop(PARENT, train, "{name}")'
+            python = f'workflow.drop(PARENT, train, "{name}")'
             command = f"accelcal drop PARENT train.csv --effect {name}{state.own_files} -o THIS"
-            return self._grown(state, f"− {name}", python, command, found)
+            return self._with_model(state, f"− {name}", python, command, found)
 
-        self._do(f"removing {name}", work)
+        self._perform(f"removing {name}", work)
 
     def freeze(self, name: str, value: float) -> None:
         """Hold a parameter at a value (SI), and fit the others again."""
@@ -245,54 +245,54 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
             require_parameter(before, name)
-            found = self._again(before, before.model.freeze(**{name: value}), state, report)
-            python = f'loop.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
+            found = self._refit(before, before.model.freeze(**{name: value}), state, report)
+            python = f'workflow.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{state.own_files} -o THIS"
-            return self._grown(state, f"{name} held", python, command, found)
+            return self._with_model(state, f"{name} held", python, command, found)
 
-        self._do(f"holding {name}", work)
+        self._perform(f"holding {name}", work)
 
     def release(self, name: str) -> None:
         """Let a held parameter be estimated again."""
 
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
-            found = self._again(before, before.model.release(name), state, report)
-            python = f'loop.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
+            found = self._refit(before, before.model.release(name), state, report)
+            python = f'workflow.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --release {name}{state.own_files} -o THIS"
-            return self._grown(state, f"{name} free", python, command, found)
+            return self._with_model(state, f"{name} free", python, command, found)
 
-        self._do(f"releasing {name}", work)
+        self._perform(f"releasing {name}", work)
 
     @staticmethod
-    def _again(before: Fit, model: Model, state: State, report: Report) -> Fit:
+    def _refit(before: Fit, model: Model, state: State, report: Report) -> Fit:
         return fit(model, state.train, origins=before.origins, report=share_of(report, 0.0, 0.8))
 
-    def _grown(self, state: State, label: str, python: str, command: str, found: Fit) -> State:
-        """The state with one model more, which is then looked at."""
+    def _with_model(self, state: State, label: str, python: str, command: str, found: Fit) -> State:
+        """The state with one more model, made the current one."""
         step = Step(next(self._keys), state.current, label, python, command, found, judged(found, state))
         return replace(state, steps=(*state.steps, step), current=step.key)
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
-        """Offer an effect of the user's own, given as a formula, beside the catalogue."""
+        """Add a user effect, given as a formula, to the candidates."""
 
         def work(state: State, report: Report) -> State:
             channels = tuple(loaded(state).data.side)
             made = from_expression(name, expression, unit=unit or "1", port=port, channels=channels)
             if made.effect in effects_of(state):
-                raise Refused(f"{name} is offered already")
+                raise Refused(f"{name} is a candidate already")
             return replace(state, own=(*state.own, made))
 
-        self._do(f"entering {name}", work)
+        self._perform(f"entering {name}", work)
 
     def diagnose(self) -> None:
-        """Ask what the model that is looked at lacks; the answer stands in `diagnoses`."""
+        """Diagnose the current model; the result goes into `diagnoses`."""
         with self._lock:
             state = self.state
         asked = question(state)
         if asked is None or asked in self.diagnoses:
             return
-        with self._working("looking for what is missing", quiet=True) as job:
+        with self._working("searching for missing effects", silent=True) as job:
             step = fitted(state)
             found = diagnose(step.fit, state.train, extra=effects_of(state), report=share_of(job.report, 0.0, 0.98))
             with self._lock:
@@ -301,36 +301,36 @@ class Workbench:
 
     @property
     def diagnosis(self) -> Diagnosis | None:
-        """What the model that is looked at lacks; None until it has been asked."""
+        """Diagnosis of the current model; None until there is one."""
         asked = question(self.state)
         return None if asked is None else self.diagnoses.get(asked)
 
     def look_at(self, key: int) -> None:
-        """Go to another model of the tree; what is added there begins a branch."""
+        """Make another model of the tree the current one; adding to it begins a branch."""
 
         def work(state: State, report: Report) -> State:
             if key not in {s.key for s in state.steps}:
-                raise Refused("this model is not in the tree any more")
+                raise Refused("this model is no longer in the tree")
             return replace(state, current=key)
 
-        self._do("", work)
+        self._perform("", work)
 
     def undo(self) -> None:
-        """Take the last change back."""
+        """Undo the last change."""
         self._swap(self._undo, self._redo)
 
     def redo(self) -> None:
-        """Make a change again that was taken back."""
+        """Redo the last change that was undone."""
         self._swap(self._redo, self._undo)
 
     @property
     def can_undo(self) -> bool:
-        """Whether there is a change to take back."""
+        """Whether there is a change to undo."""
         return bool(self._undo) and self.job is None
 
     @property
     def can_redo(self) -> bool:
-        """Whether there is a change to make again."""
+        """Whether there is a change to redo."""
         return bool(self._redo) and self.job is None
 
     def _swap(self, source: list[State], target: list[State]) -> None:
@@ -342,7 +342,7 @@ class Workbench:
                 self.version += 1
 
     def whole(self) -> Comparison | None:
-        """The model that is looked at against all that is used, the held-out part included; kept for one model."""
+        """The current model against all data in use, the held-out part included; cached for one model."""
         state = self.state
         if state.step is None:
             return None
@@ -352,7 +352,7 @@ class Workbench:
         return kept[1]
 
     def before(self) -> Comparison | None:
-        """The previous model against held-out data, in the band in which the present one is judged."""
+        """The previous model against held-out data, in the frequency band of the current comparison."""
         state = self.state
         if state.step is None or state.previous is None:
             return None
@@ -361,28 +361,28 @@ class Workbench:
         return replace(was.heldout, accel_residual=(t, residual), band=band)
 
     def refuse(self, sentence: str) -> None:
-        """Say why something is not done."""
+        """Tell the user why an action was refused."""
         with self._lock:
             self.sentence = self.plain(sentence)
             self.version += 1
 
-    # To take away
+    # Download
 
     def example(self) -> None:
         """Write a simulated recording with a hidden effect, and load it."""
         made = simulate(
             "interleaved", seconds=60.0, rig=CXL02_RIG, parameters=EXAMPLE, rng=np.random.default_rng()
         ).recording
-        path = self.drawer() / "example.csv"
+        path = self.upload_folder() / "example.csv"
         io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
         self.load(path)
 
     def model_text(self) -> str:
-        """The model that is looked at, as `accelcal fit -o` writes it."""
+        """The current model, as `accelcal fit -o` writes it."""
         return model_file.dumps(model_file.to_dict(fitted(self.state).fit))
 
     def report(self) -> Path | None:
-        """Write the report of the model that is looked at; None where that failed or was cancelled."""
+        """Write the report of the current model; None where that failed or was cancelled."""
         with self._working("writing the report") as job:
             state = self.state
             content = gather(
@@ -395,16 +395,16 @@ class Workbench:
             )
             page = html(content)
             job.report(1.0)
-            target = self.drawer() / "report.html"
+            target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
             return target
         return None
 
     def export(self, kind: Export) -> Path | None:
-        """Write the sensor's own calibration; None where the model cannot be exported, which is said."""
+        """Write the sensor's own calibration; None where the model cannot be exported: `sentence` says why."""
         with self._working("writing the calibration"):
             made = calibrate(fitted(self.state).fit)
-            target = self.drawer() / EXPORTS[kind]
+            target = self.upload_folder() / EXPORTS[kind]
             texts: dict[Export, Callable[[], str]] = {
                 "C": lambda: header(made, target.name),
                 "Rust": lambda: module(made),
@@ -418,7 +418,7 @@ class Workbench:
     # Work
 
     def cancel(self) -> None:
-        """Give up what is under way; its result is thrown away."""
+        """Cancel the running action and discard its result."""
         with self._lock:
             if self.job is not None:
                 self.job.cancelled = True
@@ -427,8 +427,8 @@ class Workbench:
                 self.sentence = "Cancelled; nothing was changed."
                 self.version += 1
 
-    def _do(self, title: str, work: Callable[[State, Report], State]) -> None:
-        """Put what `work` makes of the state in its place."""
+    def _perform(self, title: str, work: Callable[[State, Report], State]) -> None:
+        """Replace the state by what `work` returns."""
         with self._working(title) as job:
             before = self.state
             after = work(before, job.report)
@@ -440,10 +440,10 @@ class Workbench:
                     self.state = after
 
     @contextmanager
-    def _working(self, title: str, *, quiet: bool = False) -> Iterator[Job]:
+    def _working(self, title: str, *, silent: bool = False) -> Iterator[Job]:
         """One action at a time; what the library refuses becomes the sentence that the command line prints.
 
-        A quiet one changes nothing that is shown until it ends.
+        A silent one changes nothing on the page until it ends.
         """
         with self._lock:
             if self.job is not None:
@@ -452,10 +452,10 @@ class Workbench:
                 return_early = True
             else:
                 return_early = False
-                quiet = quiet and not self.sentence
+                silent = silent and not self.sentence
                 self.sentence = ""
                 job = self.job = Job(title)
-                self.version += not quiet
+                self.version += not silent
         if return_early:
             raise Busy(self.sentence)
         try:
@@ -474,7 +474,7 @@ class Workbench:
                 self.version += 1
 
     def plain(self, text: str) -> str:
-        """A sentence of the library with file names as the user knows them."""
+        """A sentence of the library with file names as the user knows them, without the folder of the workbench."""
         return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|drop\d+/)?", "", text)
 
 
@@ -483,7 +483,7 @@ class Busy(Exception):
 
 
 def require_size(path: Path) -> None:
-    """Refuse what is too large to be read here.
+    """Refuse a file that is too large for the workbench.
 
     Raises
     ------
@@ -493,55 +493,55 @@ def require_size(path: Path) -> None:
     size = path.stat().st_size if path.is_file() else 0
     if size > MOST_BYTES:
         raise RecordingError(
-            f"{path.name}: {size / 1e6:.0f} MB; the workbench takes {MOST_BYTES / 1e6:.0f} MB. "
-            "Write it as Parquet, cut it, or use the command line"
+            f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
+            "Convert it to Parquet, cut it, or use the command line"
         )
 
 
 def loaded(state: State) -> State:
-    """The state, if there is a recording in it."""
+    """Return the state, or refuse where no recording is loaded."""
     if state.recording is None:
         raise Refused("load a recording first")
     return state
 
 
 def fitted(state: State) -> Step:
-    """The model that is looked at."""
+    """The current model, or refuse where there is none."""
     if state.step is None:
         raise Refused("fit a model first")
     return state.step
 
 
-def again(state: State) -> State:
-    """The state without models, which were fitted to other data."""
+def without_models(state: State) -> State:
+    """The state without its models, which were fitted to other data."""
     return replace(state, steps=(), current=None)
 
 
-def stamps(recording: Recording) -> Stretch:
-    """First and last instant of any channel, s."""
+def time_span(recording: Recording) -> Stretch:
+    """First and last time stamp of any channel, s."""
     channels = [c for c in (recording.accel, recording.position, *recording.side.values()) if len(c)]
     return min(float(c.t[0]) for c in channels), max(float(c.t[-1]) for c in channels)
 
 
-def clipped(state: State, start: float, end: float) -> Stretch:
-    """A stretch inside what is used; one that reaches an end takes everything there, also a last stray sample."""
+def inside_used(state: State, start: float, end: float) -> Stretch:
+    """A stretch cut to the used range; one that reaches an end includes the last samples of every channel there."""
     low, high = loaded(state).used
     begin, finish = max(low, min(start, end)), min(high, max(start, end))
     if not begin < finish:
-        raise Refused(f"{start:g} s to {end:g} s is outside the recording, which is used from {low:g} s to {high:g} s")
+        raise Refused(f"{start:g} s to {end:g} s is outside the used range of the recording, {low:g} s to {high:g} s")
     assert state.recording is not None
     if not state.breaks:
-        first, last = stamps(state.recording)
+        first, last = time_span(state.recording)
         begin, finish = (first if begin == low else begin), (last if finish == high else finish)
     return begin, finish
 
 
-def require_parts(state: State) -> None:
-    """Refuse a division that leaves nothing to learn from or nothing to judge by."""
+def require_both_parts(state: State) -> None:
+    """Refuse a division that leaves no data to fit, or none to validate on."""
     train, unseen = state.train, state.unseen
-    for part, what in ((train, "fitted"), (unseen, "held out")):
+    for part, purpose in ((train, "to fit"), (unseen, "to hold out")):
         if not len(part.position) or not len(part.accel):
-            raise Refused(f"nothing is left to be {what}; choose a shorter stretch")
+            raise Refused(f"no data would be left {purpose}; choose a shorter stretch")
 
 
 def require_parameter(found: Fit, name: str) -> None:
@@ -551,20 +551,20 @@ def require_parameter(found: Fit, name: str) -> None:
 
 
 def effects_of(state: State) -> tuple[Effect, ...]:
-    """The user's own effects."""
+    """User-defined effects."""
     return tuple(own.effect for own in state.own)
 
 
 def question(state: State) -> tuple[int, int] | None:
-    """What a diagnosis answers: which model, and how many own effects stand beside the catalogue."""
+    """Key of a diagnosis: the model, and the number of user effects among the candidates."""
     return None if state.current is None else (state.current, len(state.own))
 
 
 def judged(found: Fit, state: State) -> Comparison:
-    """The model against data that no fit has seen."""
+    """The model against the held-out data."""
     return compare(found, state.unseen)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:
-    """Report one part of the work as a share of the whole."""
+    """Progress of one part of the work as a share of the whole."""
     return lambda share: report(low + share * (high - low))

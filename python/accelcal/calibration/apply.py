@@ -1,24 +1,24 @@
-"""The calibration applied: from what the sensor says to acceleration, with its standard uncertainty."""
+"""Apply a calibration: from the sensor's output to acceleration, with its standard uncertainty."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from accelcal.calibration.characteristic import THERMAL, characteristic
+from accelcal.calibration.characteristic import STATIC, characteristic
 from accelcal.estimation.estimate import Fit
 
 ROUNDS = 20
 CONVERGED = 1e-15
-"""Relative change at which the solution has come to rest."""
+"""Relative change of the acceleration below which Newton's steps end."""
 
 
 class OutsideRange(ValueError):
-    """An output that no acceleration near zero explains. The text says which."""
+    """An output that no acceleration near zero gives. The text states it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Application:
-    """One reading on its way to acceleration."""
+    """One reading and the acceleration found from it."""
 
     raw: float | None
     """V or counts; None where the channel is in m/s² already."""
@@ -26,7 +26,7 @@ class Application:
     output: float
     """Under the declared scale and zero, m/s²."""
     rounds: tuple[float, ...]
-    """Newton's steps towards the acceleration, m/s²; the last one is it."""
+    """Newton's iterates of the acceleration, m/s²; the last is the result."""
     std: float
     """Standard uncertainty from the fit, m/s²."""
     left_out: tuple[tuple[str, str], ...]
@@ -65,7 +65,7 @@ def apply(fit: Fit, output: float) -> Application:
     sensor = fit.rig.sensor
     if sensor.scale is not None:
         raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
-    unused = [name for name in own.coefficients if name in THERMAL] + ["saturation"] * (own.clip is not None)
+    unused = [name for name in own.coefficients if STATIC[name].thermal] + [own.clipped_by] * (own.clip is not None)
     left_out = (*((name, "sensor") for name in unused), *((one.effect, one.owner) for one in own.left_out))
     return Application(raw, unit, output, tuple(rounds), own.std(fit, rounds[-1]), left_out)
 

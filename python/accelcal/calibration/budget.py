@@ -6,13 +6,19 @@ import math
 from dataclasses import dataclass
 
 from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.effects import find, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Estimate
 
 COVERAGE_FACTOR = 2.0
 """Expanded uncertainty over standard uncertainty; about 95 % for a normal distribution."""
-POWERS = {"scale_factor": 1, "quadratic": 2, "odd_quadratic": 2, "cubic": 3}
-"""Power of the true acceleration that a parameter multiplies: an encoder scale error enters that many times."""
+POWERS = {
+    name: term.power
+    for name, term in static_terms().items()
+    if not term.thermal and (term.power > 1 or not term.mirrored)
+}
+"""Power of the true acceleration that a parameter multiplies: an encoder scale error enters that many times. The
+coefficients of |a| and of temperature have no budget."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,25 +77,25 @@ def budget(fit: Fit) -> Budget:
     What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences between
     mountings and between days are not in it.
     """
-    declared, separated = fit.rig.uncertainty, set(fit.model.effects)
+    declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {
         "encoder_scale": "encoder_scale" not in separated,
-        "level": "tilt" not in separated,
+        "level": "level" not in separated,
         "misalignment": True,
     }
     missing = tuple(f"uncertainty.{key}" for key, asked in needed.items() if asked and getattr(declared, key) is None)
     if missing:
         return Budget((), missing)
-    mine = [e for e in fit.estimates if e.name in ("bias", *POWERS) and e.std > 0.0]
+    mine = [e for e in fit.estimates if e.name in POWERS and e.std > 0.0]
     return Budget(tuple(Line(e, _components(fit, e)) for e in mine), ())
 
 
 def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
-    declared, separated = fit.rig.uncertainty, set(fit.model.effects)
+    declared, separated = fit.rig.uncertainty, _separated(fit)
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0
     found = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
     if e.name == "bias":
-        if "tilt" not in separated:
+        if "level" not in separated:
             found.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))
         if "misalignment" not in separated:
             found.append(Component("misalignment of the input axis", "B", off, "rad", _gravity_share(fit, off)))
@@ -100,6 +106,11 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
         found.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     found.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
     return tuple(found)
+
+
+def _separated(fit: Fit) -> set[str]:
+    """Keys of the declared uncertainties that a joint fit has made superfluous."""
+    return {find(name).traits.uncertainty for name in fit.model.effects}
 
 
 def _gravity_share(fit: Fit, angle: float) -> float:

@@ -1,4 +1,4 @@
-"""The sensor's own static characteristic: what it says at one acceleration and temperature, and what is left out."""
+"""The sensor's own static characteristic: its output at one acceleration and temperature, and what is left out."""
 
 from __future__ import annotations
 
@@ -8,25 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects import HOUSE
+from accelcal.effects import HOUSE, Effect, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Term
 
-STATIC = ("bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic", "cubic")
-"""Effects that depend on the acceleration of the same instant alone."""
-THERMAL = ("temperature_bias", "temperature_scale")
-"""Effects that depend on the temperature of the same instant as well."""
-
-PECULIAR = {
-    "cross_axis_gravity": "depends on the acceleration across the input axis, which one axis does not know",
-    "dead_zone": "makes one output stand for several accelerations",
-}
+STATIC = static_terms()
+"""Effects that depend on the acceleration of the same instant, the thermal ones on its temperature as well."""
 OWNERS = {"mounting": "the mounting", "rig": "the rig", "encoder": "the encoder", "timing": "timing"}
 
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """An effect of the model that is no part of the characteristic."""
+    """An effect of the model that is not part of the characteristic."""
 
     effect: str
     owner: str
@@ -52,26 +45,38 @@ class Characteristic:
     left_out: tuple[LeftOut, ...]
     clip: float | None = None
     """Level at which (1 + k) a + K0 saturates, m/s²; None where the model has no such level."""
+    clipped_by: str = ""
+    """Effect that has this level."""
 
     def side(self, sign: float) -> tuple[float, float, float, float]:
         """Coefficients of 1, a, a², a³ on one side of a = 0, at the reference temperature."""
-        c = self.coefficients
+        plain, mirrored = self._powers(mirrored=False), self._powers(mirrored=True)
         return (
-            c.get("bias", 0.0),
-            self.scale + sign * c.get("scale_asymmetry", 0.0),
-            c.get("quadratic", 0.0) + sign * c.get("odd_quadratic", 0.0),
-            c.get("cubic", 0.0),
+            plain[0],
+            self.scale + sign * mirrored[1],
+            plain[2] + sign * mirrored[2],
+            plain[3],
         )
+
+    def _powers(self, *, mirrored: bool = False, thermal: bool = False) -> list[float]:
+        """Coefficients by the power of the acceleration, 0 to 3, of one kind of term; 0 where the model has none."""
+        found = [0.0] * 4
+        for name, value in self.coefficients.items():
+            term = STATIC[name]
+            if (term.mirrored, term.thermal) == (mirrored, thermal):
+                found[term.power] = value
+        return found
 
     @property
     def thermal(self) -> tuple[float, float]:
         """c1, m/s²/K, and kT, 1/K."""
-        return self.coefficients.get("temperature_bias", 0.0), self.coefficients.get("temperature_scale", 0.0)
+        bias, scale, *_ = self._powers(thermal=True)
+        return bias, scale
 
     @property
     def needs_temperature(self) -> bool:
         """Whether the output depends on temperature."""
-        return any(name in self.coefficients for name in THERMAL)
+        return any(STATIC[name].thermal for name in self.coefficients)
 
     @property
     def has_corner(self) -> bool:
@@ -91,17 +96,9 @@ class Characteristic:
 
     def std(self, fit: Fit, a: float, warmth: float = 0.0) -> float:
         """Standard uncertainty from the fit of an acceleration found by this characteristic, m/s²."""
-        size = {
-            "bias": 1.0,
-            "scale_factor": a,
-            "scale_asymmetry": abs(a),
-            "quadratic": a**2,
-            "odd_quadratic": a * abs(a),
-            "cubic": a**3,
-            "temperature_bias": warmth,
-            "temperature_scale": warmth * a,
-        }
-        J: Array = np.array([size[e.name] if e.name in self.coefficients else 0.0 for e in fit.free])
+        J: Array = np.array(
+            [STATIC[e.name].per_unit(a, warmth) if e.name in self.coefficients else 0.0 for e in fit.free]
+        )
         return float(np.sqrt(J @ fit.covariance @ J)) / abs(self.slope(a, warmth))
 
 
@@ -112,17 +109,24 @@ def characteristic(fit: Fit) -> Characteristic:
     ----------
     fit : estimates in forward sense.
     """
-    kept = {name: fit[name].value for name in (*STATIC, *THERMAL) if name in fit.model.effects}
-    level = fit.model.shapes.get("saturation", {}).get("level")
-    inside = {*kept, "saturation"}
+    kept = {name: fit[name].value for name in STATIC if name in fit.model.effects}
+    clipping = next((effect for effect in HOUSE if clip_level(effect, fit) is not None), None)
+    inside = {*kept, *([clipping.name] if clipping else [])}
     others = {term.effect.name: term for term in fit.model.terms if term.effect.name not in inside}
     return Characteristic(
         coefficients=kept,
         scale=fit.values().scale,
         reference=fit.origins.temperature,
         left_out=tuple(_left_out(term) for term in others.values()),
-        clip=level,
+        clip=clip_level(clipping, fit) if clipping else None,
+        clipped_by=clipping.name if clipping else "",
     )
+
+
+def clip_level(effect: Effect, fit: Fit) -> float | None:
+    """Level at which an effect of the model clips the output, m/s²; None if it does not, or is not in the model."""
+    shape = effect.traits.clips_at
+    return fit.model.shapes.get(effect.name, {}).get(shape) if shape else None
 
 
 def _left_out(term: Term) -> LeftOut:
@@ -132,21 +136,21 @@ def _left_out(term: Term) -> LeftOut:
     if effect.port == "noise":
         return LeftOut(effect.name, effect.owner, "is noise without a mean", False)
     if effect.port == "process":
-        return LeftOut(effect.name, effect.owner, "wanders about a mean of zero", False)
+        return LeftOut(effect.name, effect.owner, "is a random process with mean zero", False)
     equation = effect.line("Equation").split(". ")[0].rstrip(".")
-    told = f" ({equation})" if equation else ""
+    stated = f" ({equation})" if equation else ""
     if effect not in HOUSE:
         return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
-    if effect.memory:
-        return LeftOut(effect.name, effect.owner, f"has a memory that one reading does not know{told}", True)
-    if effect.name in PECULIAR:
-        return LeftOut(effect.name, effect.owner, f"{PECULIAR[effect.name]}{told}", True)
+    if effect.traits.memory:
+        return LeftOut(effect.name, effect.owner, f"depends on earlier readings{stated}", True)
+    if effect.traits.no_inverse:
+        return LeftOut(effect.name, effect.owner, f"{effect.traits.no_inverse}{stated}", True)
     foreign = [name for name in effect.needs if name != "temperature"]
     if foreign:
-        return LeftOut(effect.name, effect.owner, f"depends on the channel {' and '.join(foreign)}{told}", True)
+        return LeftOut(effect.name, effect.owner, f"depends on the channel {' and '.join(foreign)}{stated}", True)
     return LeftOut(
         effect.name,
         effect.owner,
-        f"is no polynomial of acceleration and temperature at the same instant{told}",
+        f"is no polynomial of acceleration and temperature at the same instant{stated}",
         True,
     )

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 import typer
 
 if TYPE_CHECKING:
-    from accelcal.effects import Effect
+    pass
 
 WRITTEN = ("output", "c", "rust", "dcc")
 """Parameters that name a file to write."""
@@ -202,8 +202,9 @@ def stretch(text: str, option: str) -> tuple[float, float]:
     return start, end
 
 
-def own_effects(paths: Sequence[Path] | None) -> tuple[Effect, ...]:
-    """Load the user's files of effects, in the order given."""
+def own_effects(paths: Sequence[Path] | None) -> None:
+    """Register the effects of the user's files, in the order given; every verb then takes them."""
     from accelcal.effects import load_effects
 
-    return tuple(effect for path in paths or () for effect in load_effects(path))
+    for path in paths or ():
+        load_effects(path)

@@ -54,10 +54,10 @@ def diagnose(
     from accelcal.validation.evaluation import compare as compare_with
     from accelcal.workflow import diagnose as diagnose_with
 
-    extra = own_effects(effects_file)
+    own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
-    found = diagnose_with(fitted, recording, extra=extra)
+    found = diagnose_with(fitted, recording)
     content = diagnosis_json.diagnosis_to_dict(found)
     if recording.digest not in {one.digest for one in fitted.runs}:
         say(f"{run} is not the recording of {model}: all coefficients were profiled anew on it")
@@ -97,7 +97,7 @@ def improve(
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with
 
-    extra = own_effects(effects_file)
+    own_effects(effects_file)
     recordings = [io.load(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
@@ -107,7 +107,6 @@ def improve(
             recordings,
             holdout=unseen,
             most=most,
-            extra=extra,
             start=amount(start, "time", "--from"),
             end=amount(end, "time", "--to"),
             report=report,
@@ -167,15 +166,15 @@ def power(
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
 
-    extra = own_effects(effects_file)
+    own_effects(effects_file)
     recording = io.load(run, rig, need_accel=False)
     if len(recording.accel):
         begin, stop = amount(start, "time", "--from"), amount(end, "time", "--to")
-        seen = power_of(recording, extra=extra, start=begin, end=stop)
+        seen = power_of(recording, start=begin, end=stop)
     elif start is not None or end is not None:
         raise Usage("--from and --to are for recordings; a planned motion is judged as a whole")
     else:
-        seen = power_of_set_points(recording, extra=extra)
+        seen = power_of_set_points(recording)
     if json:
         emit(seen.to_dict())
     else:

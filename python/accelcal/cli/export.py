@@ -57,14 +57,13 @@ def report(
     target = output if output is not None else run.with_suffix(".html")
     if target.suffix not in (".html", ".pdf"):
         raise Usage(f"--output {target}: expected a name that ends in .html or .pdf")
-    extra = own_effects(effects_file)
+    own_effects(effects_file)
     fitted = model_file.load(model)
     with progress("report") as share:
         content = page.gather(
             fitted,
             load_like(fitted, run, rig),
             holdout=None if holdout is None else load_like(fitted, holdout, rig),
-            extra=extra,
             command=shlex.join(["accelcal", *sys.argv[1:]]),
             report=share,
         )

@@ -198,10 +198,10 @@ def add(
     from accelcal.serialization import model_file
     from accelcal.workflow import add as add_to
 
-    extra = own_effects(effects_file)
+    own_effects(effects_file)
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
-    finish_fit(add_to(fitted, recording, *effects, extra=extra), recording, output, json)
+    finish_fit(add_to(fitted, recording, *effects), recording, output, json)
 
 
 @app.command()

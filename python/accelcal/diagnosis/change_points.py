@@ -11,13 +11,21 @@ import scipy
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
 from accelcal.diagnosis.local_spread import LOCAL
+from accelcal.diagnosis.policy import (
+    BREAK_BAND_RATIO,
+    BREAK_EXPLAINED,
+    BREAK_LOG_LIKELIHOOD,
+    BREAK_POWER_RATIO,
+    IMPACT_COINCIDENCE,
+    IMPACT_ENCODER_RATIO,
+    IMPACT_OUTPUT_RATIO,
+    IMPACT_PEAK_RATIO,
+    RELATION_EXPLAINED,
+    RELATION_LEAST_BLOCKS,
+)
 from accelcal.diagnosis.relation import (
-    BANDS_BELOW,
     BANDS_PER_DECADE,
-    EXPLAINED,
-    LEAST_BLOCKS,
     MOST_BLOCKS,
-    UNEXPLAINED,
     BandRelation,
     RelationColumns,
     _solve,
@@ -58,12 +66,6 @@ def usable(recording: Recording) -> Usable:
     return Usable(start, end, breaks, columns)
 
 
-LOUDER = 9.0
-"""Residual power after a break over the one before: under its own relation, and in the median block under the old."""
-EVIDENCE = 30.0
-"""Log-likelihood that a break must gain, search included."""
-
-
 def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     """First instant from which on no linear relation between output and encoder holds, to the end of the record.
 
@@ -84,13 +86,13 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     """
     run = columns.run
     top = 0.1 / run.reading_step
-    lowest = 4.0 * LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+    lowest = 4.0 * RELATION_LEAST_BLOCKS / float(run.t[-1] - run.t[0])
     if lowest >= top:
         return ()
     count = max(2, math.ceil(BANDS_PER_DECADE * math.log10(top / lowest)) + 1)
     widest, found = 0.0, math.inf
     for band in np.geomspace(top, lowest, count):
-        if band < widest / BANDS_BELOW:
+        if band < widest / BREAK_BAND_RATIO:
             break
         split = _split(columns.inside(float(band)))
         if split is not None:
@@ -100,16 +102,8 @@ def find_breaks(columns: RelationColumns) -> tuple[float, ...]:
     return (found,) if math.isfinite(found) else ()
 
 
-TOGETHER = 0.1
-"""Time within which both channels must be hit by a shock, s."""
-IMPACT = 50.0
-"""A shock stands above the local spread of the output by this factor ..."""
-THROWN = 20.0
-"""The encoder is thrown off when its second difference surpasses the usual one by this factor."""
 IMPACT_SAMPLES = 5
 """It is shorter than twice this many samples."""
-UNHEARD = 3.0
-"""... and above anything else in the record by this one; vibration has many peaks of one height."""
 
 
 def impact(run: PreparedRun) -> float:
@@ -127,19 +121,22 @@ def impact(run: PreparedRun) -> float:
     hit = int(np.argmax(pair))
     if hit < 4 * LOCAL:
         return math.inf  # too little before it to know what is usual
-    elsewhere = pair[np.abs(t[:-1] - t[hit]) > 2.0 * TOGETHER]
+    elsewhere = pair[np.abs(t[:-1] - t[hit]) > 2.0 * IMPACT_COINCIDENCE]
     before = slice(max(0, hit - 4 * LOCAL), max(1, hit - IMPACT_SAMPLES))
     spread = float(np.median(excess[before])) / 0.6745
     steps = np.abs(np.diff(u))
     spread = max(spread, float(np.min(steps[steps > 0.0], initial=math.inf)))
-    if pair[hit] < max(IMPACT * spread, UNHEARD * float(np.max(elsewhere, initial=0.0))) or pair[hit] == 0.0:
+    if (
+        pair[hit] < max(IMPACT_OUTPUT_RATIO * spread, IMPACT_PEAK_RATIO * float(np.max(elsewhere, initial=0.0)))
+        or pair[hit] == 0.0
+    ):
         return math.inf
     bent = np.abs(np.diff(run.z, 2))
-    begin = int(np.searchsorted(run.t, t[hit] - TOGETHER))
+    begin = int(np.searchsorted(run.t, t[hit] - IMPACT_COINCIDENCE))
     usually = float(np.median(bent[max(0, begin - 4 * LOCAL) : max(1, begin)])) + run.least_step
-    jumps = run.t[1:-1][bent > THROWN * usually]
+    jumps = run.t[1:-1][bent > IMPACT_ENCODER_RATIO * usually]
     thrown = [*(f.time for f in glitches(run.recording, run)), *(float(time) for time in jumps)]
-    near = [time for time in thrown if abs(time - float(t[hit])) < TOGETHER]
+    near = [time for time in thrown if abs(time - float(t[hit])) < IMPACT_COINCIDENCE]
     return min([float(t[hit]), *near]) if near else math.inf
 
 
@@ -147,7 +144,7 @@ def _split(relation: BandRelation) -> float | None:
     """Time of the break inside one band, if there is one."""
     gram, edges = relation.blocks(MOST_BLOCKS)
     K = len(gram)
-    if K < 2 * LEAST_BLOCKS:
+    if K < 2 * RELATION_LEAST_BLOCKS:
         return None
     forward = np.cumsum(gram, axis=0)
     backward = forward[-1] - forward
@@ -158,15 +155,15 @@ def _split(relation: BandRelation) -> float | None:
         power1, power2 = before[0] / n1, behind[0] / n2
         whole = _unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
         gain = 0.5 * (K * np.log(whole) - k * np.log(power1) - (K - k) * np.log(power2))
-        lost = (behind[1] < UNEXPLAINED) & (power2 > LOUDER * power1)
-    possible = lost & (k >= LEAST_BLOCKS) & (K - k >= 2) & np.isfinite(gain)
+        lost = (behind[1] < BREAK_EXPLAINED) & (power2 > BREAK_POWER_RATIO * power1)
+    possible = lost & (k >= RELATION_LEAST_BLOCKS) & (K - k >= 2) & np.isfinite(gain)
     if not possible.any():
         return None
     best = int(np.argmax(np.where(possible, gain, -np.inf)))
-    if gain[best] < EVIDENCE or before[1][best] < EXPLAINED:
+    if gain[best] < BREAK_LOG_LIKELIHOOD or before[1][best] < RELATION_EXPLAINED:
         return None
     held = _solve(forward[best])
-    if np.median(relation.power(gram[best + 1 :], held)) < LOUDER * power1[best]:
+    if np.median(relation.power(gram[best + 1 :], held)) < BREAK_POWER_RATIO * power1[best]:
         return None
     near = (edges[max(0, best - 1)], edges[min(K, best + 4)])
     return relation.departure(held, float(power1[best]), near)

@@ -1,4 +1,4 @@
-"""How large each effect is over the used range, and whether it matters to the user."""
+"""Largest contribution of each effect over the used range, and whether it exceeds the declared tolerance."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.effects import find
+from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run_state import RunState
 from accelcal.model import evaluate
@@ -26,7 +26,7 @@ class Size:
 
 @dataclass(frozen=True, slots=True)
 class Importance:
-    """Named effects, split by what they contribute at most over the used range."""
+    """Named effects, divided by their largest contribution over the used range."""
 
     tolerance: float
     """Declared, m/s²."""
@@ -37,57 +37,48 @@ class Importance:
 
 
 def split(names: Iterable[str], sizes: Mapping[str, Size], tolerance: float | None) -> Importance | None:
-    """Which of some effects matter under a declared tolerance; None where none is declared."""
+    """Which of some effects exceed a declared tolerance; None where none is declared."""
     if tolerance is None:
         return None
-    kinds: dict[str, list[str]] = {"matters": [], "below": [], "not_comparable": []}
+    groups: dict[str, list[str]] = {"matters": [], "below": [], "not_comparable": []}
     for name in names:
         size = sizes.get(name)
         if size is None or size.at_encoder:
-            kinds["not_comparable"].append(name)
+            groups["not_comparable"].append(name)
         else:
-            kinds["matters" if size.value >= tolerance else "below"].append(name)
-    return Importance(tolerance, *(tuple(kind) for kind in kinds.values()))
+            groups["matters" if size.value >= tolerance else "below"].append(name)
+    return Importance(tolerance, *(tuple(group) for group in groups.values()))
 
 
 def sizes_of(
-    fit: Fit, passes: Sequence[RunState], candidates: Sequence[Candidate], tests: Sequence[NoiseTest]
+    fit: Fit, states: Sequence[RunState], candidates: Sequence[Candidate], tests: Sequence[NoiseTest]
 ) -> dict[str, Size]:
-    """Largest contribution over all runs of every effect of the model, of candidates, and of what tests found.
+    """Largest contribution over all runs of every effect of the model, of candidates, and of what noise tests found.
 
-    An effect of several columns is taken as their sum.
+    The contribution of an effect of several columns is their sum.
     """
     found = {c.effect: Size(c.largest, find(c.effect).port == "position") for c in reversed(candidates)}
     for test in tests:
-        size = of_test(test, passes)
+        size = contribution_of_test(test, states)
         if size is not None:
-            found[test.effect] = max(size, found.get(test.effect, size), key=lambda one: one.value)
-    inside: dict[str, Size] = {}
-    for number, one in enumerate(passes):
+            found[test.effect] = max(size, found.get(test.effect, size), key=lambda state: state.value)
+    in_model: dict[str, Size] = {}
+    for number, state in enumerate(states):
         values = fit.values(number)
         total: dict[str, np.ndarray] = {}
-        for term, column in zip(values.terms, evaluate(values.terms, one.signals), strict=True):
-            part = values.by_name[term.name] * column
-            total[term.effect.name] = total.get(term.effect.name, 0.0) + part
+        for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
+            contribution = values.by_name[term.name] * column
+            total[term.effect.name] = total.get(term.effect.name, 0.0) + contribution
         for name, y in total.items():
-            largest = max(float(np.max(np.abs(y))), inside[name].value if name in inside else 0.0)
-            inside[name] = Size(largest, find(name).port == "position")
-    return {**found, **inside}
+            largest = max(float(np.max(np.abs(y))), in_model[name].value if name in in_model else 0.0)
+            in_model[name] = Size(largest, find(name).port == "position")
+    return {**found, **in_model}
 
 
-def of_test(test: NoiseTest, passes: Sequence[RunState]) -> Size | None:
-    """Largest contribution of an effect that the mean cannot see; None where it has no size."""
-    if test.effect in ("vibration", "tone"):
-        return Size(test.estimate)
-    if test.effect == "accelerometer_outliers":
-        return Size(test.parts["largest"])
-    if test.effect == "encoder_outliers":
-        return Size(test.parts["largest"], at_encoder=True)
-    if test.effect == "encoder_cyclic":
-        return Size(test.estimate, at_encoder=True)
-    if test.effect == "quantisation" and test.estimate > 0.0:
-        return Size(0.5 * test.estimate)  # rounding errs by half a step
-    if test.effect == "timing_jitter":
-        jerk = max(one.values.scale * float(np.max(np.abs(one.signals.jerk))) for one in passes if one.signals)
-        return Size(test.estimate * jerk)
-    return None
+def contribution_of_test(test: NoiseTest, states: Sequence[RunState]) -> Size | None:
+    """Largest contribution of an effect that a noise test found; None where it has no size."""
+    effect = CATALOGUE.get(test.effect)
+    if effect is None or effect.traits.noise is None:
+        return None
+    value = effect.traits.noise.size_of(test.estimate, test.parts, [state.signals for state in states])
+    return None if value is None else Size(value, at_encoder=effect.owner == "encoder")

@@ -12,8 +12,20 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.local_spread import LOCAL, WHOLE, local_spread
-from accelcal.diagnosis.relation import LEAST_BLOCKS, MOST_BLOCKS, RelationColumns, _solve
+from accelcal.diagnosis.local_spread import LOCAL, local_spread
+from accelcal.diagnosis.policy import (
+    DELAY_CHANGE_SIGMA,
+    DROPOUT_ALPHA,
+    FAULT_ALPHA,
+    RAIL_SAMPLES,
+    RAIL_TOLERANCE,
+    RELATION_LEAST_BLOCKS,
+    STEP_LEAST_COUNTS,
+    STEP_PULSE_SHARE,
+    STUCK_SAMPLES,
+    WHOLE_SAMPLE_TOLERANCE,
+)
+from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.estimation.drive import HOLE
 from accelcal.estimation.run import PreparedRun
 
@@ -34,19 +46,6 @@ class Fault:
 
 
 # ---- faults ------------------------------------------------------------------------------------------------------
-
-LONG_GAP = 1e-6
-"""A gap is a fault when losing so many samples in a row by chance is less likely than this in the whole record."""
-RAIL_RUN = 4
-"""So many equal readings in a row at the extreme of the record, after a jump to it, are a rail."""
-AT_LIMIT = 1e-3
-"""Share of the declared range within which a reading lies at its limit; readings beyond say the range is another."""
-STUCK_RUN = 32
-"""Fewer equal readings in a row than this are quantisation."""
-SURE = 1e-6
-"""Family-wise false-alarm rate of steps and dropped samples."""
-CHANGE = 6.5
-"""Standard deviations by which the delay must change at some instant, the search over instants included."""
 
 
 def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | None = None) -> tuple[Fault, ...]:
@@ -77,7 +76,7 @@ def dropouts(channel: Channel) -> list[Fault]:
         return []
     step = float(np.median(intervals))
     lost = max(0.0, 1.0 - step * len(intervals) / float(channel.t[-1] - channel.t[0]))
-    by_chance = math.log(LONG_GAP / len(intervals)) / math.log(min(max(lost, 1e-12), 0.9))
+    by_chance = math.log(DROPOUT_ALPHA / len(intervals)) / math.log(min(max(lost, 1e-12), 0.9))
     longest = step * (1.5 + max(HOLE, by_chance))
     return [
         Fault(
@@ -118,9 +117,9 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
     quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
     found = []
     for extreme in (float(u.max()), float(u.min())):
-        limit = declared is not None and abs(abs(extreme) / declared - 1.0) < AT_LIMIT
-        at = np.abs(u - extreme) <= AT_LIMIT * abs(extreme) if limit else u == extreme
-        for a, b in _runs(at, 2 if limit else RAIL_RUN):
+        limit = declared is not None and abs(abs(extreme) / declared - 1.0) < RAIL_TOLERANCE
+        at = np.abs(u - extreme) <= RAIL_TOLERANCE * abs(extreme) if limit else u == extreme
+        for a, b in _runs(at, 2 if limit else RAIL_SAMPLES):
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
             if limit or jump > 8.0 * quantum:
                 begin, size = float(t[a]), float(t[b] - t[a])
@@ -135,7 +134,7 @@ def stuck(run: PreparedRun) -> list[Fault]:
     """Stretches in which one channel repeats a value while the other shows that it should move."""
     found = []
     wobble = math.sqrt(run.reading_variance_guess) + run.least_step
-    for a, b in _runs(np.diff(run.accel.y) == 0.0, STUCK_RUN):
+    for a, b in _runs(np.diff(run.accel.y) == 0.0, STUCK_SAMPLES):
         begin, end = run.accel.t[a], run.accel.t[b + 1]
         rows = slice(*np.searchsorted(run.t, [begin, end]))
         if rows.stop - rows.start >= 8 and _bent(run.t[rows], run.z[rows], 2) > 10.0 * wobble:
@@ -143,7 +142,7 @@ def stuck(run: PreparedRun) -> list[Fault]:
                 f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, from t = {begin:.6g} s on"
             )
             found.append(Fault("stuck", "accel", float(begin), float(end - begin), text))
-    for a, b in _runs(np.diff(run.z) == 0.0, STUCK_RUN):
+    for a, b in _runs(np.diff(run.z) == 0.0, STUCK_SAMPLES):
         begin, end = run.t[a], run.t[b + 1]
         rows = slice(*np.searchsorted(run.accel.t, [begin, end]))
         u, step = run.accel.y[rows], run.accel_step
@@ -185,7 +184,7 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
     matched = np.correlate(residual, step, "full")[PULSE - 1 :] / np.linalg.norm(step)
     single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
     score = np.abs(matched) / local_spread(matched)
-    limit = -float(scipy.special.stdtrit(0.7 * LOCAL, 0.5 * SURE / len(score)))
+    limit = -float(scipy.special.stdtrit(0.7 * LOCAL, 0.5 * FAULT_ALPHA / len(score)))
     quiet = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
     found, last = [], -PULSE
@@ -196,10 +195,10 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
         if np.max(np.abs(single[near])) > 1.05 * abs(matched[k]):
             continue
         around = residual[max(0, k - PULSE) : k + 2 * PULSE]
-        if matched[k] ** 2 < PULSE_SHARE * float(np.sum(around**2) - len(around) * quiet**2):
+        if matched[k] ** 2 < STEP_PULSE_SHARE * float(np.sum(around**2) - len(around) * quiet**2):
             continue
         size = float(matched[k] / np.linalg.norm(step))
-        if abs(size) < COUNTS * run.least_step:
+        if abs(size) < STEP_LEAST_COUNTS * run.least_step:
             continue
         last = k
         time = float(relation.t[k])
@@ -208,10 +207,6 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
     return found
 
 
-PULSE_SHARE = 0.6
-"""Share of what is loud around a step that the pulse explains; a misfit of the model is wider than a pulse."""
-COUNTS = 3.0
-"""A smaller jump, in steps of the encoder, is its quantisation."""
 PULSE = 16
 """Readings that a fast filter needs to forget a step."""
 
@@ -227,18 +222,23 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
     for band in np.geomspace(0.1, 0.005, 3) / run.reading_step:
         relation = columns.inside(float(band))
         gram, edges = relation.blocks(MOST_BLOCKS)
-        if len(gram) >= 4 * LEAST_BLOCKS:
+        if len(gram) >= 4 * RELATION_LEAST_BLOCKS:
             k, jump, std = _delay_change(gram, relation.size)
             shift = 2.0 * run.accel_step
             seen.append((std * shift, jump * shift, float(edges[k])))
-    sure = sorted(one for one in seen if abs(one[1]) > CHANGE * one[0])
+    sure = sorted(one for one in seen if abs(one[1]) > DELAY_CHANGE_SIGMA * one[0])
     if len(sure) < 2:
         return []
     std_s, jump_s, time = sure[0]
     for channel, step in ((run.accel.name, run.accel_step), ("position", run.reading_step)):
         samples = jump_s / step
-        agreed = sum(abs(other - jump_s) < WHOLE * step for _, other, _ in sure)
-        if abs(samples) > 0.5 and abs(samples - round(samples)) < WHOLE and std_s < 0.5 * WHOLE * step and agreed > 1:
+        agreed = sum(abs(other - jump_s) < WHOLE_SAMPLE_TOLERANCE * step for _, other, _ in sure)
+        if (
+            abs(samples) > 0.5
+            and abs(samples - round(samples)) < WHOLE_SAMPLE_TOLERANCE
+            and std_s < 0.5 * WHOLE_SAMPLE_TOLERANCE * step
+            and agreed > 1
+        ):
             text = (
                 f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {time:.6g} s and stays: "
                 f"{abs(round(samples))} samples were lost or doubled without a trace in the stamps"
@@ -256,7 +256,7 @@ def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
     A = gram[:, :4, :4]
     score = gram[:, :4, 4] - A @ c
     eye = 1e-9 * np.trace(A.sum(axis=0)) * np.eye(4)
-    rows = slice(LEAST_BLOCKS, len(A) - LEAST_BLOCKS)
+    rows = slice(RELATION_LEAST_BLOCKS, len(A) - RELATION_LEAST_BLOCKS)
     A1, s1, V1 = (np.cumsum(x, axis=0)[rows] for x in (A, score, _outer(score)))
     A2, s2, V2 = A.sum(axis=0) - A1, score.sum(axis=0) - s1, _outer(score).sum(axis=0) - V1
     B1, B2 = np.linalg.inv(A1 + eye), np.linalg.inv(A2 + eye)
@@ -266,7 +266,7 @@ def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
     jump = (behind - before) @ to_delay
     variance = np.einsum("i,kij,j->k", to_delay, B1 @ V1 @ B1 + B2 @ V2 @ B2, to_delay)
     k = int(np.argmax(jump**2 / np.maximum(variance, 1e-300)))
-    split = LEAST_BLOCKS + k + 1
+    split = RELATION_LEAST_BLOCKS + k + 1
     W1 = _outer(score[:split] - A[:split] @ before[k]).sum(axis=0)
     W2 = _outer(score[split:] - A[split:] @ behind[k]).sum(axis=0)
     std = math.sqrt(max(float(to_delay @ (B1[k] @ W1 @ B1[k] + B2[k] @ W2 @ B2[k]) @ to_delay), 1e-300))

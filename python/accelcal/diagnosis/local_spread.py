@@ -6,8 +6,6 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 
-WHOLE = 0.15
-"""Share of a sample by which a jump may miss a whole number, and two bands each other."""
 LOCAL = 64
 """Readings over which a local spread is taken."""
 

@@ -1,8 +1,8 @@
-"""Readings that are wild, left out: samples and readings that the noise of their channel does not allow.
+"""Outlier rejection: drop samples that the noise of their channel does not allow, and fit again.
 
-A wild reading counts with the weight of a good one and raises the fitted noise of its channel for all others, so it is
-taken out of the record and the fit is made again. Two periods of the motion's bandwidth at either end are not tested:
-what is sharp there cannot be told from the end itself.
+An outlier counts with the weight of a good sample and raises the fitted noise of its channel for all others, so it is
+removed from the record and the fit is repeated. Two periods of the motion's bandwidth at either end are not tested:
+sharp features there are confounded with the end itself.
 """
 
 from __future__ import annotations
@@ -15,44 +15,44 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
+from accelcal.effects import HOUSE
 from accelcal.estimation.gauss_newton import Solution
 
-ROUNDS = 3
-"""Times that wild readings are sought anew: the smaller ones show when the larger ones have gone."""
-CHANNEL_OF = {"accelerometer_outliers": "accel", "encoder_outliers": "position"}
-"""Which channel a test takes readings from."""
+CHANNEL_OF = {e.name: e.traits.noise.rejects for e in HOUSE if e.traits.noise and e.traits.noise.rejects}
+"""Channel from which each noise test rejects samples."""
 
 
 @dataclass(frozen=True, slots=True)
 class RejectedReadings:
-    """How many readings of one channel were left out as wild."""
+    """Number of samples of one channel that were rejected as outliers."""
 
     recording: str
     channel: str
     count: int
     of: int
-    """Readings that the channel had."""
+    """Samples that the channel had."""
 
     @property
     def sentence(self) -> str:
         """For people."""
         name = self.recording or "recording"
-        return f"{name}: {self.count} of {self.of} readings of {self.channel} are left out as wild"
+        return f"{name}: {self.count} of {self.of} readings of {self.channel} were rejected as outliers"
 
 
 @dataclass(frozen=True, slots=True)
 class CleanFit:
-    """Recordings without wild readings, the fit to them, and every test on its noise."""
+    """Recordings without outliers, the fit to them, and every noise test on it."""
 
     recordings: tuple[Recording, ...]
     solution: Solution
     tests: tuple[NoiseTest, ...]
-    """On the gated recordings; the tests that found wild readings as they were before these were left out."""
+    """On the cleaned recordings; tests that found outliers as they were before these were removed."""
 
-    def dropped(self, original: Sequence[Recording]) -> tuple[RejectedReadings, ...]:
-        """What is missing from the recordings as they were read, channel by channel."""
+    def rejected(self, original: Sequence[Recording]) -> tuple[RejectedReadings, ...]:
+        """Samples that are missing compared with the original recordings, by recording and channel."""
         found = []
         for before, after in zip(original, self.recordings, strict=True):
             for name in CHANNEL_OF.values():
@@ -67,52 +67,52 @@ def clean_fit(
     solve: Callable[[Sequence[Recording]], Solution],
     before: Sequence[NoiseTest] = (),
 ) -> CleanFit:
-    """Fit, leave wild readings out, and fit again until no more are found, at most three times.
+    """Fit, reject outliers and fit again until no more are found, at most three times.
 
     Parameters
     ----------
     recordings : what was measured.
     solve : fits a model to recordings.
-    before : tests that found wild readings in these recordings earlier, and are still to be told of.
+    before : tests that found outliers in these recordings earlier; they are reported too.
 
     Raises
     ------
     NotIdentifiable, RecordingError
         From the fit.
     """
-    recordings, told = list(recordings), {test.effect: test for test in before}
+    recordings, found_earlier = list(recordings), {test.effect: test for test in before}
     solution = solve(recordings)
-    for left in reversed(range(ROUNDS + 1)):
-        several = [run_noise_tests(one) for one in solution.passes]
-        tests = [test for each in several for test in each]
-        loud = [outliers_found(each) for each in several]
-        if not left or not any(loud):
+    for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
+        tests_of_runs = [run_noise_tests(state) for state in solution.passes]
+        tests = [test for of_run in tests_of_runs for test in of_run]
+        outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
+        if not rounds_left or not any(outlier_tests):
             break
-        for number, found in enumerate(loud):
+        for number, found in enumerate(outlier_tests):
             for test in found:
-                told.setdefault(test.effect, test)
-                recordings[number] = without(recordings[number], test)
+                found_earlier.setdefault(test.effect, test)
+                recordings[number] = without_outliers(recordings[number], test)
         solution = solve(recordings)
-    kept = [test for test in tests if test.effect not in told]
-    return CleanFit(tuple(recordings), solution, (*kept, *told.values()))
+    kept = [test for test in tests if test.effect not in found_earlier]
+    return CleanFit(tuple(recordings), solution, (*kept, *found_earlier.values()))
 
 
 def outliers_found(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
-    """The tests that found wild readings and know where they are."""
-    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < ALARM and test.at]
+    """Tests that found outliers and know their instants."""
+    return [test for test in tests if test.effect in CHANNEL_OF and test.p_value < NOISE_TEST_ALPHA and test.at]
 
 
-def without(recording: Recording, test: NoiseTest) -> Recording:
-    """The recording without the readings that a test found wild."""
+def without_outliers(recording: Recording, test: NoiseTest) -> Recording:
+    """The recording without the samples that a test rejects."""
     of_output = CHANNEL_OF[test.effect] == "accel"
     channel = recording.accel if of_output else recording.position
     kept = np.ones(len(channel), dtype=np.bool_)
     kept[nearest(channel.t, np.asarray(test.at))] = False
-    left = Channel(channel.name, channel.t[kept], channel.y[kept], channel.unit)
-    return replace(recording, accel=left) if of_output else replace(recording, position=left)
+    cleaned = Channel(channel.name, channel.t[kept], channel.y[kept], channel.unit)
+    return replace(recording, accel=cleaned) if of_output else replace(recording, position=cleaned)
 
 
 def nearest(t: Array, at: Array) -> NDArray[np.intp]:
-    """Index of the stamp that is nearest to each instant, (m,)."""
+    """Index of the time stamp nearest to each instant, (m,)."""
     right = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     return np.asarray(np.where(at - t[right - 1] < t[right] - at, right - 1, right))

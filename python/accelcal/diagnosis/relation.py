@@ -13,18 +13,10 @@ from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 
-BANDS_BELOW = 8.0
-"""How far below the widest band that shows a break its beginning is sought."""
 BANDS_PER_DECADE = 4
 """Bands tried between the slowest that the record can show and a tenth of the encoder's rate."""
 MOST_BLOCKS = 512
 """Blocks of a scan; longer records take longer blocks."""
-LEAST_BLOCKS = 12
-"""Fewer blocks before a break than this do not establish a relation."""
-EXPLAINED = 0.95
-"""Share of the encoder's own power that a relation must explain where it is said to hold ..."""
-UNEXPLAINED = 0.80
-"""... and that the best relation of its own may explain at most after a break."""
 
 
 class RelationColumns:

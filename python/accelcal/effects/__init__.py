@@ -14,19 +14,51 @@ from accelcal.effects import (  # noqa: F401, I001  (importing a file enters its
     interactions,
 )
 from accelcal.effects.cards import card, cards, spelled
-from accelcal.effects.registry import CATALOGUE, Effect, Shape, effect, find
+from accelcal.effects.registry import (
+    CATALOGUE,
+    Effect,
+    Lumped,
+    NoiseSource,
+    NoiseTestKind,
+    Search,
+    Shape,
+    Static,
+    Traits,
+    Variable,
+    effect,
+    family,
+    find,
+)
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.user_file import EffectsFileError, load_effects
 
 HOUSE = tuple(CATALOGUE.values())
-"""The effects that come with accelcal, without side channels and users' own."""
-_BY_NAME = {one.name: one for one in HOUSE}
+"""The effects that come with accelcal: without side channels and users' own."""
+_BY_NAME = {effect.name: effect for effect in HOUSE}
 
 
 def is_local(effect: Effect) -> bool:
-    """Whether an effect is known to have no memory, so that it can be evaluated on a stretch of a record."""
-    return not effect.memory and _BY_NAME.get(effect.name) is effect
+    """Whether an effect is known to have no memory, so that it can be evaluated on a part of a record."""
+    return not effect.traits.memory and _BY_NAME.get(effect.name) is effect
+
+
+def users_own() -> tuple[Effect, ...]:
+    """Registered effects of the user's own (file, expression or decorator), in the order of entry."""
+    return tuple(
+        effect for effect in CATALOGUE.values() if _BY_NAME.get(effect.name) is not effect and not effect.traits.follows
+    )
+
+
+def static_terms() -> dict[str, Static]:
+    """Terms of a sensor's static characteristic by effect: of acceleration alone in rising order, then thermal ones."""
+    found = {effect.name: effect.traits.static for effect in HOUSE if effect.traits.static}
+    return dict(sorted(found.items(), key=lambda item: (item[1].thermal, item[1].power, item[1].mirrored)))
+
+
+def found_by(test: NoiseTestKind) -> Effect:
+    """The house effect that a noise test finds."""
+    return next(effect for effect in HOUSE if effect.traits.noise and effect.traits.noise.found_by == test)
 
 
 __all__ = [
@@ -35,16 +67,26 @@ __all__ = [
     "Effect",
     "EffectsFileError",
     "ExpressionError",
+    "Lumped",
+    "NoiseSource",
     "Own",
+    "Search",
     "Shape",
+    "Static",
+    "Traits",
+    "Variable",
     "card",
     "cards",
     "effect",
+    "family",
     "find",
+    "found_by",
     "from_expression",
     "is_local",
     "load_effects",
     "side_channel",
     "side_channels",
     "spelled",
+    "static_terms",
+    "users_own",
 ]

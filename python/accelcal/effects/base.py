@@ -6,11 +6,26 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY
-from accelcal.effects.registry import effect
+from accelcal.effects.registry import Lumped, Static, Traits, effect
 from accelcal.signals.signals import Signals
 
 
-@effect("bias", unit="m/s²", symbol="K0", scale=0.1, source="IIS2ICLX: ±8 mg; LIS3DH: ±40 mg; ADXL105: up to ±2.5 g")
+@effect(
+    "bias",
+    unit="m/s²",
+    symbol="K0",
+    scale=0.1,
+    source="IIS2ICLX: ±8 mg; LIS3DH: ±40 mg; ADXL105: up to ±2.5 g",
+    traits=Traits(
+        static=Static(0, "K0"),
+        lumped=Lumped(
+            ("tilt", "misalignment"),
+            "turn the sensor by 180 degrees about the vertical axis and fit both runs together; "
+            "roll it for misalignment",
+        ),
+        summand="K0",
+    ),
+)
 def bias(s: Signals) -> Array:
     """Constant output without acceleration (IEEE 1293 K0).
 
@@ -22,7 +37,22 @@ def bias(s: Signals) -> Array:
     return np.ones_like(s.t)
 
 
-@effect("scale_factor", unit="1", symbol="k", scale=0.01, source="IIS2ICLX: ±2 %")
+@effect(
+    "scale_factor",
+    unit="1",
+    symbol="k",
+    scale=0.01,
+    source="IIS2ICLX: ±2 %",
+    traits=Traits(
+        static=Static(1, "(1 + k) a", odd=True),
+        lumped=Lumped(
+            ("encoder_scale", "cross_axis_gravity"),
+            "roll the sensor by 180 degrees about its input axis; "
+            "check the encoder by interferometer or tumble in gravity",
+        ),
+        summand="k",
+    ),
+)
 def scale_factor(s: Signals) -> Array:
     """Scale error: output = (1 + k) a + K0 (paper, eq. 3).
 
@@ -34,7 +64,15 @@ def scale_factor(s: Signals) -> Array:
     return s.a
 
 
-@effect("time_offset", unit="s", owner="timing", symbol="t0", scale=1e-4, source="hold of samples: half a period")
+@effect(
+    "time_offset",
+    unit="s",
+    owner="timing",
+    symbol="t0",
+    scale=1e-4,
+    source="hold of samples: half a period",
+    traits=Traits(lumped=Lumped(("sensor_lag", "lowpass_error")), summand="clock offset", delay_class=True),
+)
 def time_offset(s: Signals) -> Array:
     """Accelerometer output late by t0 (derivations 7.1): output(t) = f(a(t - t0)).
 
@@ -53,7 +91,7 @@ def time_offset(s: Signals) -> Array:
     symbol="theta",
     scale=1e-3,
     source="level instrument: 0.05 degrees (paper)",
-    visible=False,
+    traits=Traits(visible=False, summand="g0 tilt", separated_by="turning", uncertainty="level"),
 )
 def tilt(s: Signals) -> Array:
     """The stage is not level: gravity adds g0 sin(theta) along the stage axis.
@@ -73,7 +111,7 @@ def tilt(s: Signals) -> Array:
     symbol="delta",
     scale=2e-3,
     source="inter-axis 0.1 degrees: ADXL203",
-    visible=False,
+    traits=Traits(visible=False, summand="g0 misalignment", separated_by="rolling", uncertainty="misalignment"),
 )
 def misalignment(s: Signals) -> Array:
     """The input axis leans by delta towards the vertical: gravity adds delta g0.
@@ -86,7 +124,19 @@ def misalignment(s: Signals) -> Array:
     return np.full_like(s.t, s.rig.roll * STANDARD_GRAVITY)
 
 
-@effect("cross_axis_gravity", unit="(m/s²)⁻¹", symbol="Kin", scale=1e-3, source="paper, eq. 7", visible=False)
+@effect(
+    "cross_axis_gravity",
+    unit="(m/s²)⁻¹",
+    symbol="Kin",
+    scale=1e-3,
+    source="paper, eq. 7",
+    traits=Traits(
+        visible=False,
+        no_inverse="depends on the acceleration across the input axis, which one axis does not know",
+        summand="g0 Kin",
+        separated_by="rolling",
+    ),
+)
 def cross_axis_gravity(s: Signals) -> Array:
     """Product of acceleration and gravity on the vertical axis (paper, eq. 7): Kin g0 a.
 

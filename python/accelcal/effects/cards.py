@@ -59,14 +59,14 @@ def card(effect: Effect) -> str:
         lines.append(f"- Columns: {', '.join(effect.parts)}.")
     if effect.needs:
         lines.append(f"- Needs the side channel {' and '.join(effect.needs)}.")
-    if effect.includes:
-        lines.append(f"- Includes: {', '.join(effect.includes)}.")
-    if effect.positive:
+    if effect.search.includes:
+        lines.append(f"- Includes: {', '.join(effect.search.includes)}.")
+    if effect.traits.positive:
         lines.append("- Only a positive coefficient is physical.")
-    if effect.belief:
-        mean, std = effect.belief
+    if effect.search.prior:
+        mean, std = effect.search.prior
         lines.append(f"- Believed before any record: {mean:g} ± {std:g}.")
-    if not effect.visible:
+    if not effect.traits.visible:
         lines.append("- No motion of a level, untouched rig can show it.")
     return "\n".join(lines) + "\n"
 

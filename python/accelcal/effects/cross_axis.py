@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from accelcal.data.arrays import Array
-from accelcal.effects.registry import effect
+from accelcal.effects.registry import Search, effect
 from accelcal.signals.signals import Signals
 
 
@@ -14,7 +14,7 @@ from accelcal.signals.signals import Signals
     scale=1e-2,
     source="1 %: ADXL358, ADXL313; 3 % to 5 % (paper)",
     needs=("a_y",),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def cross_axis(s: Signals) -> Array:
     """Linear response to transverse acceleration (IEEE 1293 do, dp).
@@ -34,7 +34,7 @@ def cross_axis(s: Signals) -> Array:
     scale=1e-4,
     source="no published figure; taken as K2",
     needs=("a_y",),
-    includes=("cross_axis", "bias"),
+    search=Search(includes=("cross_axis", "bias")),
 )
 def cross_axis_quadratic(s: Signals) -> Array:
     """Response to the square of transverse acceleration (IEEE 1293 Koo, Kpp).
@@ -54,7 +54,7 @@ def cross_axis_quadratic(s: Signals) -> Array:
     scale=1e-3,
     source="no published figure",
     needs=("a_y",),
-    includes=("scale_factor",),
+    search=Search(includes=("scale_factor",)),
 )
 def cross_coupling(s: Signals) -> Array:
     """Product of both accelerations: k changes with the transverse one (IEEE 1293 Kio, Kip; paper, eq. 7).

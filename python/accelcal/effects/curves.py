@@ -13,7 +13,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import direction, since_reversal
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.registry import Search, Shape, Traits, Variable, effect, family
 from accelcal.signals.signals import TINY, Signals
 
 PIECES = 7
@@ -111,6 +111,7 @@ RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, t
 """The stretch of time on which cosines stand: set by the record of the fit and kept by the model."""
 
 
+@family(Variable("time", "t", "s"), covers=("bias_drift", "bias_step", "warm_up"), basis="cosines")
 @effect(
     "shape_of_time",
     unit="m/s²",
@@ -119,10 +120,7 @@ RECORD = {"start": Shape("s", _start, trials=1), "length": Shape("s", _length, t
     source="0.1 mg",
     shapes=RECORD,
     parts=COSINES,
-    basis="cosines",
-    family=True,
-    covers=("bias_drift", "bias_step", "warm_up"),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def shape_of_time(s: Signals, start: float, length: float) -> Array:
     """A bias that is some slow function of time.
@@ -135,6 +133,12 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     return cosines(s.t, start, length, np.ones(len(COSINES)))
 
 
+@family(
+    Variable("position", "p", "m"),
+    covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
+    groups=(("rail_wave", "rail_second_wave"),),
+    coarse=CUBIC,
+)
 @effect(
     "shape_of_position",
     unit="m/s²",
@@ -144,11 +148,7 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     source="0.1 mg",
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=CURVE,
-    family=True,
-    coarse=CUBIC,
-    covers=("rail_slope", "rail_curve", "rail_wave", "rail_second_wave"),
-    bends=(("rail_wave", "rail_second_wave"),),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of the place on the rail.
@@ -161,6 +161,9 @@ def shape_of_position(s: Signals, low: float, high: float) -> Array:
     return s.rig.polarity * curve(s.p, low, high)
 
 
+@family(
+    Variable("velocity", "v", "m/s"), covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"), coarse=CUBIC
+)
 @effect(
     "shape_of_velocity",
     unit="m/s²",
@@ -170,10 +173,7 @@ def shape_of_position(s: Signals, low: float, high: float) -> Array:
     source="0.1 mg",
     shapes=over("m/s", lambda s: (s.v, s.v_std)),
     parts=CURVE,
-    family=True,
-    coarse=CUBIC,
-    covers=("velocity", "velocity_squared", "velocity_odd", "coulomb"),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     """An acceleration that is some function of velocity.
@@ -186,6 +186,12 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     return s.rig.polarity * curve(s.v, low, high)
 
 
+@family(
+    Variable("acceleration", "a", "m/s²"),
+    covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
+    groups=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
+    coarse=CUBIC - 1,
+)
 @effect(
     "shape_of_acceleration",
     unit="m/s²",
@@ -194,11 +200,7 @@ def shape_of_velocity(s: Signals, low: float, high: float) -> Array:
     source="0.1 mg",
     shapes=over("m/s²", lambda s: (s.a, s.a_std)) | {"ripple": Shape("m/s²", (0.0, 0.0), trials=1, picked="ripples")},
     parts=BENT,
-    family=True,
-    coarse=CUBIC - 1,
-    covers=("quadratic", "cubic", "odd_quadratic", "scale_asymmetry", "dead_zone", "saturation"),
-    bends=(("cubic", "odd_quadratic", "dead_zone", "saturation"), ("quadratic", "scale_asymmetry")),
-    includes=("bias", "scale_factor"),
+    search=Search(includes=("bias", "scale_factor")),
 )
 def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0.0) -> Array:
     """A characteristic of the sensor that is some function of acceleration.
@@ -211,6 +213,7 @@ def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0
     return rippled(s.a, low, high, ripple) if ripple else curve(s.a, low, high, first=2)
 
 
+@family(Variable("jerk", "jerk", "m/s³"), coarse=CUBIC - 1)
 @effect(
     "shape_of_jerk",
     unit="m/s²",
@@ -220,9 +223,7 @@ def shape_of_acceleration(s: Signals, low: float, high: float, ripple: float = 0
     source="0.1 mg",
     shapes=over("m/s³", lambda s: (s.jerk, s.jerk_std)),
     parts=BENT,
-    family=True,
-    coarse=CUBIC - 1,
-    includes=("bias", "time_offset"),
+    search=Search(includes=("bias", "time_offset")),
 )
 def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     """An error that is some function of the rate of change of acceleration.
@@ -235,6 +236,7 @@ def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     return curve(s.jerk, low, high, first=2)
 
 
+@family(Variable("temperature", "temperature", "degC"), covers=("temperature_bias",), coarse=CUBIC)
 @effect(
     "shape_of_temperature",
     unit="m/s²",
@@ -244,10 +246,7 @@ def shape_of_jerk(s: Signals, low: float, high: float) -> Array:
     shapes=over("K", lambda s: (s.temperature, 0.0)),
     needs=("temperature",),
     parts=CURVE,
-    family=True,
-    coarse=CUBIC,
-    covers=("temperature_bias",),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     """A bias that is some function of temperature.
@@ -260,6 +259,7 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     return curve(s.temperature, low, high)
 
 
+@family(Variable("lateral acceleration", "a_y", "m/s²"), covers=("cross_axis", "cross_axis_quadratic"), coarse=CUBIC)
 @effect(
     "shape_of_a_y",
     unit="m/s²",
@@ -270,10 +270,7 @@ def shape_of_temperature(s: Signals, low: float, high: float) -> Array:
     shapes=over("m/s²", lambda s: (s.side["a_y"], 0.0)),
     needs=("a_y",),
     parts=CURVE,
-    family=True,
-    coarse=CUBIC,
-    covers=("cross_axis", "cross_axis_quadratic"),
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     """A response that is some function of the lateral acceleration.
@@ -286,6 +283,7 @@ def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     return curve(s.side["a_y"], low, high)
 
 
+@family(Variable("time since reversal", "reversal", "s"))
 @effect(
     "shape_since_reversal",
     unit="m/s²",
@@ -294,9 +292,8 @@ def shape_of_a_y(s: Signals, low: float, high: float) -> Array:
     scale=1e-3,
     source="0.1 mg",
     parts=tuple(f"{kind} {age:g} s" for kind in ("both", "odd") for age in AGES),
-    family=True,
-    includes=("bias",),
-    memory=True,
+    traits=Traits(memory=True),
+    search=Search(includes=("bias",)),
 )
 def shape_since_reversal(s: Signals) -> Array:
     """A response to reversals of the stage: some function of the time since the last, alike or odd in direction.
@@ -318,6 +315,7 @@ def shape_since_reversal(s: Signals) -> Array:
     return columns.T
 
 
+@family(Variable("position", "p", "m"), covers=("encoder_nonlinearity", "encoder_cyclic"))
 @effect(
     "encoder_shape_of_position",
     unit="m",
@@ -328,8 +326,6 @@ def shape_since_reversal(s: Signals) -> Array:
     source="at most 10 µm (paper)",
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=BENT,
-    family=True,
-    covers=("encoder_nonlinearity", "encoder_cyclic"),
 )
 def encoder_shape_of_position(s: Signals, low: float, high: float) -> Array:
     """An error of the encoder that is some function of position; its straight part is encoder_scale.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.noise_sizes import amplitude, half_a_step, largest
+from accelcal.effects.registry import NoiseSource, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 
 
@@ -23,6 +24,7 @@ def _lines(s: Signals) -> tuple[float, float]:
     source="mains pick-up, no published figure",
     shapes={"frequency": Shape("Hz", _lines, trials=4, spacing="log")},
     parts=("sin", "cos"),
+    traits=Traits(noise=NoiseSource("line", amplitude)),
 )
 def tone(s: Signals, frequency: float) -> Array:
     """A line at a fixed frequency: mains, a fan, an alias of either.
@@ -45,7 +47,7 @@ def tone(s: Signals, frequency: float) -> Array:
     symbol="c²",
     scale=4e4,
     source="ball bearings, 200 Hz to 300 Hz: up to 2 m/s² at 0.1 m/s (paper)",
-    positive=True,
+    traits=Traits(positive=True, noise=NoiseSource("noise over speed", amplitude)),
 )
 def vibration(s: Signals) -> Array:
     """Vibration of the bearings, amplitude c v².
@@ -83,7 +85,7 @@ def vibration_rectification(s: Signals) -> Array:
     symbol="ro",
     scale=1e-2,
     source="one sample in a thousand off by 3 m/s²",
-    positive=True,
+    traits=Traits(positive=True, noise=NoiseSource("output outliers", largest, rejects="accel")),
 )
 def accelerometer_outliers(s: Signals) -> Array:
     """Single samples of the output are wrong: bits lost, knocks on the cable.
@@ -103,7 +105,7 @@ def accelerometer_outliers(s: Signals) -> Array:
     symbol="D²",
     scale=1e-4,
     source="step of 1 mg: LIS3DH at ±2 g",
-    positive=True,
+    traits=Traits(positive=True, noise=NoiseSource("output steps", half_a_step, raises=("tone", "whiteness"))),
 )
 def quantisation(s: Signals) -> Array:
     """The output is rounded to steps D, or repeats its last value.

@@ -7,7 +7,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import instants, since, slow
 from accelcal.effects.curves import RECORD, cosines
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.registry import Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 
 STEPS = 16
@@ -16,7 +16,15 @@ WANDERING = tuple(f"c{j}" for j in range(1, 33))
 """Cosines of a wandering bias: changes down to a thirty-second of half the record."""
 
 
-@effect("bias_drift", unit="m/s³", symbol="K0t", scale=1e-5, source="1 mg in a quarter of an hour", includes=("bias",))
+@effect(
+    "bias_drift",
+    unit="m/s³",
+    symbol="K0t",
+    scale=1e-5,
+    source="1 mg in a quarter of an hour",
+    traits=Traits(common=True),
+    search=Search(includes=("bias",)),
+)
 def bias_drift(s: Signals) -> Array:
     """Bias grows at a steady rate.
 
@@ -35,7 +43,7 @@ def bias_drift(s: Signals) -> Array:
     scale=1e-3,
     source="life drift ±1 mg: IIS2ICLX",
     shapes={"instant": Shape("s", instants, trials=STEPS)},
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def bias_step(s: Signals, instant: float) -> Array:
     """Bias jumps once, after a shock or a change of the mount.
@@ -57,9 +65,8 @@ def bias_step(s: Signals, instant: float) -> Array:
     source="no published figure; Allan slope +1/2",
     shapes=RECORD,
     parts=WANDERING,
-    basis="cosines",
-    includes=("bias",),
-    positive=True,
+    traits=Traits(positive=True, basis="cosines"),
+    search=Search(includes=("bias",)),
 )
 def bias_random_walk(s: Signals, start: float, length: float) -> Array:
     """Bias wanders without bound: K0' is white with density qb.
@@ -83,9 +90,8 @@ def bias_random_walk(s: Signals, start: float, length: float) -> Array:
     source="floor of 3.5 µg: ADXL355",
     shapes={**RECORD, "tau": Shape("s", slow(0.02, 0.5), trials=3, spacing="log")},
     parts=WANDERING,
-    basis="cosines",
-    includes=("bias",),
-    positive=True,
+    traits=Traits(positive=True, basis="cosines"),
+    search=Search(includes=("bias",)),
 )
 def bias_gauss_markov(s: Signals, start: float, length: float, tau: float) -> Array:
     """Bias wanders within bounds: K0' = -K0/tau + noise, standard deviation sigma_b.
@@ -100,7 +106,14 @@ def bias_gauss_markov(s: Signals, start: float, length: float, tau: float) -> Ar
     return cosines(s.t, start, length, np.sqrt(4.0 * tau / length / (1.0 + (w * tau) ** 2)))
 
 
-@effect("scale_drift", unit="s⁻¹", symbol="kt", scale=1e-5, source="no published figure", includes=("scale_factor",))
+@effect(
+    "scale_drift",
+    unit="s⁻¹",
+    symbol="kt",
+    scale=1e-5,
+    source="no published figure",
+    search=Search(includes=("scale_factor",)),
+)
 def scale_drift(s: Signals) -> Array:
     """Scale factor grows at a steady rate.
 
@@ -119,7 +132,7 @@ def scale_drift(s: Signals) -> Array:
     scale=1e-3,
     source="no published figure",
     shapes={"instant": Shape("s", instants, trials=STEPS)},
-    includes=("scale_factor",),
+    search=Search(includes=("scale_factor",)),
 )
 def scale_step(s: Signals, instant: float) -> Array:
     """Scale factor jumps once: a supply, a gain range, a mount that slipped.

@@ -6,7 +6,8 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import instants, lagged, since, slow, snap
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.noise_sizes import jitter_at_top_jerk
+from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 
 
@@ -18,7 +19,7 @@ from accelcal.signals.signals import Signals
     scale=6e-4,
     source="one dropped sample at 1666 Hz",
     shapes={"instant": Shape("s", instants, trials=16)},
-    includes=("time_offset",),
+    search=Search(includes=("time_offset",)),
 )
 def time_offset_step(s: Signals, instant: float) -> Array:
     """The delay of the output jumps once: a sample was dropped or stored twice.
@@ -38,7 +39,7 @@ def time_offset_step(s: Signals, instant: float) -> Array:
     symbol="alpha",
     scale=5e-5,
     source="crystal: 50 ppm",
-    includes=("time_offset",),
+    search=Search(includes=("time_offset",)),
 )
 def clock_skew(s: Signals) -> Array:
     """The accelerometer's clock gains: its delay grows at a steady rate.
@@ -59,7 +60,7 @@ def clock_skew(s: Signals) -> Array:
     symbol="sigma_t²",
     scale=1e-10,
     source="10 µs",
-    positive=True,
+    traits=Traits(positive=True, noise=NoiseSource("noise over jerk", jitter_at_top_jerk)),
 )
 def timing_jitter(s: Signals) -> Array:
     """Time stamps scatter with variance sigma_t².
@@ -79,9 +80,8 @@ def timing_jitter(s: Signals) -> Array:
     scale=1.0,
     source="RC filter of 159 Hz: tau = 1.0 ms (paper)",
     shapes={"tau": Shape("s", (1e-4, 1e-2), trials=4, spacing="log")},
-    includes=("time_offset",),
-    positive=True,
-    memory=True,
+    traits=Traits(positive=True, memory=True, summand="sensor lag", delay_class=True),
+    search=Search(includes=("time_offset",)),
 )
 def sensor_lag(s: Signals, tau: float) -> Array:
     """First-order low-pass that was not declared; time_offset, in every base, already holds its delay tau.
@@ -101,8 +101,7 @@ def sensor_lag(s: Signals, tau: float) -> Array:
     symbol="dtau",
     scale=5e-5,
     source="RC of 159 Hz with a capacitor of 5 %",
-    visible=False,
-    memory=True,
+    traits=Traits(memory=True, visible=False, summand="error of the low-pass"),
 )
 def lowpass_error(s: Signals) -> Array:
     """The declared low-pass has a time constant longer by dtau; a fit carries it where a tolerance is declared.
@@ -123,9 +122,8 @@ def lowpass_error(s: Signals) -> Array:
     symbol="1/w0²",
     scale=3e-8,
     source="900 Hz: IIS2ICLX; brackets 100 Hz to 500 Hz",
-    includes=("time_offset",),
-    positive=True,
-    memory=True,
+    traits=Traits(positive=True, memory=True, delay_class=True),
+    search=Search(includes=("time_offset",)),
 )
 def sensor_resonance(s: Signals) -> Array:
     """Resonance of sensor or bracket, well above the motion; time_offset already holds its delay 1/(Q w0).
@@ -145,7 +143,7 @@ def sensor_resonance(s: Signals) -> Array:
     scale=3e-4,
     source="1e-4 to 1e-3, no published figure",
     shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log"), "start": Shape("1", (-1.0, 1.0), trials=3)},
-    memory=True,
+    traits=Traits(memory=True),
 )
 def creep(s: Signals, tau: float, start: float) -> Array:
     """The element relaxes: part of its response comes late.

@@ -6,7 +6,8 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import direction, instants, periods, since, slacks
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.noise_sizes import amplitude, largest
+from accelcal.effects.registry import NoiseSource, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 
 
@@ -18,7 +19,9 @@ from accelcal.signals.signals import Signals
     symbol="rp",
     scale=1e-12,
     source="no published figure",
-    positive=True,
+    traits=Traits(
+        positive=True, noise=NoiseSource("reading outliers", largest, rejects="position", raises=("whiteness",))
+    ),
 )
 def encoder_outliers(s: Signals) -> Array:
     """Single readings are wrong: dirt on the scale, a bit lost.
@@ -41,6 +44,7 @@ def encoder_outliers(s: Signals) -> Array:
     source="1 % of a signal period of 20 µm",
     shapes={"period": Shape("m", periods, trials=8, spacing="log")},
     parts=("sin", "cos"),
+    traits=Traits(noise=NoiseSource("wave over position", amplitude)),
 )
 def encoder_cyclic(s: Signals, period: float) -> Array:
     """Interpolation error: periodic in position with the period of the scale.
@@ -63,7 +67,7 @@ def encoder_cyclic(s: Signals, period: float) -> Array:
     scale=1e-6,
     source="µm, no published figure",
     shapes={"width": Shape("m", slacks, trials=4, spacing="log")},
-    memory=True,
+    traits=Traits(memory=True),
 )
 def encoder_backlash(s: Signals, width: float) -> Array:
     """Slack between carriage and reading head: the reading depends on the direction of the last move.
@@ -127,7 +131,7 @@ def encoder_step(s: Signals, instant: float) -> Array:
     symbol="eps",
     scale=1e-4,
     source="10 µm over 0.1 m (paper)",
-    visible=False,
+    traits=Traits(visible=False, summand="encoder scale", uncertainty="encoder_scale"),
 )
 def encoder_scale(s: Signals) -> Array:
     """The scale of the encoder is too long or too short.

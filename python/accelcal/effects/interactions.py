@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from accelcal.data.arrays import Array
 from accelcal.effects.curves import RECORD, legendre, over
-from accelcal.effects.registry import effect
+from accelcal.effects.registry import Search, Variable, effect, family
 from accelcal.signals.signals import Signals
 
 COURSE = ("mean", "slope", "bend")
@@ -20,6 +20,7 @@ def course(x: Array, low: float, high: float) -> Array:
     return legendre(x, low, high, len(COURSE) - 1)
 
 
+@family(Variable("position", "p", "m", per="v"))
 @effect(
     "shape_of_position_and_velocity",
     unit="s⁻¹",
@@ -29,7 +30,6 @@ def course(x: Array, low: float, high: float) -> Array:
     source="0.1 mg at 0.1 m/s",
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=COURSE,
-    family=True,
 )
 def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array:
     """A drag that changes along the rail.
@@ -42,6 +42,7 @@ def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array
     return s.rig.polarity * s.v[:, None] * course(s.p, low, high)
 
 
+@family(Variable("position", "p", "m", per="a"))
 @effect(
     "shape_of_position_and_acceleration",
     unit="1",
@@ -51,8 +52,7 @@ def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array
     source="a scale factor known to 0.1 %",
     shapes=over("m", lambda s: (s.p, s.p_std)),
     parts=COURSE[1:],
-    family=True,
-    includes=("scale_factor",),
+    search=Search(includes=("scale_factor",)),
 )
 def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> Array:
     """A scale factor that changes along the rail.
@@ -65,6 +65,7 @@ def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> A
     return s.a[:, None] * course(s.p, low, high)[:, 1:]
 
 
+@family(Variable("temperature", "temperature", "degC", per="v"))
 @effect(
     "shape_of_temperature_and_velocity",
     unit="s⁻¹",
@@ -75,7 +76,6 @@ def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> A
     shapes=over("K", lambda s: (s.temperature, 0.0)),
     needs=("temperature",),
     parts=COURSE,
-    family=True,
 )
 def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Array:
     """A drag that changes with temperature, as grease does.
@@ -88,6 +88,7 @@ def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Ar
     return s.rig.polarity * s.v[:, None] * course(s.temperature, low, high)
 
 
+@family(Variable("time", "t", "s", per="v"))
 @effect(
     "shape_of_time_and_velocity",
     unit="s⁻¹",
@@ -97,7 +98,6 @@ def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Ar
     source="0.1 mg at 0.1 m/s",
     shapes=RECORD,
     parts=COURSE,
-    family=True,
 )
 def shape_of_time_and_velocity(s: Signals, start: float, length: float) -> Array:
     """A drag that changes in the course of the record, as while running in.

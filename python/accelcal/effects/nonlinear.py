@@ -6,14 +6,21 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import play
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.registry import Search, Shape, Static, Traits, effect
 from accelcal.signals.signals import TINY, Signals
 
 OUT_OF_LEVEL = 0.02
 """Gravity along the axis of a rig that is taken for level, m/s²: 0.1 degree."""
 
 
-@effect("quadratic", unit="(m/s²)⁻¹", symbol="K2", scale=1e-4, source="0.1 % of ±2 g: ADXL358, IIS2ICLX")
+@effect(
+    "quadratic",
+    unit="(m/s²)⁻¹",
+    symbol="K2",
+    scale=1e-4,
+    source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
+    traits=Traits(common=True, static=Static(2, "K2 a^2")),
+)
 def quadratic(s: Signals) -> Array:
     """Second-order nonlinearity (IEEE 1293 K2).
 
@@ -25,7 +32,14 @@ def quadratic(s: Signals) -> Array:
     return s.a**2
 
 
-@effect("cubic", unit="(m/s²)⁻²", symbol="K3", scale=1e-5, source="0.1 % of ±2 g: ADXL358, IIS2ICLX")
+@effect(
+    "cubic",
+    unit="(m/s²)⁻²",
+    symbol="K3",
+    scale=1e-5,
+    source="0.1 % of ±2 g: ADXL358, IIS2ICLX",
+    traits=Traits(common=True, static=Static(3, "K3 a^3", odd=True)),
+)
 def cubic(s: Signals) -> Array:
     """Third-order nonlinearity (IEEE 1293 K3).
 
@@ -37,7 +51,14 @@ def cubic(s: Signals) -> Array:
     return s.a * s.a * s.a
 
 
-@effect("odd_quadratic", unit="(m/s²)⁻¹", symbol="Koq", scale=1e-4, source="no published figure; taken as K2")
+@effect(
+    "odd_quadratic",
+    unit="(m/s²)⁻¹",
+    symbol="Koq",
+    scale=1e-4,
+    source="no published figure; taken as K2",
+    traits=Traits(common=True, static=Static(2, "Koq a|a|", odd=True)),
+)
 def odd_quadratic(s: Signals) -> Array:
     """Odd second-order nonlinearity (IEEE 1293 Koq).
 
@@ -49,7 +70,14 @@ def odd_quadratic(s: Signals) -> Array:
     return s.a * np.abs(s.a)
 
 
-@effect("scale_asymmetry", unit="1", symbol="K1'/2", scale=1e-4, source="small in open-loop MEMS; no published figure")
+@effect(
+    "scale_asymmetry",
+    unit="1",
+    symbol="K1'/2",
+    scale=1e-4,
+    source="small in open-loop MEMS; no published figure",
+    traits=Traits(static=Static(1, "(K1'/2)|a|")),
+)
 def scale_asymmetry(s: Signals) -> Array:
     """Scale factor that differs between the two directions (IEEE 1293 K1'/2).
 
@@ -76,6 +104,7 @@ def _thresholds(s: Signals) -> tuple[float, float]:
         "width": Shape("m/s²", _thresholds, trials=3, spacing="log"),
         "centre": Shape("m/s²", (-OUT_OF_LEVEL, OUT_OF_LEVEL), trials=3),
     },
+    traits=Traits(no_inverse="gives several accelerations the same output"),
 )
 def dead_zone(s: Signals, width: float, centre: float = 0.0) -> Array:
     """Bias that changes sign with the acceleration: dead zone if negative (IEEE 1293 K0'/2).
@@ -102,8 +131,8 @@ def _levels(s: Signals) -> tuple[float, float]:
     scale=1.0,
     source="the output clips: ±2 g to ±5 g (paper)",
     shapes={"level": Shape("m/s²", _levels, trials=5)},
-    positive=True,
-    belief=(1.0, 0.3),
+    traits=Traits(positive=True, clips_at="level"),
+    search=Search(prior=(1.0, 0.3)),
 )
 def saturation(s: Signals, level: float) -> Array:
     """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
@@ -131,7 +160,7 @@ def _slacks(s: Signals) -> tuple[float, float]:
     scale=1e-3,
     source="no published figure",
     shapes={"width": Shape("m/s²", _slacks, trials=5, spacing="log")},
-    memory=True,
+    traits=Traits(memory=True),
 )
 def hysteresis(s: Signals, width: float) -> Array:
     """Play of full `width` between acceleration and output, at any rate and kept through rests.

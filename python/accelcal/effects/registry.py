@@ -6,10 +6,10 @@ import difflib
 import inspect
 import math
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -31,12 +31,12 @@ class Shape:
     """Values at which it is tried before it is refined; 1 = set by the record of the fit, kept by the model."""
     spacing: Literal["linear", "log"] = "linear"
     picked: Literal["", "jumps", "waves", "ripples"] = ""
-    """What is sought in a record where no grid of trials would meet the right value: instants of jumps, periods in
+    """What is read off the record where no grid of trials would meet the right value: instants of jumps, periods in
     position, periods in acceleration."""
 
     @property
     def refined(self) -> bool:
-        """Whether its value is sought by likelihood."""
+        """Whether its value is found by likelihood."""
         return self.trials > 1
 
     def grid(self, s: Signals) -> Array:
@@ -53,17 +53,154 @@ class Shape:
 
 
 @dataclass(frozen=True, slots=True)
+class Static:
+    """A term of the sensor's static characteristic: |a|^power, even or odd in a, times the temperature if thermal."""
+
+    power: int
+    text: str
+    """As it is written in the forward model, in ASCII."""
+    odd: bool = False
+    thermal: bool = False
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether it is a^power with the sign changed at negative a: |a|, a|a|."""
+        return self.odd != bool(self.power % 2)
+
+    def per_unit(self, a: float, warmth: float) -> float:
+        """Output per unit coefficient at `a`, m/s², `warmth` K above the reference temperature."""
+        value = a ** (self.power - 1) * abs(a) if self.mirrored else a**self.power
+        return warmth * value if self.thermal else value
+
+
+@dataclass(frozen=True, slots=True)
+class Lumped:
+    """Effects whose sum is all that a level rig with one mount and one encoder shows of a base parameter."""
+
+    members: tuple[str, ...]
+    experiment: str = ""
+    """What separates them."""
+
+
+SizeOf = Callable[[float, Mapping[str, float], Sequence[Signals]], float | None]
+"""Largest contribution (m/s², m at the encoder) from a noise test's estimate, its particulars and the signals of all
+runs; None where the test gives no size."""
+NoiseTestKind = Literal[
+    "line",
+    "noise over speed",
+    "noise over jerk",
+    "output outliers",
+    "reading outliers",
+    "output steps",
+    "wave over position",
+]
+"""What a noise test looks for."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseSource:
+    """What a noise test knows of the effect that it finds."""
+
+    found_by: NoiseTestKind
+    size_of: SizeOf
+    rejects: Literal["", "accel", "position"] = ""
+    """Channel whose samples the test rejects as outliers; empty where it rejects none."""
+    raises: tuple[str, ...] = ()
+    """Noise tests that the effect makes significant besides its own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """The variable of a nonparametric family."""
+
+    name: str
+    letter: str
+    """Its name in `Signals`."""
+    unit: str
+    per: str = ""
+    """Letter of a second variable that the family multiplies (a drag that changes along the rail: "v")."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A nonparametric function of one variable: what an effect is that names no physical cause."""
+
+    variable: Variable
+    covers: tuple[str, ...] = ()
+    """Named effects that it generalises: functions of its variable alone."""
+    groups: tuple[tuple[str, ...], ...] = ()
+    """Those of them that describe the same curvature: two of one group in a model are evidence for the family."""
+    coarse: int = 0
+    """Leading columns that are a coarser function by themselves, and are tried so too; 0: none are."""
+    basis: str = ""
+    """As in `Traits`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Hints for the search of what a model lacks."""
+
+    includes: tuple[str, ...] = ()
+    """Simpler effects that it contains: what it is a change of (a drift of X includes X), and what it turns into when
+    the origin of time, position, temperature or a channel moves. They belong in the model with it, and it is judged
+    by what it explains beyond them."""
+    beside: str = ""
+    """An effect without which this one is not searched for."""
+    prior: tuple[float, float] | None = None
+    """Mean and standard deviation that the coefficient has before any record, in its unit, where a record says
+    little."""
+
+
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """Physical properties of an effect that later stages use: fit, verdict, outlier rejection, calibration."""
+
+    positive: bool = False
+    """Whether physics allows a positive coefficient only."""
+    memory: bool = False
+    """Whether its value at one time depends on the signals at other times. Users' own effects are always taken to; a
+    house effect that does not is evaluated on parts of a long record."""
+    visible: bool = True
+    """False for what no motion of a level, untouched rig can show."""
+    basis: str = ""
+    """Name of the functions that its columns are, each times a positive size: shape parameters that are not refined set
+    the functions, those that are refined set the sizes alone."""
+    common: bool = False
+    """Whether its detection limit is listed first."""
+    static: Static | None = None
+    """Its term in the sensor's static characteristic."""
+    clips_at: str = ""
+    """Shape parameter that is the level, m/s², at which the output clips."""
+    no_inverse: str = ""
+    """Why one reading cannot be corrected for it; half a sentence with the effect as its subject."""
+    lumped: Lumped | None = None
+    """What a base parameter is the sum with on a level rig."""
+    summand: str = ""
+    """How it is written in such a sum."""
+    separated_by: Literal["", "turning", "rolling"] = ""
+    """Second mount with which a joint fit separates it from the base parameter."""
+    uncertainty: Literal["", "level", "misalignment", "encoder_scale"] = ""
+    """Key of the uncertainty that a rig declares where no joint fit separates it."""
+    delay_class: bool = False
+    """Whether it delays the output, so that only fast motion separates it from the other effects of its class."""
+    noise: NoiseSource | None = None
+    """The noise test that finds it."""
+    follows: str = ""
+    """Recorded side channel that it is, where it is no physical effect by itself."""
+
+
+@dataclass(frozen=True, slots=True)
 class Effect:
-    """One physical effect: its contribution per unit of its coefficient, and what is said about it."""
+    """One physical effect: its contribution per unit of its coefficient, and its card."""
 
     name: str
     unit: str
     """Unit of the coefficient."""
     port: Port
-    """`output` adds to what the accelerometer says (m/s²), `position` to what the encoder says (m).
+    """`output` adds to the accelerometer's output (m/s²), `position` to the encoder's reading (m).
 
     `noise` returns variance per unit: of the output, (m/s²)², or of the reading, m², where the owner is the encoder.
-    `process` returns the columns of a slowly wandering contribution to the output: their coefficients are independent
+    `process` returns the columns of a random process that adds to the output: their coefficients are independent
     with mean zero, and the effect's coefficient is the standard deviation that all of them share."""
     owner: Owner
     symbol: str
@@ -78,56 +215,63 @@ class Effect:
     """Side channels without which it cannot be evaluated."""
     parts: tuple[str, ...] = ("",)
     """Names of its columns where it has several (sine and cosine, splines)."""
-    family: bool = False
-    """A shape without a name, not a physical cause."""
-    coarse: int = 0
-    """Leading columns that are a coarser shape by themselves, and are tried so too; 0: none are."""
-    covers: tuple[str, ...] = ()
-    """Named effects that a family generalises: functions of its variable alone."""
-    bends: tuple[tuple[str, ...], ...] = ()
-    """Those of them that describe one bend in several ways: two of a group together are another bend."""
-    visible: bool = True
-    """False for what no motion of a level, untouched rig can show."""
-    experiment: str = ""
-    """What separates it from what it is confused with."""
-    includes: tuple[str, ...] = ()
-    """Simpler effects that it contains: what it is a change of (a drift of X includes X), and what it turns into when
-    the origin of time, position, temperature or a channel moves. They belong in the model beside it, and it is judged
-    by what it explains beyond them."""
-    positive: bool = False
-    """Whether physics allows a positive coefficient only."""
-    belief: tuple[float, float] | None = None
-    """Mean and standard deviation of what physics says of the coefficient, in its unit, where a record says little."""
-    memory: bool = False
-    """Whether its value at one time depends on the signals at other times."""
-    beside: str = ""
-    """An effect without which this one is not looked for."""
-    basis: str = ""
-    """Name of the functions that its columns are, each times a positive size: shape parameters that are not refined set
-    the functions, those that are refined set the sizes alone."""
+    traits: Traits = Traits()
+    search: Search = Search()
+    family: Family | None = None
+    """Set for a nonparametric function; None for a physical cause."""
     text: str = ""
     """The user's file that it comes from, whole; empty in the house catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
 
+    @property
+    def experiment(self) -> str:
+        """What separates it from what it is confused with."""
+        return self.line("Separate by")
+
+    @property
+    def covers(self) -> tuple[str, ...]:
+        """Named effects that it generalises, where it is a family."""
+        return self.family.covers if self.family else ()
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """Those of them that describe the same curvature."""
+        return self.family.groups if self.family else ()
+
+    @property
+    def coarse(self) -> int:
+        """Leading columns that are a coarser function by themselves; 0: none are."""
+        return self.family.coarse if self.family else 0
+
+    @property
+    def basis(self) -> str:
+        """Name of the functions that its columns are multiples of; empty where they are its own."""
+        return self.family.basis if self.family else self.traits.basis
+
+    @property
+    def function_of(self) -> str:
+        """Letter of the one variable that it is a nonparametric function of; empty where it is none."""
+        return self.family.variable.letter if self.family and not self.family.variable.per else ""
+
     def line(self, label: str) -> str:
-        """What the card says behind `label` ("Equation", "Looks like", ...); empty where it does not."""
+        """Text of the card's line `label` ("Equation", "Looks like", ...); empty where the card has none."""
         return card_line(self.function, label)
 
     @property
     def card(self) -> str:
-        """What it is, what it looks like, what it is confused with."""
+        """Its docstring: what it is, what it looks like, what it is confused with."""
         return inspect.getdoc(self.function) or ""
 
     @property
     def summary(self) -> str:
-        """The first line of its card, to stand within a sentence."""
+        """The first line of its card, for use within a sentence."""
         first = self.card.partition("\n")[0].rstrip(".")
         return first[:1].lower() + first[1:]
 
     @property
     def confused(self) -> tuple[str, ...]:
-        """Effects of the house that its card says it is easily confused with."""
+        """House effects that its card names as easily confused with it."""
         words = re.findall(r"\w+", self.line("Easily confused with"))
         return tuple(name for name in dict.fromkeys(words) if name in CATALOGUE and not CATALOGUE[name].text)
 
@@ -143,10 +287,14 @@ class Effect:
 
 
 CARD = ("Equation", "Looks like", "Easily confused with", "Separate by")
-"""What every card says behind its first sentences."""
+"""Labels of the lines that every card has behind its first sentences."""
 
 CATALOGUE: dict[str, Effect] = {}
 """Every known effect by name, in the order of entry."""
+
+
+PLAIN = Traits()
+NO_HINTS = Search()
 
 
 def effect(
@@ -161,18 +309,8 @@ def effect(
     shapes: Mapping[str, Shape] | None = None,
     needs: tuple[str, ...] = (),
     parts: tuple[str, ...] = ("",),
-    family: bool = False,
-    coarse: int = 0,
-    covers: tuple[str, ...] = (),
-    bends: tuple[tuple[str, ...], ...] = (),
-    visible: bool = True,
-    experiment: str = "",
-    includes: tuple[str, ...] = (),
-    positive: bool = False,
-    belief: tuple[float, float] | None = None,
-    memory: bool = False,
-    beside: str = "",
-    basis: str = "",
+    traits: Traits = PLAIN,
+    search: Search = NO_HINTS,
 ) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
     """Enter a function of :class:`Signals` (and its shape parameters, by keyword) into the catalogue.
 
@@ -181,75 +319,87 @@ def effect(
     name : the effect's identifier, as on the command line.
     unit : unit of the coefficient.
     port : where the contribution adds: "output" (m/s²) or "position" (m), or how it acts on noise.
-    owner : who carries it when the sensor moves to another rig.
+    owner : the part of the set-up that carries it: what moves with the sensor to another rig, and what stays.
     symbol : letter in formulas and tables.
     scale : typical size of the coefficient, in `unit`.
     source : where that size comes from.
     shapes : nonlinear parameters by keyword of the function.
     needs : side channels it uses.
     parts : names of its columns when the function returns (n, m).
-    family : a shape without a name.
-    coarse : leading columns that are a coarser shape by themselves.
-    covers : named effects that a family generalises.
-    bends : groups of them that describe one bend in several ways.
-    visible : False for what a level, untouched rig can never show.
-    experiment : what separates it from its rivals; the card's line "Separate by:" unless given.
-    includes : simpler effects that it contains, such as what a shifted origin turns it into.
-    positive : whether only a positive coefficient is physical.
-    belief : mean and standard deviation that the coefficient has before any record.
-    memory : whether its value at one time depends on the signals at other times. Effects of a user's own are taken
-        to have one whatever they say; a house effect without is evaluated on stretches of a long record.
-    beside : an effect without which this one is not looked for.
-    basis : functions that its columns are, each times a size that refined shape parameters alone set.
+    traits : physical properties that later stages use.
+    search : hints for the search of what a model lacks.
 
     Raises
     ------
     ValueError
-        If the name is taken, or port, owner or a shape's keyword does not exist; if `coarse` is not fewer columns than
-        there are, or `belief` is not a mean and a spread of one constant coefficient.
+        If the name is taken, or port, owner or a shape's keyword does not exist; if the prior is not a mean and a
+        standard deviation of one constant coefficient.
     """
     if port not in get_args(Port):
         raise ValueError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
     if owner not in get_args(Owner):
         raise ValueError(f"effect {name!r}: owner {owner!r} is none of {', '.join(get_args(Owner))}")
-    if not 0 <= coarse < max(len(parts), 1):
-        raise ValueError(f"effect {name!r}: {coarse} of its {len(parts)} columns cannot be a coarser shape")
-    if belief is not None and (len(parts) > 1 or port not in ("output", "position")):
-        raise ValueError(f"effect {name!r}: only one constant coefficient can be believed to have a value")
-    if belief is not None and not (len(belief) == 2 and math.isfinite(sum(belief)) and belief[1] > 0.0):
-        raise ValueError(f"effect {name!r}: belief {belief} needs a mean and a positive standard deviation")
-    keywords: dict[str, Any] = {
-        "shapes": MappingProxyType(dict(shapes or {})),
-        "needs": needs,
-        "parts": parts,
-        "family": family,
-        "coarse": coarse,
-        "covers": covers,
-        "bends": bends,
-        "visible": visible,
-        "includes": includes,
-        "positive": positive,
-        "belief": belief,
-        "memory": memory,
-        "beside": beside,
-        "basis": basis,
-    }
+    prior = search.prior
+    if prior is not None and (len(parts) > 1 or port not in ("output", "position")):
+        raise ValueError(f"effect {name!r}: only one constant coefficient can have a prior")
+    if prior is not None and not (len(prior) == 2 and math.isfinite(sum(prior)) and prior[1] > 0.0):
+        raise ValueError(f"effect {name!r}: prior {prior} needs a mean and a positive standard deviation")
+    declared = MappingProxyType(dict(shapes or {}))
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
         if name in CATALOGUE:
             raise ValueError(f"effect {name!r} is already in the catalogue; choose another name")
-        for keyword in keywords["shapes"]:
+        for keyword in declared:
             if keyword not in inspect.signature(function).parameters:
                 raise ValueError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
-        keywords["experiment"] = experiment or card_line(function, "Separate by")
-        CATALOGUE[name] = Effect(name, unit, port, owner, symbol, scale, source, function, **keywords)
+        CATALOGUE[name] = Effect(
+            name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search
+        )
+        return function
+
+    return enter
+
+
+def family(
+    variable: Variable,
+    *,
+    covers: tuple[str, ...] = (),
+    groups: tuple[tuple[str, ...], ...] = (),
+    coarse: int = 0,
+    basis: str = "",
+) -> Callable[[Callable[..., Array]], Callable[..., Array]]:
+    """Make an effect, entered by the decorator :func:`effect` below this one, a nonparametric family.
+
+    Parameters
+    ----------
+    variable : what its columns are functions of.
+    covers : named effects that it generalises.
+    groups : those of them that describe the same curvature.
+    coarse : leading columns that are a coarser function by themselves.
+    basis : functions that its columns are, each times a size that refined shape parameters alone set.
+
+    Raises
+    ------
+    ValueError
+        If the function is no effect yet, or `coarse` is not fewer columns than there are.
+    """
+
+    def enter(function: Callable[..., Array]) -> Callable[..., Array]:
+        found = next((e for e in CATALOGUE.values() if e.function is function), None)
+        if found is None:
+            raise ValueError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
+        if not 0 <= coarse < found.width:
+            raise ValueError(
+                f"effect {found.name!r}: {coarse} of its {found.width} columns cannot be a coarser function"
+            )
+        CATALOGUE[found.name] = replace(found, family=Family(variable, covers, groups, coarse, basis))
         return function
 
     return enter
 
 
 def card_line(function: Callable[..., Array], label: str) -> str:
-    """What stands behind `label:` in a function's docstring, up to the next label."""
+    """Text behind `label:` in a function's docstring, up to the next label."""
     found: list[str] = []
     for line in (inspect.getdoc(function) or "").splitlines():
         head, colon, rest = line.partition(":")

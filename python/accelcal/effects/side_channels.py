@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from accelcal.data.arrays import Array
-from accelcal.effects.registry import CATALOGUE, Effect, effect
+from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, effect
 from accelcal.signals.signals import Signals
 
 KNOWN = ("temperature", "a_y")
@@ -62,5 +62,6 @@ def _enter(name: str, channel: str, unit: str) -> None:
         scale=1e-3,
         source="0.1 mg per unit of the channel",
         needs=(channel,),
-        includes=("bias",),
+        traits=Traits(follows=channel),
+        search=Search(includes=("bias",)),
     )(follow)

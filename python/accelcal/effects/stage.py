@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import waves
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.registry import Search, Shape, effect
 from accelcal.signals.signals import Signals
 
 
@@ -80,7 +80,7 @@ def acceleration_velocity(s: Signals) -> Array:
     symbol="c1",
     scale=9.8e-3,
     source="bow of 1 km radius: g0 per km",
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def rail_slope(s: Signals) -> Array:
     """The rail sags: its angle to level, and with it gravity along the stage, changes in proportion to place.
@@ -100,7 +100,7 @@ def rail_slope(s: Signals) -> Array:
     symbol="c2",
     scale=0.1,
     source="no published figure; 1e-3 m/s² at 0.1 m",
-    includes=("rail_slope", "bias"),
+    search=Search(includes=("rail_slope", "bias")),
 )
 def rail_curve(s: Signals) -> Array:
     """The bow of the rail is not even: second power of place.
@@ -143,7 +143,7 @@ def rail_wave(s: Signals, period: float) -> Array:
     source="as rail_wave; linear motors: Gieras, Piech, Tomczuk 2011, Linear Synchronous Motors, section 3.6",
     shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")},
     parts=("sin", "cos"),
-    beside="rail_wave",
+    search=Search(beside="rail_wave"),
 )
 def rail_second_wave(s: Signals, period: float) -> Array:
     """A second wave of the rail with a period of its own: cogging of poles beside that of slots.

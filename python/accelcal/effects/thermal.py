@@ -6,7 +6,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import lagged, slow
-from accelcal.effects.registry import Shape, effect
+from accelcal.effects.registry import Search, Shape, Static, Traits, effect
 from accelcal.signals.signals import Signals
 
 RATE_SPAN = 1.0
@@ -20,7 +20,8 @@ RATE_SPAN = 1.0
     scale=1e-3,
     source="typical 0.02 mg/K: IIS2ICLX; at most 0.2 mg/K: ADXL358; 0.5 mg/K: LIS3DH",
     needs=("temperature",),
-    includes=("bias",),
+    traits=Traits(common=True, static=Static(0, "c1 T", thermal=True)),
+    search=Search(includes=("bias",)),
 )
 def temperature_bias(s: Signals) -> Array:
     """Bias grows in proportion to temperature, from the model's own reference temperature.
@@ -40,7 +41,8 @@ def temperature_bias(s: Signals) -> Array:
     scale=1e-4,
     source="0.01 %/K: LIS3DH, IIS2ICLX; 0.02 %/K: ADXL358",
     needs=("temperature",),
-    includes=("scale_factor",),
+    traits=Traits(common=True, static=Static(1, "kT T a", odd=True, thermal=True)),
+    search=Search(includes=("scale_factor",)),
 )
 def temperature_scale(s: Signals) -> Array:
     """Scale factor changes in proportion to temperature.
@@ -60,7 +62,7 @@ def temperature_scale(s: Signals) -> Array:
     scale=1e-2,
     source="no published figure; 0.1 K/min then gives 0.002 mg",
     needs=("temperature",),
-    memory=True,
+    traits=Traits(memory=True),
 )
 def temperature_rate(s: Signals) -> Array:
     """Bias from a temperature gradient across the sensor, in proportion to the rate of change.
@@ -84,7 +86,7 @@ def temperature_rate(s: Signals) -> Array:
     scale=1e-2,
     source="no published figure; minutes after power-on",
     shapes={"tau": Shape("s", slow(0.04, 1.0), trials=5, spacing="log")},
-    includes=("bias",),
+    search=Search(includes=("bias",)),
 )
 def warm_up(s: Signals, tau: float) -> Array:
     """Bias that dies away after power-on, which is the model's origin of time.
@@ -104,7 +106,7 @@ def warm_up(s: Signals, tau: float) -> Array:
     scale=1e-4,
     source="no published figure; taken as K2",
     shapes={"tau": Shape("s", slow(0.015, 0.5), trials=5, spacing="log")},
-    memory=True,
+    traits=Traits(memory=True),
 )
 def self_heating(s: Signals, tau: float) -> Array:
     """Bias from heat that motion makes in the sensor; before the record it was at rest.

@@ -374,7 +374,9 @@ def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
     return [
         f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
         for k, (term, _) in enumerate(layout.slots)
-        if term.effect.belief and (belief := model.priors.get(term.name)) and 2.0 * covariance[k, k] > belief.std**2
+        if term.effect.search.prior
+        and (belief := model.priors.get(term.name))
+        and 2.0 * covariance[k, k] > belief.std**2
     ]
 
 

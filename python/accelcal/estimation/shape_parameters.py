@@ -105,8 +105,7 @@ def linearised_shape(
         function=difference,
         shapes={},
         parts=("",),
-        positive=False,
-        memory=True,
+        traits=replace(effect.traits, positive=False, memory=True),
     )
     return LinearisedShape(effect.name, shape, declared.unit, given[shape], span, Term(tangent))
 

@@ -1,4 +1,4 @@
-"""What a record, or a motion that is only planned, can see; and a motion that sees what it should (derivations D3.5)."""
+"""Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
 from accelcal.diagnosis.search.thresholds import predicted_detection
 from accelcal.experiment.design import Limits, Plan, plan

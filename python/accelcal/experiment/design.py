@@ -16,17 +16,22 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
-from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION
-from accelcal.diagnosis.search.detection_limits import sizes
-from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
-from accelcal.diagnosis.search.scan import ALPHA
+from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
+from accelcal.diagnosis.search.detection_limits import detectable_sizes
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.effects import find
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
-from accelcal.experiment.detectability import Detectability, Power, detectability_of, sight_to_dict, strongest
+from accelcal.experiment.detectability import (
+    Detectability,
+    Power,
+    detectability_of,
+    detectability_to_dict,
+    most_visible_direction,
+)
 from accelcal.experiment.detection_probability import evidence_of, rules_for
-from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_pass
+from accelcal.experiment.planned_motion import ACCEL_RATE, POSITION_RATE, planned_noise, planned_state
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Move, Part, Tones, Windowed
 
@@ -53,8 +58,6 @@ SHARES = (0.2, 0.5)
 """Shares of the time that are tried for moves."""
 SEEDS = 12
 """Draws of tones that are tried once everything else is chosen."""
-BELOW_TIE = RIVAL_CORRELATION - 0.002
-"""Correlation that a plan stays below, so that the noise of a real record does not tie what the plan told apart."""
 LEAST_SECONDS = 5.0
 """Shorter motions are not planned."""
 
@@ -143,14 +146,16 @@ class Plan:
     tried: int
 
     @property
-    def sights(self) -> tuple[Detectability, ...]:
+    def detectabilities(self) -> tuple[Detectability, ...]:
         """How well each of the named effects would be seen."""
         return tuple(self.power[name] for name in self.effects)
 
     @property
     def separated(self) -> bool:
         """Whether every pair could be told apart, each of them seen."""
-        return all(rho < RIVAL_CORRELATION for *_, rho in self.correlations) and all(s.seen for s in self.sights)
+        return all(correlation < CONFOUNDED_CORRELATION for *_, correlation in self.correlations) and all(
+            s.seen for s in self.detectabilities
+        )
 
     def set_points(self, rate: float = 1000.0) -> tuple[Array, Array]:
         """Times (n,) s and positions (n,) m to drive the stage through."""
@@ -162,8 +167,12 @@ class Plan:
         return {
             "schema": SCHEMA,
             "effects": [
-                {**sight_to_dict(sight), "typical_size": find(sight.effect).scale, "typical_d": d}
-                for sight, d in zip(self.sights, self.typical, strict=True)
+                {
+                    **detectability_to_dict(detectability),
+                    "typical_size": find(detectability.effect).scale,
+                    "typical_d": d,
+                }
+                for detectability, d in zip(self.detectabilities, self.typical, strict=True)
             ],
             "correlations": [{"effects": [a, b], "correlation": rho} for a, b, rho in self.correlations],
             "separated": self.separated,
@@ -194,7 +203,7 @@ def plan(
     seconds: float,
     rig: Rig,
     encoder_noise: float | None = None,
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
 ) -> Plan:
     """Search for a motion that separates effects within the limits of a stage.
 
@@ -231,20 +240,20 @@ def plan(
         raise ValueError(f"a motion of {seconds:g} s is too short to plan; take {LEAST_SECONDS:g} s or more")
     limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
 
-    def tried(recipe: Recipe) -> Trial:
+    def trial_of(recipe: Recipe) -> Trial:
         return Trial.of(recipe, limits, seconds, rig, noise, wanted)
 
-    trials = [tried(Recipe(*choice)) for choice in product(PATTERNS, SHARES, (False, True))]
+    trials = [trial_of(Recipe(*choice)) for choice in product(PATTERNS, SHARES, (False, True))]
     best = max(trials, key=lambda trial: trial.score)
-    trials += [tried(replace(best.recipe, seed=seed)) for seed in range(1, SEEDS + 1)]
+    trials += [trial_of(replace(best.recipe, seed=seed)) for seed in range(1, SEEDS + 1)]
     best = max(trials, key=lambda trial: trial.score)
-    one = planned_pass(best.motion, rig, seconds, noise, Model.linear())
+    state = planned_state(best.motion, rig, seconds, noise, Model.linear())
     return Plan(
         motion=best.motion,
         effects=wanted,
         limits=limits,
         recipe=best.recipe,
-        power=detectability_of(one, Model.linear(), alpha=alpha),
+        power=detectability_of(state, Model.linear(), alpha=alpha),
         correlations=best.correlations,
         typical=best.typical,
         tried=len(trials),
@@ -259,7 +268,7 @@ def require_plannable(names: Sequence[str]) -> None:
         effect = find(name)
         if name in Model.linear().effects:
             raise ValueError(f"{name!r} is in every model; name an effect beyond the base")
-        if not effect.visible:
+        if not effect.traits.visible:
             raise ValueError(f"{name!r} cannot be shown by any motion of this rig: {effect.experiment}")
         if effect.needs:
             raise ValueError(f"{name!r} depends on {' and '.join(effect.needs)}, which no motion can plan")
@@ -282,54 +291,54 @@ class Trial:
     ) -> Trial:
         """Build the motion of a recipe and look at the wanted effects only."""
         motion = build(recipe, limits, seconds)
-        one = planned_pass(motion, rig, seconds, noise, Model.linear(), ACCEL_RATE, POSITION_RATE)
-        evidence = evidence_of_best(one, wanted)
+        state = planned_state(motion, rig, seconds, noise, Model.linear(), ACCEL_RATE, POSITION_RATE)
+        evidence = evidence_of_best(state, wanted)
         correlation = correlations(evidence)
         names = [item.effect.name for item in evidence.items]
         pairs = tuple(
             (names[i], names[j], float(abs(correlation[i, j]))) for i, j in combinations(range(len(names)), 2)
         )
-        return cls(recipe, motion, pairs, apart(evidence, correlation))
+        return cls(recipe, motion, pairs, separated_distances(evidence, correlation))
 
     @property
     def score(self) -> tuple[float, float]:
         """How far the worst pair is from being told apart, then the distance of the effect that is seen worst."""
         worst = max((rho for *_, rho in self.correlations), default=0.0)
-        return -max(0.0, worst - BELOW_TIE), min(self.typical)
+        return -max(0.0, worst - PLAN_CORRELATION), min(self.typical)
 
 
-def evidence_of_best(one: RunState, wanted: tuple[str, ...]) -> CandidateScores:
+def evidence_of_best(state: RunState, wanted: tuple[str, ...]) -> CandidateScores:
     """Information on the wanted effects, in their order, each at the trial shape at which it is seen best."""
     model = Model.linear()
-    items = [item for item in candidates_for(one, model) if item.effect.name in wanted]
+    items = [item for item in hypotheses_for(state, model) if item.effect.name in wanted]
     if any(item.shape for item in items):
-        evidence, rules = evidence_of(one, model, items), rules_for(one, len(items), ALPHA)
-        smallest = [min(sizes(evidence, i, rules)[1]) for i in range(len(items))]
+        evidence, rules = evidence_of(state, model, items), rules_for(state, len(items), FAMILYWISE_ALPHA)
+        smallest = [min(detectable_sizes(evidence, i, rules)[1]) for i in range(len(items))]
     else:
         smallest = [0.0] * len(items)
     best: dict[str, Hypothesis] = {}
     for k in np.argsort(smallest, kind="stable"):
         best.setdefault(items[k].effect.name, items[k])
-    return evidence_of(one, model, [best[name] for name in wanted])
+    return evidence_of(state, model, [best[name] for name in wanted])
 
 
 def correlations(evidence: CandidateScores) -> Array:
     """Correlation of the whitened signatures, (effects, effects); of several columns the mixture that is seen best."""
     mix = np.zeros((len(evidence.c), len(evidence.items)))
     for i in range(len(evidence.items)):
-        mix[evidence.columns[i], i] = strongest(evidence, i)
+        mix[evidence.columns[i], i] = most_visible_direction(evidence, i)
     A = mix.T @ evidence.G @ mix
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.asarray(A / np.outer(size, size))
 
 
-def apart(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:
+def separated_distances(evidence: CandidateScores, correlation: Array) -> tuple[float, ...]:
     """Distance of the typical size of each effect once the others are taken out: d sqrt(1 - R²)."""
-    left = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
+    unshared = 1.0 / np.diag(np.linalg.inv(correlation + 1e-12 * np.eye(len(correlation))))
     found = []
     for i, item in enumerate(evidence.items):
         power = float(np.max(np.diag(evidence.G[evidence.columns[i], evidence.columns[i]])))
-        found.append(item.effect.scale * math.sqrt(max(0.0, power * float(left[i]))))
+        found.append(item.effect.scale * math.sqrt(max(0.0, power * float(unshared[i]))))
     return tuple(found)
 
 

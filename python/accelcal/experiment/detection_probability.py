@@ -1,9 +1,9 @@
-"""How probable it is that anything enters when an effect is there: the rules of the search, applied to drawn scores.
+"""Probability that any effect enters when one is present: the rules of the search applied to simulated scores.
 
-The scores of all alternatives are normal, c ~ N(G theta, G) with G = their Gram matrix beside the base, so the search
-is run on draws of c and no record is needed: every alternative at its trial shapes, the strongest ones at shapes
-between those as well, the price of freedom, and the scatter of scores from block to block that significance is
-divided by.
+The scores of all alternatives are normal, c ~ N(G theta, G) with G = their Gram matrix given the base, so the search is
+run on draws of c and no record is needed: every alternative at its trial shapes, the strongest ones also at shapes
+between those, the price of coefficients, and the scatter of scores from block to block, by which significance is
+divided.
 """
 
 from __future__ import annotations
@@ -16,87 +16,88 @@ from itertools import product
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import Search, block_length, tempered
-from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FINALISTS
+from accelcal.diagnosis.search.beam import SearchRules, block_length, shrunk_inflation
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of
-from accelcal.diagnosis.search.refine import FINALISTS
-from accelcal.diagnosis.search.scan import ALPHA
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 
 DRAWS = 4000
-"""Draws that a probability is read from; it errs by 0.8 points at most."""
-BETWEEN = 6
-"""Shapes between two neighbours of a trial shape; the search finds the best one there by likelihood."""
+"""Draws from which a probability is estimated; its standard error is at most 0.8 percentage points."""
+SHAPES_BETWEEN = 6
+"""Shapes between two neighbouring trial shapes; the search finds the best one there by likelihood."""
 INTENSITIES = np.linspace(-2.0, 9.0, 45)
-"""Trial intensities of a wandering bias: logarithms, in units of the one that its best seen mode needs."""
+"""Trial intensities of a random bias: logarithms, in units of the one that its most visible mode needs."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectionModel:
-    """What takes part in the search of one run, before anything is known of its residual."""
+    """Everything that takes part in the search of one run, before its residual is known."""
 
-    one: RunState
+    state: RunState
     model: Model
     items: Sequence[Hypothesis]
     evidence: CandidateScores
-    """Of the items."""
-    rules: Search
+    """Of `items`."""
+    rules: SearchRules
 
     @classmethod
-    def of(cls, one: RunState, model: Model, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> DetectionModel:
-        """All that `diagnose` would look at on a run."""
-        offered = candidates_for(one, model, extra)
-        items = anywhere([item for item in offered if item.leading is None], one)
-        return cls(one, model, items, evidence_of(one, model, items), rules_for(one, len(offered), alpha))
+    def of(
+        cls, state: RunState, model: Model, extra: Sequence[Effect] | None = None, alpha: float = FAMILYWISE_ALPHA
+    ) -> DetectionModel:
+        """All hypotheses that `diagnose` would examine on a run."""
+        offered = hypotheses_for(state, model, extra)
+        items = evenly_placed([item for item in offered if item.leading is None], state)
+        return cls(state, model, items, evidence_of(state, model, items), rules_for(state, len(offered), alpha))
 
     def item(self, effect: str, shape: Mapping[str, float]) -> Hypothesis:
-        """An effect at its own shape, which need not be one of the trials; what the record sets is left as it is."""
+        """An effect at its own shape, which need not be one of the trials; what the record determines is kept."""
         trials = [item for item in self.items if item.effect.name == effect]
         known = trials[len(trials) // 2]
         return replace(known, shape={**known.shape, **shape})
 
     def distance(self, truth: Hypothesis, sizes: Array) -> float:
-        """Standard deviations at which an effect stands from nothing, the base taken out."""
+        """Distance of an effect from zero in standard deviations, the base projected out."""
         A = self.evidence_of([truth]).G
         theta = coefficients(truth, sizes)[0]
         return math.sqrt(float(theta @ A @ theta))
 
     def detection(self, truth: Hypothesis, sizes: Array, draws: int = DRAWS) -> float:
-        """Probability that anything enters when an effect is there.
+        """Probability that any effect enters when one is present.
 
         Parameters
         ----------
         truth : the effect at its own shape, which need not be one of the trials.
-        sizes : (width,) its coefficients; for a wandering bias (1,), its intensity.
-        draws : sets of scores that are drawn.
+        sizes : (width,) its coefficients; for a random bias (1,), its intensity.
+        draws : number of simulated sets of scores.
         """
         finalists = self.finalists(truth, sizes)
-        closer = [other for item in finalists for other in between(item, self.one)]
-        evidence = self.evidence_of([*self.items, *closer, truth])
+        refined = [other for item in finalists for other in shapes_between(item, self.state)]
+        evidence = self.evidence_of([*self.items, *refined, truth])
         rng = np.random.default_rng(0)
-        scores = drawn(evidence.G, rng, draws)
+        scores = drawn_scores(evidence.G, rng, draws)
         scores += coefficients(truth, sizes, rng, draws) @ evidence.G[evidence.columns[-1]]
-        luck = rng.standard_normal(draws)
-        scatter = self.scatter(finalists, truth, sizes, luck)
+        deviate = rng.standard_normal(draws)
+        scatter = self.scatter(finalists, truth, sizes, deviate)
         entered = np.zeros(draws, dtype=bool)
         for item, columns in zip(evidence.items, evidence.columns, strict=True):
-            if item is truth and not picked(truth):
+            if item is truth and not proposed_by_record(truth):
                 continue
-            gain, dof = gains(item, evidence.G[columns, columns], scores[:, columns])
+            gain, dof = drawn_gains(item, evidence.G[columns, columns], scores[:, columns])
             if dof > 0:
-                significant, worth = self.rules.needed(dof, item)
+                significant, worth = self.rules.required_gains(dof, item)
                 entered |= (gain > significant * scatter.get(item.effect.name, 1.0)) & (gain > worth)
         return float(np.mean(entered))
 
     def evidence_of(self, items: Sequence[Hypothesis]) -> CandidateScores:
-        """Gram matrix of items beside what the model leaves free."""
-        return evidence_of(self.one, self.model, items)
+        """Gram matrix of hypotheses with the model's free parameters projected out."""
+        return evidence_of(self.state, self.model, items)
 
     def finalists(self, truth: Hypothesis, sizes: Array) -> list[Hypothesis]:
-        """The effects that the truth lets gain most, each at the trial shape where it does."""
+        """The effects with the largest expected gain when the truth is present, each at its best trial shape."""
         nearest = min(
             (i for i, item in enumerate(self.items) if item.effect.name == truth.effect.name),
             key=lambda i: sum(abs(v - truth.shape[k]) / max(abs(v), 1e-12) for k, v in self.items[i].shape.items()),
@@ -105,30 +106,31 @@ class DetectionModel:
         expected = coefficients(truth, sizes) @ G[columns[nearest]]
         best: dict[str, tuple[float, int]] = {}
         for i, item in enumerate(self.items):
-            gain, dof = gains(item, G[columns[i], columns[i]], expected[:, columns[i]])
+            gain, dof = drawn_gains(item, G[columns[i], columns[i]], expected[:, columns[i]])
             if dof > 0:
                 name = item.effect.name
                 best[name] = max(best.get(name, (-math.inf, -1)), (float(gain[0]), i))
         return [self.items[i] for _, i in sorted(best.values(), reverse=True)[:FINALISTS]]
 
     def scatter(
-        self, finalists: Sequence[Hypothesis], truth: Hypothesis, sizes: Array, luck: Array
+        self, finalists: Sequence[Hypothesis], truth: Hypothesis, sizes: Array, deviate: Array
     ) -> dict[str, Array]:
         """Draws of the ratio by which significance of each finalist is divided, at least 1; (draws,) by effect.
 
-        Block scores s of a finalist's direction, taken from what all finalists leave over, have the covariance
-        S = diag(w) - U U', w the share of each block in the direction's power and U what the finalists take. Their
-        sum of squares is a weighted sum of chi-squares: by its first two moments (Satterthwaite 1946) a multiple of
-        one, drawn with the cube-root law (Wilson, Hilferty 1931). Rivals see the same noise, hence one `luck`.
+        Block scores s of a finalist's direction, taken from the residual of all finalists, have the covariance S =
+        diag(w) - U U', w the share of each block in the direction's power and U what the finalists explain. Their sum
+        of squares is a weighted sum of chi-squares: by its first two moments (Satterthwaite 1946) a multiple of one,
+        drawn with the cube-root law (Wilson, Hilferty 1931). All rivals see one noise, hence one `deviate` for all of
+        them.
         """
         named = [truth if item.effect.name == truth.effect.name else item for item in finalists]
         kept = self.evidence_of([*named, truth])
         t, _, columns_of = (np.concatenate(each, axis=-1) for each in zip(*kept.rows(), strict=True))
         X = columns_of.T
         expected = coefficients(truth, sizes) @ kept.G[kept.columns[-1]]
-        length = block_length(self.one)
+        length = block_length(self.state)
         edges = np.flatnonzero(np.diff(np.floor(t / length), prepend=-1.0))
-        values, vectors = np.linalg.eigh(unit(kept.G))
+        values, vectors = np.linalg.eigh(normalised(kept.G))
         good = values > 1e-9
         size = scale_of(np.diag(kept.G))
         Q = (X / size) @ (vectors[:, good] / np.sqrt(values[good]))
@@ -146,74 +148,74 @@ class DetectionModel:
             S = np.diag(w) - U @ U.T
             mean, variance = float(np.trace(S)), 2.0 * float(np.sum(S**2))
             a = variance / mean**2 / 9.0  # 2/(9 nu), nu = 2 mean²/variance
-            found[item.effect.name] = tempered(mean * (1.0 - a + luck * math.sqrt(a)) ** 3, w)
+            found[item.effect.name] = shrunk_inflation(mean * (1.0 - a + deviate * math.sqrt(a)) ** 3, w)
         return found
 
 
-def evidence_of(one: RunState, model: Model, items: Sequence[Hypothesis]) -> CandidateScores:
-    """Gram matrix of the candidates with everything that the model leaves free projected out."""
-    return CandidateScores([BaseProjection(one, model)], items)
+def evidence_of(state: RunState, model: Model, items: Sequence[Hypothesis]) -> CandidateScores:
+    """Gram matrix of the hypotheses with the model's free parameters projected out."""
+    return CandidateScores([BaseProjection(state, model)], items)
 
 
-def anywhere(items: Sequence[Hypothesis], one: RunState) -> list[Hypothesis]:
-    """Items in which picked shapes stand evenly over their span, not where this record happened to be loud."""
-    s = one.signals
+def evenly_placed(items: Sequence[Hypothesis], state: RunState) -> list[Hypothesis]:
+    """Hypotheses with the shapes that a record would propose replaced by values spread evenly over their span."""
+    s = state.signals
     assert s is not None
-    found = [item for item in items if not item.near]
-    for item in {item.effect.name: item for item in items if item.near}.values():
-        for name in item.near:
+    placed = [item for item in items if not item.brackets]
+    for item in {item.effect.name: item for item in items if item.brackets}.values():
+        for name in item.brackets:
             grid = item.effect.shapes[name].grid(s)
-            found += [replace(item, shape={**item.shape, name: float(value)}, near={}) for value in grid]
-    return found
+            placed += [replace(item, shape={**item.shape, name: float(value)}, brackets={}) for value in grid]
+    return placed
 
 
-def rules_for(one: RunState, examined: int, alpha: float) -> Search:
-    """Rules by which an effect would enter, as `diagnose` would apply them."""
-    seconds = float(np.sum(one.counts)) * one.run.reading_step
-    return Search(examined, int(seconds / block_length(one)), alpha)
+def rules_for(state: RunState, examined: int, alpha: float) -> SearchRules:
+    """Rules by which an effect would enter, as `diagnose` applies them."""
+    seconds = float(np.sum(state.counts)) * state.run.reading_step
+    return SearchRules(examined, int(seconds / block_length(state)), alpha)
 
 
-def picked(item: Hypothesis) -> bool:
-    """Whether the search tries the instants at which a record is loud, and so meets the very instant of the truth."""
+def proposed_by_record(item: Hypothesis) -> bool:
+    """Whether trial instants are taken from the record, so that the true one is among them."""
     return item.effect.port == "position" and "instant" in item.shape
 
 
-def between(item: Hypothesis, one: RunState) -> list[Hypothesis]:
-    """The item at shapes between the neighbours of its trial shape, where the search refines it."""
-    s = one.signals
+def shapes_between(item: Hypothesis, state: RunState) -> list[Hypothesis]:
+    """The hypothesis at shapes between the neighbours of its trial shape, where the search refines it."""
+    s = state.signals
     assert s is not None
     choices: list[list[tuple[str, float]]] = []
     for name, declared in item.effect.shapes.items():
         value = item.shape[name]
         grid = declared.grid(s)
-        if len(grid) < 2 or picked(item):
+        if len(grid) < 2 or proposed_by_record(item):
             choices.append([(name, value)])
             continue
         k = int(np.argmin(np.abs(grid - value)))
         low, high = declared.span(s)
         below = float(grid[k - 1]) if k > 0 else low
         above = float(grid[k + 1]) if k + 1 < len(grid) else high
-        choices.append([(name, float(v)) for v in np.linspace(below, above, BETWEEN + 2)[1:-1]])
+        choices.append([(name, float(v)) for v in np.linspace(below, above, SHAPES_BETWEEN + 2)[1:-1]])
     shapes = [dict(choice) for choice in product(*choices)]
     return [replace(item, shape=shape) for shape in shapes if shape != dict(item.shape)]
 
 
-def drawn(G: Array, rng: np.random.Generator, draws: int) -> Array:
-    """Scores that noise alone gives, (draws, columns), with covariance `G`."""
+def drawn_scores(G: Array, rng: np.random.Generator, draws: int) -> Array:
+    """Scores of noise alone, (draws, columns), with covariance `G`."""
     size = np.sqrt(np.maximum(np.diag(G), 0.0))
-    values, vectors = np.linalg.eigh(unit(G))
+    values, vectors = np.linalg.eigh(normalised(G))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(rng.standard_normal((draws, len(G))) @ root.T * size)
 
 
-def unit(G: Array) -> Array:
+def normalised(G: Array) -> Array:
     """A Gram matrix scaled to a diagonal of ones."""
     size = scale_of(np.diag(G))
     return np.asarray(G / np.outer(size, size))
 
 
 def coefficients(truth: Hypothesis, sizes: Array, rng: np.random.Generator | None = None, draws: int = 1) -> Array:
-    """Coefficients of the truth in each draw, (draws, width) or (1, width); those of a wandering bias are random."""
+    """Coefficients of the truth in each draw, (draws, width) or (1, width); those of a random bias are random."""
     if truth.effect.port != "process":
         return np.atleast_2d(sizes)
     if rng is None:
@@ -221,29 +223,29 @@ def coefficients(truth: Hypothesis, sizes: Array, rng: np.random.Generator | Non
     return np.asarray(sizes[0] * rng.standard_normal((draws, truth.effect.width)))
 
 
-def gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
-    """Twice the log-likelihood gain of an item in each draw, (draws,), and its degrees of freedom.
+def drawn_gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
+    """Twice the log-likelihood gain of a hypothesis in each draw, (draws,), and its degrees of freedom.
 
-    As the search computes them for one record (`score_gain`, `variance_gain`).
+    Computed as the search does for one record (`score_gain`, `variance_gain`).
     """
     if item.effect.port == "process":
-        return wandering_gains(A, b), 1
+        return random_bias_gains(A, b), 1
     if item.effect.width == 1:
         if A[0, 0] <= 0.0:
             return np.zeros(len(b)), 0
         gain = b[:, 0] ** 2 / A[0, 0]
-        return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.positive else gain), 1
-    values, vectors = np.linalg.eigh(unit(A))
+        return (np.where(b[:, 0] > 0.0, gain, 0.0) if item.effect.traits.positive else gain), 1
+    values, vectors = np.linalg.eigh(normalised(A))
     good = values > DEGENERATE_MIX
     size = scale_of(np.diag(A))
     return np.sum(((b / size) @ (vectors[:, good] / np.sqrt(values[good]))) ** 2, axis=1), int(np.sum(good))
 
 
-def wandering_gains(A: Array, b: Array) -> Array:
+def random_bias_gains(A: Array, b: Array) -> Array:
     """max_s [b'(I/s² + A)^-1 b - log det(I + s² A)] in each draw, over a fine grid of s."""
     values, vectors = np.linalg.eigh(A)
     values = np.maximum(values, 0.0)
     s2 = np.exp(2.0 * INTENSITIES) / max(float(np.max(values)), 1e-300)
     weights = s2 / (1.0 + s2 * values[:, None])
-    told = (b @ vectors) ** 2 @ weights - np.sum(np.log1p(s2 * values[:, None]), axis=0)
-    return np.asarray(np.maximum(np.max(told, axis=1), 0.0))
+    explained = (b @ vectors) ** 2 @ weights - np.sum(np.log1p(s2 * values[:, None]), axis=0)
+    return np.asarray(np.maximum(np.max(explained, axis=1), 0.0))

@@ -1,4 +1,4 @@
-"""A motion that is only planned, seen with the noise of the data sheet: no measurement is needed to know the power."""
+"""Detection limits of a motion that is only planned, with the noise of the data sheet: they need no measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
-from accelcal.diagnosis.search.scan import ALPHA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.effects import Effect
 from accelcal.estimation.drive import DriveIntegrals, run_filter
 from accelcal.estimation.estimate import require_motion
@@ -54,13 +54,13 @@ class SetPoints:
 
 
 def through(t: Array, p: Array, name: str = "") -> Motion:
-    """The motion through set-points; its time begins at 0.
+    """The motion through set-points, a spline of degree 7; its time begins at 0.
 
     Parameters
     ----------
     t : (n,) s, rising.
     p : (n,) m.
-    name : what messages call it.
+    name : name of the motion in messages.
 
     Raises
     ------
@@ -84,9 +84,10 @@ def power_of_motion(
     accel_rate: float = ACCEL_RATE,
     position_rate: float = POSITION_RATE,
     encoder_noise: float | None = None,
-    alpha: float = ALPHA,
+    alpha: float = FAMILYWISE_ALPHA,
 ) -> Power:
-    """What a planned motion would see: smallest detectable size of every effect, and the ties.
+    """Detection limits of a planned motion: smallest detectable size of every effect, and the effects that it
+    confounds.
 
     Parameters
     ----------
@@ -117,25 +118,27 @@ def power_of_motion(
     length = motion.seconds if seconds is None else seconds
     noise = planned_noise(rig, encoder_noise)
     return detectability_of(
-        planned_pass(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha
+        planned_state(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha
     )
 
 
-def power_of_set_points(recording: Recording, *, extra: Sequence[Effect] = (), alpha: float = ALPHA) -> Power:
-    """What a file of set-points would see, with a reading at each of them and two outputs between readings.
+def power_of_set_points(
+    recording: Recording, *, extra: Sequence[Effect] | None = None, alpha: float = FAMILYWISE_ALPHA
+) -> Power:
+    """Detection limits of a file of set-points, with a reading at each of them and two outputs between readings.
 
     Parameters
     ----------
-    recording : position (n,) m; the output is not looked at.
-    extra : effects of the user's own, beside the catalogue.
+    recording : position (n,) m; the output is not used.
+    extra : effects of the user's own, next to the catalogue.
     alpha : family-wise false-alarm rate of `diagnose`.
     """
     t, p = recording.position.t, recording.position.y
     motion = through(t, p, recording.name)
     rate = 1.0 / float(np.median(np.diff(t)))
     model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
-    one = planned_pass(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
-    return detectability_of(one, model, extra, alpha)
+    state = planned_state(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
+    return detectability_of(state, model, extra, alpha)
 
 
 def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:
@@ -162,7 +165,7 @@ def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "
     return Noise(0.5 * rig.sensor.noise**2, own**2 + step**2 / 12.0)
 
 
-def planned_pass(
+def planned_state(
     motion: Motion,
     rig: Rig,
     seconds: float,
@@ -171,10 +174,10 @@ def planned_pass(
     accel_rate: float = ACCEL_RATE,
     position_rate: float = POSITION_RATE,
 ) -> RunState:
-    """The run that a planned motion would give, with exact signals and the gains of the declared noise.
+    """The fitted run that a planned motion would give, with exact signals and the gains of the declared noise.
 
-    The coefficients are those of a perfect sensor: power changes by the scale error only, a percent or two. Nothing
-    that was measured enters, so the filter is run over readings of zero and the innovations are zero.
+    The coefficients are those of a perfect sensor: detection limits change by the scale error only, a percent or two.
+    Nothing measured enters, so the filter is run over readings of zero and the innovations are zero.
     """
     t = np.arange(0.0, seconds, 1.0 / accel_rate)
     p, v, a, jerk = motion.derivatives(t)

@@ -1,4 +1,4 @@
-"""How alike effects look on a record: the correlation of their signatures, beside what the model already explains."""
+"""Correlation of the signatures of effects on a record, with everything that the model explains projected out."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from accelcal.experiment import Power
 
 @dataclass(frozen=True, slots=True)
 class SignatureCorrelation:
-    """Correlation of the signatures of some effects, each at the shape at which it is seen best."""
+    """Correlation of the signatures of some effects, each at its most visible shape."""
 
     names: tuple[str, ...]
     correlation: Array
     """(n, n)"""
 
     def of(self, names: list[str]) -> SignatureCorrelation:
-        """The same for some of them, in a given order."""
+        """The correlation of some of them, in a given order."""
         rows = [self.names.index(name) for name in names]
         return SignatureCorrelation(tuple(names), self.correlation[np.ix_(rows, rows)])
 
 
 def signature_correlation(power: Power) -> SignatureCorrelation:
-    """Correlate the signatures of all effects with one constant coefficient that a record can see.
+    """Correlate the signatures of all effects with one constant coefficient that a record can show.
 
     Parameters
     ----------
     power : from `accelcal.power`.
     """
-    contest = power.contest
-    G = contest.evidence.G
+    model = power.detection_model
+    G = model.evidence.G
     rows: dict[str, int] = {}
-    for item, columns in zip(contest.items, contest.evidence.columns, strict=True):
+    for item, columns in zip(model.items, model.evidence.columns, strict=True):
         name = item.effect.name
         if item.effect.width > 1 or item.effect.port == "process" or not power[name].seen:
             continue

@@ -56,7 +56,7 @@ LETTER = 0.54
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class LineStyle:
     """How one kind of thing is drawn, in two cues: colour, and line style or marker."""
 
     colour: str
@@ -72,20 +72,20 @@ class Theme:
     page: str
     ink: str
     grid: str
-    measured: Look
-    model: Look
-    other: Look
+    measured: LineStyle
+    model: LineStyle
+    other: LineStyle
     """A second version of what the model says."""
-    floor: Look
+    floor: LineStyle
     """What noise alone would give."""
-    residual: Look
+    residual: LineStyle
     """What is left over, when it stands alone."""
     band: str
     """Fill of the regions in which noise alone would stay."""
 
     @property
-    def looks(self) -> tuple[Look, ...]:
-        """All looks, for figures with curves of equal standing."""
+    def line_styles(self) -> tuple[LineStyle, ...]:
+        """All line styles, for figures with curves of equal rank."""
         return self.measured, self.model, self.other, self.floor
 
 
@@ -94,11 +94,11 @@ LIGHT = Theme(
     page="#FFFFFF",
     ink="#1A1A1A",
     grid="#DDDDDD",
-    measured=Look(OKABE_ITO["black"], "-", "o"),
-    model=Look(OKABE_ITO["blue"], "--", "s"),
-    other=Look(OKABE_ITO["vermillion"], "-.", "^"),
-    floor=Look(OKABE_ITO["bluish green"], ":", "D"),
-    residual=Look(OKABE_ITO["blue"], "-", "s"),
+    measured=LineStyle(OKABE_ITO["black"], "-", "o"),
+    model=LineStyle(OKABE_ITO["blue"], "--", "s"),
+    other=LineStyle(OKABE_ITO["vermillion"], "-.", "^"),
+    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
+    residual=LineStyle(OKABE_ITO["blue"], "-", "s"),
     band=OKABE_ITO["orange"],
 )
 
@@ -107,11 +107,11 @@ DARK = Theme(
     page="#15171C",
     ink="#E8E8E8",
     grid="#3A3E47",
-    measured=Look("#FFFFFF", "-", "o"),  # the palette's black, for a dark page
-    model=Look(OKABE_ITO["sky blue"], "--", "s"),
-    other=Look(OKABE_ITO["yellow"], "-.", "^"),
-    floor=Look(OKABE_ITO["bluish green"], ":", "D"),
-    residual=Look(OKABE_ITO["sky blue"], "-", "s"),
+    measured=LineStyle("#FFFFFF", "-", "o"),  # the palette's black, for a dark page
+    model=LineStyle(OKABE_ITO["sky blue"], "--", "s"),
+    other=LineStyle(OKABE_ITO["yellow"], "-.", "^"),
+    floor=LineStyle(OKABE_ITO["bluish green"], ":", "D"),
+    residual=LineStyle(OKABE_ITO["sky blue"], "-", "s"),
     band=OKABE_ITO["orange"],
 )
 
@@ -131,7 +131,7 @@ def theme_of(name: ThemeName) -> Theme:
     return THEMES[name]
 
 
-def sheet(width: float, height: float, theme: Theme) -> Figure:
+def new_figure(width: float, height: float, theme: Theme) -> Figure:
     """Return an empty figure with a canvas of its own.
 
     Parameters
@@ -155,7 +155,7 @@ def sheet(width: float, height: float, theme: Theme) -> Figure:
     return figure
 
 
-def dress(axes: Axes, theme: Theme, *, x: str, y: str, title: str = "") -> None:
+def format_axes(axes: Axes, theme: Theme, *, x: str, y: str, title: str = "") -> None:
     """Give axes the colours of the theme, and titles that carry units.
 
     Parameters
@@ -215,7 +215,7 @@ def thin(t: Array, y: Array, columns: int = COLUMNS) -> Thinned:
     return Thinned(t[kept], y[kept], len(kept), n)
 
 
-def typical(t: Array, y: Array, columns: int = BAND_COLUMNS) -> tuple[Array, Array]:
+def column_medians(t: Array, y: Array, columns: int = BAND_COLUMNS) -> tuple[Array, Array]:
     """Median of each pixel column: the course of a band without its jitter.
 
     Parameters
@@ -243,7 +243,7 @@ def _by_column(t: Array, y: Array, columns: int) -> tuple[NDArray[np.intp], NDAr
 
 
 def trace(
-    axes: Axes, t: Array, y: Array, look: Look, *, factor: float = 1.0, name: str = "", columns: int = COLUMNS
+    axes: Axes, t: Array, y: Array, line: LineStyle, *, factor: float = 1.0, name: str = "", columns: int = COLUMNS
 ) -> Thinned:
     """Draw a time series, thinned, with breaks where the record has holes.
 
@@ -260,9 +260,9 @@ def trace(
     drawn = thin(t, y, columns)
     dense = drawn.shown > 500
     axes.plot(
-        *broken(drawn, t, factor),
-        color=look.colour,
-        linestyle=look.line,
+        *with_breaks(drawn, t, factor),
+        color=line.colour,
+        linestyle=line.line,
         linewidth=0.8 if dense else 1.3,
         label=name or "_",
         rasterized=dense,
@@ -270,7 +270,7 @@ def trace(
     return drawn
 
 
-def broken(drawn: Thinned, t: Array, factor: float) -> tuple[Array, Array]:
+def with_breaks(drawn: Thinned, t: Array, factor: float) -> tuple[Array, Array]:
     """Points to draw, with a NaN wherever the full record `t` pauses."""
     step = np.diff(t)
     holes = t[:-1][step > GAP * np.median(step)] if len(step) else step
@@ -317,12 +317,12 @@ def message(axes: Axes, text: str, theme: Theme) -> None:
     axes.text(0.5, 0.5, wrapped, transform=axes.transAxes, ha="center", va="center", color=theme.ink, fontsize=NORMAL)
 
 
-def key(axes: Axes, theme: Theme, columns: int = 4) -> None:
+def legend(axes: Axes, theme: Theme, columns: int = 4) -> None:
     """The legend, in a row above the axes, where it covers no data."""
     _legend(axes, theme, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.2, ncols=columns)
 
 
-def common_key(part: Figure | SubFigure, axes: Axes, theme: Theme) -> None:
+def shared_legend(part: Figure | SubFigure, axes: Axes, theme: Theme) -> None:
     """One legend for all panels, in a row below them; its entries are those of `axes`."""
     handles, labels = axes.get_legend_handles_labels()
     _legend(part, theme, handles=handles, labels=labels, loc="outside lower left", ncols=len(labels))

@@ -58,7 +58,7 @@ def gather(
     recording: Recording,
     *,
     holdout: Recording | None = None,
-    extra: Sequence[Effect] = (),
+    extra: Sequence[Effect] | None = None,
     command: str = "",
     report: Callable[[float], None] = lambda share: None,
 ) -> Content:
@@ -69,7 +69,7 @@ def gather(
     fit : the model, as a model file holds it.
     recording : what it is judged on, the fitted recording or another.
     holdout : unseen recording for the falling error; by default the last 30 % of `recording`.
-    extra : effects of the user's own.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered.
     command : how the report was asked for; stands under provenance.
     report : called with the share of the work that is done, 0 to 1.
 

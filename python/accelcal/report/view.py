@@ -12,9 +12,9 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import amount, grouped, label, length, number, probability, spoken, usual, with_unit
+from accelcal.formatting import amount, grouped, label, length, number, probability, readable, usual, with_unit
 from accelcal.model import Estimate
-from accelcal.plots.interactive.error_reduction import headline, steps
+from accelcal.plots.numbers import error_reduction_sentence, model_names
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
 
@@ -49,7 +49,7 @@ def view(content: Content) -> dict[str, Any]:
         "title": f"Accelerometer report: {content.recording.name or 'recording'}",
         "verdict": d.verdict,
         "badge": VERDICTS[d.verdict],
-        "sentence": spoken(d.sentence),
+        "sentence": readable(d.sentence),
         "suspect": list(d.suspect),
         "summary": summary(content),
         "found": found(content),
@@ -92,7 +92,7 @@ def summary(content: Content) -> list[str]:
 def found(content: Content) -> list[dict[str, Any]]:
     """Effects of the model beyond its base, and those that the record asks for."""
     d, rows = content.diagnosis, list[dict[str, Any]]()
-    for name in (n for n in content.fit.model.added if find(n).visible):
+    for name in (n for n in content.fit.model.added if find(n).traits.visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
         size = contribution(content, d.sizes.get(name))
         rows.append({"effect": name, "state": "in the model", "estimate": several(mine), "contribution": size})
@@ -161,8 +161,10 @@ def limits(content: Content) -> list[str]:
     """Nothing missing larger than ...: only where that is the verdict."""
     if content.diagnosis.verdict != "adequate" or content.power is None:
         return []
-    sights = [s for s in content.power.sights if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"]
-    mine = [s for s in sights if find(s.effect).owner == "sensor"]
+    detectabilities = [
+        s for s in content.power.detectabilities if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"
+    ]
+    mine = [s for s in detectabilities if find(s.effect).owner == "sensor"]
     return [f"{s.effect} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
 
 
@@ -187,7 +189,7 @@ def falling(content: Content) -> dict[str, Any] | None:
     if nested is None:
         return None
     return {
-        "sentence": headline(nested),
+        "sentence": error_reduction_sentence(nested),
         "same_run": nested.same_run,
         "floor": nested.floor,
         "rows": [
@@ -199,7 +201,7 @@ def falling(content: Content) -> dict[str, Any] | None:
                 "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
             }
             for name, member, error, share in zip(
-                steps(nested), nested.models, nested.errors, nested.shares, strict=True
+                model_names(nested), nested.models, nested.errors, nested.shares, strict=True
             )
         ],
     }

@@ -1,4 +1,4 @@
-"""Names that mend each other: two functions of one variable that look alike are one shape without a name."""
+"""Collinear effects of one variable are replaced by that variable's nonparametric curve."""
 
 from __future__ import annotations
 
@@ -7,162 +7,170 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal.diagnosis.policy import COLLINEAR_CORRELATION, FAMILY_REMAINDER_ALPHA
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import Fit
 
-ALIKE = 0.9
-"""Correlation of two coefficients from which one does little but bend the other's function."""
-BESIDE = 0.02
-"""Chance below which a shape that explains something beside names of its variable makes one unsure, several wrong."""
-
 
 @dataclass(frozen=True, slots=True)
 class Replacement:
-    """What may stand in the place of names that mend each other."""
+    """An effect that replaces collinear effects of a model."""
 
     effect: Effect
-    worn: tuple[str, ...]
+    replaced: tuple[str, ...]
     """Effects of the model that leave."""
     rivals: tuple[str, ...] = ()
-    """What else they could be, beside themselves."""
+    """Further effects that they may be."""
 
     @property
     def members(self) -> tuple[str, ...]:
-        """The class of the effect that stands there now."""
-        return (self.effect.name, *self.rivals, *(name for name in self.worn if name != self.effect.name))
+        """Confounding class of the effect that enters."""
+        return (self.effect.name, *self.rivals, *(name for name in self.replaced if name != self.effect.name))
 
 
 def family_replacing(fit: Fit, entering: str, members: Sequence[str] = ()) -> Replacement | None:
-    """What a function of one variable is when the effect that came last shows that its name was wrong.
+    """Nonparametric curve of a variable, if the effect that entered last shows that effects of that variable are
+    misnamed.
 
     Parameters
     ----------
-    fit : with the effect that came last.
+    fit : with the effect that entered last.
     entering : its name.
-    members : what it cannot be told from.
+    members : its confounding class.
 
     Returns
     -------
-    The family without a name in the place of effects of the model; None where nothing says that a name is wrong.
+    The curve with the effects that it replaces; None where nothing shows that an effect is misnamed.
     """
     for family in HOUSE:
-        worn = [name for name in fit.model.effects if name in family.covers]
-        if entering in worn and family.name not in fit.model.effects:
-            same = {name for bend in family.bends if entering in bend for name in bend}
-            worn = [n for n in worn if n == entering or n in same or correlated(fit, n, entering) > ALIKE]
-            if len(worn) > 1:
-                return Replacement(family, tuple(worn))
-        elif entering == family.name and worn:
-            return Replacement(family, tuple(worn))
-        elif family.name in members and worn and find(entering).port == "process":
-            return Replacement(family, (*worn, entering))
+        replaced = [name for name in fit.model.effects if name in family.covers]
+        if entering in replaced and family.name not in fit.model.effects:
+            same_group = {name for group in family.groups if entering in group for name in group}
+            replaced = [
+                n
+                for n in replaced
+                if n == entering or n in same_group or estimate_correlation(fit, n, entering) > COLLINEAR_CORRELATION
+            ]
+            if len(replaced) > 1:
+                return Replacement(family, tuple(replaced))
+        elif entering == family.name and replaced:
+            return Replacement(family, tuple(replaced))
+        elif family.name in members and replaced and find(entering).port == "process":
+            return Replacement(family, (*replaced, entering))
     return None
 
 
-def family_replacing_sum(model: Sequence[str], left: Sequence[Candidate]) -> Replacement | None:
-    """A shape without a name in the place of several functions of its variable whose sum is not the whole.
+def family_replacing_sum(model: Sequence[str], remaining: Sequence[Candidate]) -> Replacement | None:
+    """Nonparametric curve in place of several effects of its variable, if it still explains something next to their
+    sum.
 
     Parameters
     ----------
-    model : names that entered.
-    left : what the model leaves over.
+    model : names of the effects that entered.
+    remaining : what the model leaves unexplained.
     """
-    for one in left:
-        family = find(one.effect)
-        worn = tuple(name for name in model if name in family.covers)
-        if len(worn) > 1 and one.chance < BESIDE:
-            return Replacement(family, worn)
+    for candidate in remaining:
+        family = find(candidate.effect)
+        replaced = tuple(name for name in model if name in family.covers)
+        if len(replaced) > 1 and candidate.chance < FAMILY_REMAINDER_ALPHA:
+            return Replacement(family, replaced)
     return None
 
 
 def random_bias_replacing(
     classes: Sequence[Sequence[str]], entering: str, members: Sequence[str] = ()
 ) -> Replacement | None:
-    """A bias that wanders, in the place of two courses of time: a shape that it could not be told from and that turns
-    out not to be all, or two names of which it could be told from neither.
+    """Random bias in place of two functions of time: a curve with which it was confounded and that proves incomplete,
+    or two named effects with both of which it was confounded.
 
     Parameters
     ----------
-    classes : of the effects that entered before, each led by the effect itself.
-    entering : what came last.
-    members : what it cannot be told from.
+    classes : confounding classes of the effects that entered before, each led by the effect itself.
+    entering : the effect that entered last.
+    members : its confounding class.
     """
     for name, *rivals in classes:
-        courses = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
-        if courses:
-            worn = (name, entering)
-            correlated = (r for r in dict.fromkeys((*rivals, *members)) if r not in (courses[0], *worn))
-            return Replacement(find(courses[0]), worn, tuple(correlated))
+        random_biases = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
+        if random_biases:
+            replaced = (name, entering)
+            confounded = (r for r in dict.fromkeys((*rivals, *members)) if r not in (random_biases[0], *replaced))
+            return Replacement(find(random_biases[0]), replaced, tuple(confounded))
     return None
 
 
-def significance(fit: Fit, name: str) -> float:
-    """Log of the probability that an effect of a fitted model is where it is by chance, beside all others."""
-    return log_survival(*explained(fit, name))
+def log_significance(fit: Fit, name: str) -> float:
+    """Log probability of the gain of an effect of a fitted model under the null, given all other effects."""
+    return log_survival(*explained_gain(fit, name))
 
 
-def explained(fit: Fit, name: str) -> tuple[float, int]:
-    """Twice the log-likelihood that an effect of a fitted model explains beside all others, and its freedom.
+def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
+    """Twice the log-likelihood that an effect of a fitted model explains given all others, and its degrees of freedom.
 
-    What is believed of a coefficient before any record explains nothing.
+    The prior information on a coefficient explains nothing and is subtracted.
     """
     owners = {term.name: term.effect.name for term in fit.model.terms}
     own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
     x = np.array([fit.free[k].value for k in own])
     information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
-    if find(name).belief:
+    if find(name).search.prior:
         information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
     return max(0.0, float(x @ information @ x)), len(own)
 
 
-def correlated(fit: Fit, one: str, other: str) -> float:
-    """Largest correlation between a coefficient of one effect and one of another, beside all that is in the model."""
+def estimate_correlation(fit: Fit, effect: str, other: str) -> float:
+    """Largest correlation of a coefficient of one effect with one of another, the whole model estimated jointly."""
     owners = {term.name: term.effect.name for term in fit.model.terms}
-    own, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (one, other))
+    own, theirs = ([k for k, e in enumerate(fit.free) if owners.get(e.name) == name] for name in (effect, other))
     std = np.sqrt(np.diag(fit.covariance))
     rho = fit.covariance[np.ix_(own, theirs)] / np.outer(std[own], std[theirs])
     return float(np.max(np.abs(rho), initial=0.0))
 
 
-def confounding_families(name: str, told: Mapping[str, float]) -> tuple[str, ...]:
-    """Shapes of a model that a named effect may be a part of, or the rest of.
+def confounding_families(name: str, gains: Mapping[str, float]) -> tuple[str, ...]:
+    """Nonparametric curves of a model with which a named effect may be confounded, as their part or their remainder.
 
-    A shape without a name says that a cause is missing from the catalogue, and so do two names that describe one bend:
-    what they are too coarse for, or no function of, poses as a name that explains less.
+    A curve, or two effects that describe one curvature, say that a cause is outside the catalogue. Such a cause also
+    shows in named effects that explain less than the curve.
 
     Parameters
     ----------
     name : the named effect.
-    told : twice the log-likelihood that each effect of the model explained when it entered, or explains beside all
+    gains : twice the log-likelihood that each effect of the model explained when it entered, or explains given all
         others, whichever is less.
     """
-    shapes = {other: gain for other, gain in told.items() if find(other).family}
+    families = {other: gain for other, gain in gains.items() if find(other).family}
     for family in HOUSE:
-        for bend in family.bends:
-            parts = [told[one] for one in bend if one in told]
+        for group in family.groups:
+            parts = [gains[part] for part in group if part in gains]
             if len(parts) > 1:
-                shapes[family.name] = sum(parts)
-    return tuple(other for other, gain in shapes.items() if told.get(name, 0.0) < gain)
+                families[family.name] = sum(parts)
+    return tuple(other for other, gain in families.items() if gains.get(name, 0.0) < gain)
 
 
 def sum_families(name: str, model: Sequence[str]) -> tuple[str, ...]:
-    """Shapes without a name that stand for an effect together with others that a model may hold: the sum of functions
-    of one variable is a function of that variable."""
+    """Nonparametric curves that an effect and others of the model may sum up to.
+
+    A sum of functions of one variable is a function of that variable.
+    """
     return tuple(
         family.name
         for family in HOUSE
-        if name in of_variable(family, model) and len({*of_variable(family, model), name}) > 1
+        if name in effects_of_variable(family, model) and len({*effects_of_variable(family, model), name}) > 1
     )
 
 
-def of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
-    """Effects of a model that are functions of a family's variable alone, itself included."""
-    course_of_time = {e.name for e in HOUSE if e.port == "process"} if family.name == "shape_of_time" else set()
-    return tuple(name for name in model if name == family.name or name in family.covers or name in course_of_time)
+def effects_of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
+    """Effects of a model that are functions of a family's variable alone, the family included."""
+    random_biases = {e.name for e in HOUSE if e.port == "process"} if family.function_of == "t" else set()
+    return tuple(name for name in model if name == family.name or name in family.covers or name in random_biases)
 
 
-def not_the_whole(name: str, left: Sequence[Candidate]) -> tuple[str, ...]:
-    """Shapes that explain something beside a named effect of their variable, among what a model leaves over."""
-    return tuple(one.effect for one in left if name in find(one.effect).covers and one.chance < BESIDE)
+def families_with_remainder(name: str, remaining: Sequence[Candidate]) -> tuple[str, ...]:
+    """Nonparametric curves that still explain something next to a named effect of their variable."""
+    return tuple(
+        candidate.effect
+        for candidate in remaining
+        if name in find(candidate.effect).covers and candidate.chance < FAMILY_REMAINDER_ALPHA
+    )

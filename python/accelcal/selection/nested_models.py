@@ -101,7 +101,7 @@ def nested_models(
         return NestedModel(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
 
     # What turning the sensor or the tolerance of a low-pass brought in depends on the recordings, not on the model.
-    brought = [name for name in fitted.model.added if not find(name).visible]
+    brought = [name for name in fitted.model.added if not find(name).traits.visible]
     whole = fitted.model.drop(*brought)
     added = whole.added
     models, remarks = [], []

@@ -1,4 +1,4 @@
-"""The walk of `improve`: the model as it stands, and every step that may bring it to one that leaves nothing."""
+"""Stepwise selection: from the base model to one whose residual explains nothing further, effect by effect."""
 
 from __future__ import annotations
 
@@ -7,16 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.data.recording import Recording
+from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
+from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.verdict import (
-    DELAY_CLASS,
-    DELAY_EXPERIMENT,
     Confounded,
     Diagnosis,
     TimeSpan,
-    delayed,
     verdict_on,
 )
 from accelcal.effects import Effect, find
@@ -26,227 +25,244 @@ from accelcal.model import Model
 from accelcal.selection.collinearity import (
     Replacement,
     confounding_families,
-    explained,
+    explained_gain,
+    families_with_remainder,
     family_replacing,
     family_replacing_sum,
-    not_the_whole,
+    log_significance,
     random_bias_replacing,
-    significance,
     sum_families,
 )
-
-MOST_NAMED = 2
-"""Named effects that are tried in the place of a shape without a name."""
 
 
 @dataclass(slots=True)
 class SelectionHistory:
-    """What has entered a model so far, in order, each with its class and what it explained."""
+    """Effects that have entered a model, in order, each with its confounding class and what it explained."""
 
-    ties: list[Confounded] = field(default_factory=list)
+    classes: list[Confounded] = field(default_factory=list)
     gains: dict[str, float] = field(default_factory=dict)
     """Twice the log-likelihood that each explained when it entered."""
 
     @property
     def effects(self) -> tuple[str, ...]:
         """Names, in the order of entry."""
-        return tuple(tie.effect for tie in self.ties)
+        return tuple(group.effect for group in self.classes)
 
-    def enter(self, finding: DetectedEffect, gain: float, worn: Sequence[str] = ()) -> None:
-        """One effect more; a shape without a name stands in the place of the names that it wears out."""
-        gone = dict.fromkeys((*worn, finding.effect))  # itself where it was coarse
-        self.gains[finding.effect] = gain + sum(self.leave(name) for name in gone)
-        self.ties.append(Confounded(finding.effect, finding.members, finding.experiment))
+    def enter(self, finding: DetectedEffect, gain: float, replaced: Sequence[str] = ()) -> None:
+        """Add an effect; a nonparametric curve replaces the effects that it covers."""
+        leaving = dict.fromkeys((*replaced, finding.effect))  # itself where it was coarse
+        self.gains[finding.effect] = gain + sum(self.leave(name) for name in leaving)
+        self.classes.append(Confounded(finding.effect, finding.members, finding.experiment))
 
     def leave(self, name: str) -> float:
-        """One effect less, if it is there; what it explained."""
-        self.ties = [tie for tie in self.ties if tie.effect != name]
+        """Remove an effect if it is present; return what it explained."""
+        self.classes = [group for group in self.classes if group.effect != name]
         return self.gains.pop(name, 0.0)
 
-    def told(self, left: Sequence[Candidate], last: Fit | None = None) -> list[Confounded]:
-        """Every effect with its class, once nothing more enters, the model is fitted a last time, and `left` is what it
-        leaves over."""
-        beside = {name: explained(last, name)[0] for name in self.gains} if last else {}
-        gains = {name: min(gain, beside.get(name, gain)) for name, gain in self.gains.items()}
+    def final_classes(self, remaining: Sequence[Candidate], last: Fit | None = None) -> list[Confounded]:
+        """Confounding class of every effect once nothing more enters.
+
+        `last` is the last fit, `remaining` what it leaves unexplained.
+        """
+        gains_given_others = {name: explained_gain(last, name)[0] for name in self.gains} if last else {}
+        gains = {name: min(gain, gains_given_others.get(name, gain)) for name, gain in self.gains.items()}
         return [
-            tie.beside(
+            group.with_members(
                 (
                     *sum_families(
-                        tie.effect, [tie.effect, *(name for o in self.ties if o is not tie for name in o.members)]
+                        group.effect,
+                        [group.effect, *(name for o in self.classes if o is not group for name in o.members)],
                     ),
-                    *confounding_families(tie.effect, gains),
-                    *not_the_whole(tie.effect, left),
+                    *confounding_families(group.effect, gains),
+                    *families_with_remainder(group.effect, remaining),
                 )
             )
-            for tie in self.ties
+            for group in self.classes
         ]
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedModel:
-    """Where a walk stands: a model fitted without wild readings, and the verdict on it."""
+    """A model fitted without outliers, and the verdict on it."""
 
-    state: CleanFit
+    fitted: CleanFit
     verdict: Diagnosis
 
     @property
     def model(self) -> Model:
         """The fitted model."""
-        return self.state.solution.model
+        return self.fitted.solution.model
 
 
 @dataclass(slots=True)
 class StepwiseSelection:
-    """From the base model to one that leaves nothing, effect by effect."""
+    """State of a stepwise selection: the current model, its history, and the steps that change it."""
 
     original: Sequence[Recording]
     stretch: TimeSpan
     split: float
-    """End of what is fitted, s."""
-    extra: Sequence[Effect]
+    """End of the data that are fitted, s."""
+    extra: Sequence[Effect] | None
     alpha: float
-    at: JudgedModel
+    current: JudgedModel
     examined: int
-    """Alternatives that were looked at on the way."""
+    """Alternatives examined so far."""
     fits: list[tuple[tuple[str, ...], Fit]]
-    """Every model on the way, by the effects that it has."""
-    story: SelectionHistory = field(default_factory=SelectionHistory)
+    """Every model so far, by the effects that it has."""
+    history: SelectionHistory = field(default_factory=SelectionHistory)
 
     @classmethod
     def begin(
-        cls, original: Sequence[Recording], stretch: TimeSpan, split: float, extra: Sequence[Effect], alpha: float
+        cls,
+        original: Sequence[Recording],
+        stretch: TimeSpan,
+        split: float,
+        extra: Sequence[Effect] | None,
+        alpha: float,
     ) -> StepwiseSelection:
-        """At the base model, fitted and judged."""
-        state = clean_fit(original, lambda these: solve(Model.linear(), these, stretch.start, split))
-        at = JudgedModel(state, verdict_on(state, stretch, extra, alpha))
-        return cls(original, stretch, split, extra, alpha, at, at.verdict.scan.examined, [((), at.verdict.fit)])
+        """Start from the base model, fitted and judged."""
+        fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch.start, split))
+        current = JudgedModel(fitted, verdict_on(fitted, stretch, extra, alpha))
+        return cls(
+            original, stretch, split, extra, alpha, current, current.verdict.scan.examined, [((), current.verdict.fit)]
+        )
 
-    def step(self) -> bool:
-        """One effect enters, and what it shows to be wrong or idle leaves; False where nothing is to enter, or can."""
-        known = self.at.verdict.scan.candidates
-        step = self.entered() if self.at.verdict.scan.found else None
+    def add_next(self) -> bool:
+        """Add one effect and remove what it shows to be wrong or redundant; False where nothing is to enter, or can."""
+        candidates = self.current.verdict.scan.candidates
+        step = self.with_next() if self.current.verdict.scan.found else None
         if step is None:
             return False
-        entering, to = step
-        self.go(to)
-        explained = next((one.gain for one in known if one.effect == entering.effect), 0.0)
-        worn: tuple[str, ...] = ()
-        for mend in (
-            family_replacing(self.at.verdict.fit, entering.effect, entering.members),
-            random_bias_replacing([tie.members for tie in self.story.ties], entering.effect, entering.members),
+        entering, judged = step
+        self.accept(judged)
+        gain = next((candidate.gain for candidate in candidates if candidate.effect == entering.effect), 0.0)
+        replaced: tuple[str, ...] = ()
+        for replacement in (
+            family_replacing(self.current.verdict.fit, entering.effect, entering.members),
+            random_bias_replacing([group.members for group in self.history.classes], entering.effect, entering.members),
         ):
-            step = self.instead(mend) if mend and not worn else None
-            if mend and step:
-                (entering, to), worn = step, mend.worn
-                self.go(to)
-        self.story.enter(entering, explained, worn)
-        earlier = () if find(entering.effect).family else self.story.effects[:-1]
-        for name in (name for name in earlier if self.doubtful(name)):
-            lean = self.leaner(name)
-            if lean:
-                self.go(lean)
-                self.story.leave(name)
-        self.fits.append((self.story.effects, self.at.verdict.fit))
+            step = self.substitute(replacement) if replacement and not replaced else None
+            if replacement and step:
+                (entering, judged), replaced = step, replacement.replaced
+                self.accept(judged)
+        self.history.enter(entering, gain, replaced)
+        earlier = () if find(entering.effect).family else self.history.effects[:-1]
+        for name in (name for name in earlier if self.may_be_redundant(name)):
+            smaller = self.without(name)
+            if smaller:
+                self.accept(smaller)
+                self.history.leave(name)
+        self.fits.append((self.history.effects, self.current.verdict.fit))
         return True
 
-    def mend(self) -> bool:
-        """A sum of names that is not the whole gives way to the shape of its variable; False where none is, or can."""
-        mend = family_replacing_sum(self.story.effects, self.at.verdict.scan.candidates)
-        step = self.instead(mend) if mend else None
-        if mend is None or step is None:
+    def replace_by_family(self) -> bool:
+        """Replace an incomplete sum of effects by the curve of their variable; False where there is none, or no fit of
+        one."""
+        replacement = family_replacing_sum(self.history.effects, self.current.verdict.scan.candidates)
+        step = self.substitute(replacement) if replacement else None
+        if replacement is None or step is None:
             return False
-        entering, to = step
-        self.go(to)
-        self.story.enter(entering, 0.0, mend.worn)
-        self.fits.append((self.story.effects, self.at.verdict.fit))
+        entering, judged = step
+        self.accept(judged)
+        self.history.enter(entering, 0.0, replacement.replaced)
+        self.fits.append((self.history.effects, self.current.verdict.fit))
         return True
 
     def finish(self) -> None:
-        """Nothing more enters: every effect gets its class."""
-        verdict = self.at.verdict
-        self.story.ties = self.story.told(verdict.scan.candidates, verdict.fit)
-        if delayed(self.fits[-1][1], verdict.scan, self.alpha):
-            held = result(solve(undelayed(self.original), self.at.state.recordings, self.stretch.start, self.split))
-            self.story.ties.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-            self.fits = [((), held), *((("time_offset", *names), one) for names, one in self.fits)]
-        heard_of = {test.effect for test in verdict.channels} - set(self.story.effects)
-        self.story.ties += [tie for tie in verdict.classes if tie.effect in heard_of]
-        self.fits[-1] = (self.story.effects, self.fits[-1][1])
+        """Assign every effect its confounding class, once nothing more enters."""
+        verdict = self.current.verdict
+        self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
+        if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
+            undelayed = result(
+                solve(without_delay(self.original), self.current.fitted.recordings, self.stretch.start, self.split)
+            )
+            self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
+            self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
+        found_by_tests = {test.effect for test in verdict.channels} - set(self.history.effects)
+        self.history.classes += [group for group in verdict.classes if group.effect in found_by_tests]
+        self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
-    def go(self, to: JudgedModel) -> None:
-        """Stand elsewhere."""
-        self.at = to
-        self.examined += to.verdict.scan.examined
+    def accept(self, model: JudgedModel) -> None:
+        """Make a judged model the current one."""
+        self.current = model
+        self.examined += model.verdict.scan.examined
 
-    def refitted(self, model: Model, *, anew: bool = False) -> CleanFit:
-        """A model fitted to the readings that are kept, or that are chosen `anew` among all."""
-        told = [] if anew else [test for test in self.at.state.tests if test.effect in CHANNEL_OF and test.at]
-        kept = self.original if anew else self.at.state.recordings
-        return clean_fit(kept, lambda these: solve(model, these, self.stretch.start, self.split), told)
+    def refit(self, model: Model, *, anew: bool = False) -> CleanFit:
+        """Fit a model to the readings that are kept, or with outliers of all readings rejected `anew`."""
+        earlier_tests = (
+            [] if anew else [test for test in self.current.fitted.tests if test.effect in CHANNEL_OF and test.at]
+        )
+        recordings = self.original if anew else self.current.fitted.recordings
+        return clean_fit(recordings, lambda these: solve(model, these, self.stretch.start, self.split), earlier_tests)
 
-    def judged(self, state: CleanFit) -> JudgedModel:
+    def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
-        return JudgedModel(state, verdict_on(state, self.stretch, self.extra, self.alpha))
+        return JudgedModel(fitted, verdict_on(fitted, self.stretch, self.extra, self.alpha))
 
-    def entered(self) -> tuple[DetectedEffect, JudgedModel] | None:
-        """The fit with the effect that comes first, judged; None where no fit is possible.
+    def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
+        """The judged fit with the effect that comes first; None where no fit is possible.
 
-        A shape without a name gives way to a named effect of its class whose fit leaves nothing for it, nor for
-        anything that cannot be told from it.
+        A nonparametric curve gives way to a named effect of its class if the fit with that effect leaves nothing to
+        explain for the curve and for all that is confounded with it.
         """
-        found = self.at.verdict.scan
+        found = self.current.verdict.scan
         first = found.found[0]
-        for finding in (*found.named[:MOST_NAMED], first):
+        for finding in (*found.named[:NAMED_ALTERNATIVES], first):
             try:
-                # readings beside a jump that is not in the model look wild: they are judged anew once it is
-                grown = self.judged(self.refitted(finding.enter(self.at.model), anew="instant" in finding.shape))
+                # readings next to a jump that the model lacks pass for outliers: with the jump they are tested anew
+                judged = self.judge(self.refit(finding.enter(self.current.model), anew="instant" in finding.shape))
             except (NotIdentifiable, ValueError):
                 continue
-            if finding is first or not any(first.effect in left.members for left in grown.verdict.scan.found):
-                return finding, grown
+            if finding is first or not any(
+                first.effect in remaining.members for remaining in judged.verdict.scan.found
+            ):
+                return finding, judged
         return None
 
-    def instead(self, mend: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
-        """The fit with an effect in the place of others, judged; None where no fit is possible, or where it leaves
-        something to explain: to one of them or, if it is a shape, to a name of its variable; if it wanders, to any."""
-        gone = dict.fromkeys((*mend.worn, mend.effect.name))
+    def substitute(self, replacement: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
+        """The judged fit with an effect in place of others; None where no fit is possible or the fit leaves something
+        to explain: to one of them or, for a curve, to an effect of its variable; for a random bias, to any effect."""
+        leaving = dict.fromkeys((*replacement.replaced, replacement.effect.name))
         try:
-            model = self.at.model.drop(*(name for name in gone if name in self.at.model.effects))
-            alone = scan(self.refitted(model).solution.passes, model, extra=self.extra, only=(mend.effect,))
-            if not alone.entered:
+            model = self.current.model.drop(*(name for name in leaving if name in self.current.model.effects))
+            requested = scan(self.refit(model).solution.passes, model, extra=self.extra, only=(replacement.effect,))
+            if not requested.entered:
                 return None
-            grown = self.judged(self.refitted(alone.entered[0].enter(model)))
+            judged = self.judge(self.refit(requested.entered[0].enter(model)))
         except (NotIdentifiable, ValueError):
             return None
-        left = {one.effect for one in grown.verdict.scan.found}
-        if left & {*mend.effect.covers, *mend.worn} or (left and mend.effect.port == "process"):
+        left = {finding.effect for finding in judged.verdict.scan.found}
+        if left & {*replacement.effect.covers, *replacement.replaced} or (
+            left and replacement.effect.port == "process"
+        ):
             return None
-        return replace(alone.entered[0], members=mend.members), grown
+        return replace(requested.entered[0], members=replacement.members), judged
 
-    def leaner(self, name: str) -> JudgedModel | None:
-        """The fit without an effect that entered before others, judged; None where it is still asked for."""
+    def without(self, name: str) -> JudgedModel | None:
+        """The judged fit without an effect that entered before others; None where that fit asks for it again."""
         try:
-            left = self.judged(self.refitted(self.at.model.drop(name)))
+            judged = self.judge(self.refit(self.current.model.drop(name)))
         except (NotIdentifiable, ValueError):
             return None
-        return None if any(name in one.members for one in left.verdict.scan.found) else left
+        return None if any(name in finding.members for finding in judged.verdict.scan.found) else judged
 
-    def doubtful(self, name: str) -> bool:
-        """Whether an effect may have stood for those that entered after it: a shape may, a name if it lost its size."""
+    def may_be_redundant(self, name: str) -> bool:
+        """Whether later effects may explain what an effect did: any curve may be, a named effect if it is no longer
+        significant."""
         effect = find(name)
         if effect.family or effect.port == "process":
-            return effect.family
-        verdict = self.at.verdict
-        return significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
+            return effect.family is not None
+        verdict = self.current.verdict
+        return log_significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
 
 
 def solve(model: Model, recordings: Sequence[Recording], start: float, end: float) -> Solution:
-    """A model fitted up to where held-out data begin; a single recording from where it is used."""
+    """Fit a model up to the held-out data; a single recording from the start of its usable part."""
     return solve_runs(model, recordings, start=start if len(recordings) == 1 else None, end=end)
 
 
-def undelayed(recordings: Sequence[Recording]) -> Model:
-    """The base model without any freedom to be late: neither an offset of the clocks nor a slower low-pass."""
+def without_delay(recordings: Sequence[Recording]) -> Model:
+    """The base model without any delay: neither an offset of the clocks nor a slower low-pass."""
     if any(r.rig.lowpass_prior > 0.0 for r in recordings):
         return Model.linear().add("lowpass_error").freeze(time_offset=0.0, lowpass_error=0.0)
     return Model.linear().freeze(time_offset=0.0)

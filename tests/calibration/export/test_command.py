@@ -76,7 +76,7 @@ def test_what_is_left_out_is_said(folder):
         (["m.json", "--c", "x.rs"], 2, "--c x.rs: expected a name that ends in .h or .c"),
         (["m.json", "--dcc", "x.xml", "--schema", "absent.xsd"], 3, "absent.xsd: there is no such file"),
         (["m.json", "--dcc", "x.xml", "--lab", "absent.toml"], 3, "absent.toml: no such file"),
-        (["memory.json", "--c", "x.h", "--dcc", "x.xml"], 3, "hysteresis has a memory"),
+        (["memory.json", "--c", "x.h", "--dcc", "x.xml"], 3, "hysteresis depends on earlier readings"),
         (["absent.json", "--c", "x.h"], 3, "absent.json: no such file"),
         (["m.json", "--c", "x.h", "--without", "creep"], 3, "'creep' is not among what cannot be exported"),
     ],
@@ -92,7 +92,7 @@ def test_mistakes_end_in_one_sentence_and_write_nothing(folder, arguments, code,
 def test_a_memory_is_left_out_knowingly(folder):
     done = accelcal("export", "memory.json", "--c", "y.h", "--without", "hysteresis", cwd=folder)
     assert done.returncode == 0, done.stderr
-    assert "not exported: hysteresis has a memory" in done.stdout
+    assert "not exported: hysteresis depends on earlier readings" in done.stdout
     assert "left out by request" in (folder / "y.h").read_text()
 
 

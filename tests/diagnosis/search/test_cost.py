@@ -13,7 +13,7 @@ import pytest
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.search.hypotheses import candidates_for
+from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import HOUSE, Effect, find, is_local
 from accelcal.estimation.columns import CHUNK, ColumnFilter, whitened_columns
@@ -73,7 +73,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_whatever_the_stretches(
 ):
     monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
-    items = candidates_for(fitted, Model.linear())
+    items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
     carrier = ColumnFilter(fitted)
     found, expected = carrier.whole(terms), plain_sums(fitted, terms, carrier.group)

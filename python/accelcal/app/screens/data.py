@@ -1,4 +1,4 @@
-"""The data: drop a recording, map its columns, read the check, divide it, fit."""
+"""The data: load a recording, map its columns, check it, divide it, fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def show(page: Page) -> None:
     state, arriving = page.bench.state, page.bench.arriving
     if arriving is not None:
         with widgets.card(arriving.name):
-            ui.label("Breaks and faults are being looked for …").classes("note")
+            ui.label("Checking for breaks and faults …").classes("note")
             page.pictures(
                 ("arriving", id(arriving), arriving.digest),
                 lambda theme: [figures.arriving(arriving, theme)],
@@ -29,15 +29,15 @@ def show(page: Page) -> None:
     if state.file is None:
         with widgets.card("Drop a recording", "welcome"):
             ui.label(
-                "CSV, Parquet, MAT, npz or HDF5 with the accelerometer's output and the encoder's position; drop its "
-                "sidecar (.toml) along with it if there is one. Nothing leaves this machine."
+                "CSV, Parquet, MAT, npz or HDF5 with accelerometer output and encoder position. If there is a sidecar "
+                "(.toml), drop it together with the recording. No data leave this machine."
             )
-            drop(page, "Drop a recording here, or press + to choose")
+            drop(page, "Drop a recording here, or click + to browse")
             widgets.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
         return
     if state.recording is None:
-        with widgets.card(f"{state.file.name} is not understood yet"):
-            ui.label(state.trouble).classes("trouble").props("role=alert")
+        with widgets.card(f"{state.file.name}: assign the columns"):
+            ui.label(state.problem).classes("problem").props("role=alert")
             columns(page)
         with widgets.card("Another recording"):
             drop(page, "Drop another recording here")
@@ -46,16 +46,16 @@ def show(page: Page) -> None:
         with ui.element("div").classes("stack"):
             with widgets.card("Fit"):
                 fitting(page)
-            with widgets.card("Held out and left out"):
+            with widgets.card("Held-out and excluded data"):
                 division(page)
             with widgets.card("Recordings"):
                 drop(page, "Drop another recording here")
-                ui.label("Hold out a whole recording instead of a part of this one:").classes("note")
+                ui.label("Or hold out a whole recording instead of a part of this one:").classes("note")
                 drop(page, "Drop a held-out recording here", other=True)
         with ui.element("div").classes("stack"):
             with widgets.card("The recording"):
-                ui.label("Drag over the picture to choose a stretch to hold out or to leave out.").classes("note")
-                key = ("data", id(state.recording), state.held_out, state.left_out)
+                ui.label("Drag across the plot to select a stretch to hold out or exclude.").classes("note")
+                key = ("data", id(state.recording), state.held_out, state.excluded)
                 page.pictures(
                     key,
                     lambda theme: [figures.data(state, theme)],
@@ -69,19 +69,19 @@ def show(page: Page) -> None:
 
 
 def drop(page: Page, label: str, *, other: bool = False) -> None:
-    """A place to drop files on; a recording and its sidecar may come together."""
+    """An area to drop files on; a recording and its sidecar may come together."""
 
     async def take(event: Any) -> None:
         bench = page.bench
-        drawer = bench.drawer()
+        upload_folder = bench.upload_folder()
         kept = []
         for file in event.files:
             try:
                 if file.size() > MOST_BYTES:
                     raise Refused(
-                        f"{file.name}: {file.size() / 1e6:.0f} MB; the workbench takes {MOST_BYTES / 1e6:.0f} MB"
+                        f"{file.name}: {file.size() / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB"
                     )
-                path = bench.accept(file.name, drawer)
+                path = bench.upload_path(file.name, upload_folder)
             except Refused as error:
                 bench.refuse(str(error))
                 continue
@@ -97,10 +97,10 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
             text = sidecars[0].read_text(encoding="utf-8", errors="replace")
             await page.act(bench.load, bench.state.file, text)
         elif sidecars:
-            bench.refuse(f"{sidecars[0].name}: drop the recording that it belongs to along with it")
+            bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
 
     def rejected() -> None:
-        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, which is what the workbench takes")
+        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
 
     made = ui.upload(
         label=label,
@@ -115,7 +115,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
 
 
 def check(page: Page) -> None:
-    """What was understood, warnings first."""
+    """Channels, warnings, notes and assumptions of the recording."""
     state = page.bench.state
     assert state.recording is not None
     seen = summary.describe(state.recording)
@@ -129,21 +129,19 @@ def check(page: Page) -> None:
         ]
         for name, c in seen["channels"].items()
     ]
-    widgets.table(["channel", "samples", "rate", "from, to", "least, largest"], rows, "Channels")
+    widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
     if state.marks is not None:
         widgets.lines([f"Suspect data: {fault.sentence}" for fault in state.marks.faults], "warning")
     for severity, kind in (("warning", "warning"), ("note", "note")):
         widgets.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
     if seen["assumptions"]:
         count = len(seen["assumptions"])
-        with ui.expansion(f"{count} thing{'s are' if count > 1 else ' is'} assumed", icon="help_outline").classes(
-            "full"
-        ):
+        with ui.expansion(f"{count} assumption{'s' if count > 1 else ''}", icon="help_outline").classes("full"):
             widgets.lines(seen["assumptions"])
 
 
 def later(box: ui.expansion, page: Page) -> None:
-    """Fill the table of columns in when it is opened first: the file is looked into for it."""
+    """Build the table of columns when it is first opened, because that reads the file."""
 
     def opened(event: Any) -> None:
         if event.value and not box.default_slot.children:
@@ -154,14 +152,14 @@ def later(box: ui.expansion, page: Page) -> None:
 
 
 def columns(page: Page) -> None:
-    """Which column is which channel, and everything else that the sidecar says."""
+    """Assignment of columns to channels, and the rest of the sidecar."""
     bench, state = page.bench, page.bench.state
     assert state.file is not None
     try:
         text = mapping.text_of(state.file, state.sidecar)
         found = mapping.choices(state.file, text)
     except RecordingError as error:
-        ui.label(bench.plain(str(error))).classes("trouble")
+        ui.label(bench.plain(str(error))).classes("problem")
         return
     roles, names, units = [], [], []
     rows: list[list[widgets.Cell]] = []
@@ -181,7 +179,7 @@ def columns(page: Page) -> None:
             units.append(made.props(f'dense outlined aria-label="Unit of {widgets.attribute(one.column)}"'))
 
         rows.append([one.column, role, name, unit])
-    widgets.table(["column", "is", "named (if other)", "unit"], rows, "Columns")
+    widgets.table(["column", "channel", "name (if other)", "unit"], rows, "Columns")
     sheet = ui.textarea("Sidecar: sensor, rig and columns", value=text).props("outlined autogrow").classes("code full")
 
     async def use_columns() -> None:
@@ -201,14 +199,14 @@ def columns(page: Page) -> None:
         await page.act(bench.load, state.file, made)
 
     with ui.row():
-        widgets.button("Use these columns", "check", use_columns, primary=state.recording is None)
+        widgets.button("Use this assignment", "check", use_columns, primary=state.recording is None)
         widgets.button(
             "Use the sidecar as written", "description", lambda: page.act(bench.load, state.file, str(sheet.value))
         )
 
 
 def brushing(page: Page, plot: ui.plotly) -> None:
-    """A stretch that is dragged over lands in the two fields."""
+    """Copy a selected stretch into the two fields."""
 
     def selected(event: Any) -> None:
         span = next((v for k, v in ((event.args or {}).get("range") or {}).items() if k.startswith("x")), None)
@@ -221,25 +219,25 @@ def brushing(page: Page, plot: ui.plotly) -> None:
 
 
 def division(page: Page) -> None:
-    """Choose what no fit sees, and what is not used at all."""
+    """Choose the held-out part, and stretches to exclude."""
     bench, state = page.bench, page.bench.state
     low, high = state.used
     if state.other is not None:
         ui.label(f"Held out: the recording {state.other.name}.")
     elif state.held_out is not None:
         a, b = state.held_out
-        ui.label(f"Held out: {a:.6g} s to {b:.6g} s. No fit sees it; the error is judged on it.")
+        ui.label(f"Held out: {a:.6g} s to {b:.6g} s. It is not fitted; the error is computed on it.")
     if state.breaks:
         ui.label(f"Used: {low:.6g} s to {high:.6g} s, up to the break.").classes("warning")
-    for i, (a, b) in enumerate(state.left_out):
+    for i, (a, b) in enumerate(state.excluded):
         with ui.row().classes("line"):
-            ui.label(f"Left out: {a:.6g} s to {b:.6g} s")
+            ui.label(f"Excluded: {a:.6g} s to {b:.6g} s")
             widgets.button(
-                "Use again",
+                "Include",
                 "undo",
-                lambda i=i: page.act(bench.take_back, i),
+                lambda i=i: page.act(bench.use_again, i),
                 flat=True,
-                label=f"Use {a:.6g} s to {b:.6g} s again",
+                label=f"Include {a:.6g} s to {b:.6g} s again",
             )
     start, end = page.brushed or (None, None)
     with ui.row().classes("line"):
@@ -249,28 +247,30 @@ def division(page: Page) -> None:
 
     async def mark(action: Any) -> None:
         if first.value is None or last.value is None:
-            bench.refuse("choose a stretch first: drag over the picture, or fill in from and to")
+            bench.refuse("select a stretch first: drag across the plot, or fill in From and To")
             return
         page.brushed = None
         await page.act(action, float(first.value), float(last.value))
 
     with ui.row().classes("line"):
         widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
-        widgets.button("Leave out", "content_cut", lambda: mark(bench.leave_out), label="Leave this stretch out")
+        widgets.button("Exclude", "content_cut", lambda: mark(bench.exclude), label="Exclude this stretch")
     if state.steps:
-        ui.label("Another division needs another fit: models begin anew; Undo brings them back.").classes("note")
+        ui.label("Changing the division discards the models, which must be fitted again; Undo restores them.").classes(
+            "note"
+        )
 
 
 def fitting(page: Page) -> None:
     """Fit the base model."""
     bench, state = page.bench, page.bench.state
     if state.step is None:
-        ui.label("Bias, scale factor and time offset are estimated first; then the page asks what is missing.")
+        ui.label("Estimates bias, scale factor and time offset, then searches for missing effects.")
     else:
-        ui.label(f"The model that is looked at: {' '.join(s.label for s in state.path)}.")
+        ui.label(f"Current model: {' '.join(s.label for s in state.path)}.")
     with ui.row().classes("line"):
         widgets.button(
-            "Fit" if state.step is None else "Fit again",
+            "Fit" if state.step is None else "Refit",
             "play_arrow",
             lambda: page.improve(bench.fit, "linear"),
             primary=state.step is None,

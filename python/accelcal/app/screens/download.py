@@ -1,4 +1,4 @@
-"""What to take away: model, report, code, certificate, sidecar, own effects, the steps as a script and as commands."""
+"""Downloads: model, report, code, certificate, sidecar, user effects, the steps as a script and as commands."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ def show(page: Page) -> None:
             sources(page)
         if state.step is not None:
             ui.label(
-                "The certificate is a draft: what only the laboratory knows is marked in it as missing, and filled in "
-                "by accelcal export with --dcc and --lab."
+                "The certificate is a draft: data that only the laboratory can supply are marked as missing. "
+                "accelcal export with --dcc and --lab fills them in."
             ).classes("note")
     for name, make in COPIES.items():
-        with widgets.card(f"The same as {name}" if name == "Python" else "The same on the command line"):
+        with widgets.card("These steps in Python" if name == "Python" else "These steps on the command line"):
             ui.code(make(state), language="python" if name == "Python" else "bash").classes("full")
     widgets.copies(page)
 
 
 def results(page: Page) -> None:
-    """Buttons for what the model that is looked at gives."""
+    """Buttons for files made from the current model."""
     bench, file = page.bench, page.bench.state.file
     assert file is not None
     stem = file.stem
@@ -41,7 +41,7 @@ def results(page: Page) -> None:
     async def report() -> None:
         path = await page.act(bench.report)
         if path is not None:
-            with page.body:  # the button that was pressed has been built anew meanwhile
+            with page.body:  # the button that was pressed has been rebuilt meanwhile
                 ui.download.file(path, f"{stem}.html")
 
     async def export(kind: Export) -> None:
@@ -57,19 +57,19 @@ def results(page: Page) -> None:
     widgets.button("For firmware, C (.h)", "memory", lambda: export("C"))
     widgets.button("For firmware, Rust (.rs)", "memory", lambda: export("Rust"))
     widgets.button("Calibration (.json)", "data_object", lambda: export("JSON"))
-    widgets.button("Certificate, draft (.xml)", "workspace_premium", lambda: export("DCC"))
+    widgets.button("Draft certificate (.xml)", "workspace_premium", lambda: export("DCC"))
 
 
 def sources(page: Page) -> None:
-    """Buttons for what the steps begin with: sidecar, own effects, the script."""
+    """Buttons for the inputs of the steps: sidecar, user effects, the script."""
     state = page.bench.state
     assert state.file is not None
     stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar)
     widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
-    for one in state.own:
+    for own in state.own:
         widgets.button(
-            f"Own effect {one.effect.name} (.py)",
+            f"User effect {own.effect.name} (.py)",
             "functions",
-            lambda one=one: ui.download.content(one.file, f"{one.effect.name}.py"),
+            lambda own=own: ui.download.content(own.file, f"{own.effect.name}.py"),
         )
     widgets.button("Script (.py)", "code", lambda: ui.download.content(COPIES["Python"](state), f"{stem}_steps.py"))

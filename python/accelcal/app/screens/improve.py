@@ -1,4 +1,4 @@
-"""The loop: what is missing, Add, and the error falling on data that no fit has seen."""
+"""The loop: what is missing, Add, and the error on held-out data after each step."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ from accelcal.app.page import Page
 from accelcal.app.state import Step
 
 LIMITS = 6
-"""Detection limits that are spelled out at once."""
+"""Detection limits that are shown without a click."""
 
 
 def show(page: Page) -> None:
     """Build the screen."""
     state = page.bench.state
     if state.step is None:
-        widgets.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
+        widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
-            with widgets.card("What is missing", "verdict"):
+            with widgets.card("Diagnosis", "verdict"):
                 verdict(page)
             with widgets.card("Models"):
                 tree(page)
         with ui.element("div").classes("stack"):
-            with widgets.card("The error on held-out data"):
+            with widgets.card("Error on held-out data"):
                 error(page)
                 page.pictures(
                     ("falling", state.current),
                     lambda theme: [figures.falling(state, theme)],
                 )
-            with widgets.card("What is left over on held-out data"):
+            with widgets.card("Residuals on held-out data"):
                 if state.previous is not None:
-                    ui.label(f"Faint: before {state.step.label}.").classes("note")
+                    ui.label(f"Grey: before {state.step.label}.").classes("note")
                 page.pictures(
                     ("left", state.current),
                     lambda theme: [
@@ -54,21 +54,21 @@ def error(page: Page) -> None:
     nested, found = figures.nested_of(state), page.bench.diagnosis
     now, floor = nested.errors[-1], nested.floor
     with ui.row().classes("numbers"):
-        figure("error now", now, "error")
+        figure("current error", now, "error")
         if len(nested.errors) > 1:
-            figure("before", nested.errors[-2], "before")
+            figure("previous error", nested.errors[-2], "before")
         unsure = found is None or found.verdict != "adequate"
-        figure("noise, as this model sees it" if unsure else "noise alone", floor, "floor")
+        figure("noise floor, as this model estimates it" if unsure else "noise floor", floor, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     if found is not None and found.verdict not in ("adequate", "too_short"):
-        ui.label("What a model lacks passes for noise, so its noise line is too high until that is added.").classes(
-            "note"
-        )
+        ui.label(
+            "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
+        ).classes("note")
 
 
 def figure(name: str, value: float, mark: str) -> None:
-    """A number with its name; its full digits stand in the page."""
+    """A number with its name; the page holds all its digits."""
     with ui.element("div").classes("number"):
         ui.label(formatting.length(value)).classes("large").props(f"data-number={mark} data-value={value!r}")
         ui.label(name).classes("note")
@@ -79,72 +79,72 @@ def verdict(page: Page) -> None:
     bench, found = page.bench, page.bench.diagnosis
     if found is None:
         if bench.job is None and not page.asking:
-            ui.label("Not asked yet.")
-            widgets.button("Look for what is missing", "search", page.ask, primary=True)
+            ui.label("Not diagnosed yet.")
+            widgets.button("Diagnose", "search", page.ask, primary=True)
         else:
-            ui.label("Every effect of the catalogue is being tried …")
+            ui.label("Testing every effect of the catalogue …")
         return
-    nothing = not wording.may_add(bench.state, found)
+    nothing = not wording.can_add(bench.state, found)
     ui.label(wording.badge(found)).classes("badge").classes("good" if found.verdict == "adequate" else "bad").props(
         f"role=status data-verdict={found.verdict}"
     )
     ui.label(wording.sentence(found)).classes("verdict-text")
-    widgets.lines(wording.asides(bench.state, found), "warning")
+    widgets.lines(wording.remarks(bench.state, found), "warning")
     if found.verdict == "adequate":
-        ui.label("Nothing missing larger than").classes("strong")
-        widgets.table(["effect", "seen from"], wording.limits(found)[:LIMITS], "Detection limits")
+        ui.label("Detection limits: no missing effect is larger than").classes("strong")
+        widgets.table(["effect", "detected from"], wording.limits(found)[:LIMITS], "Detection limits")
         if wording.limits(found)[LIMITS:]:
             with ui.expansion("More limits", icon="list").classes("full"):
-                widgets.table(["effect", "seen from"], wording.limits(found)[LIMITS:], "More detection limits")
+                widgets.table(["effect", "detected from"], wording.limits(found)[LIMITS:], "More detection limits")
     if nothing:
         made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
-    near, further, rest = wording.offered(found)
-    for one in near:
-        candidate(page, one)
+    leading, further, rest = wording.offered(found)
+    for card in leading:
+        candidate(page, card)
     if further:
-        text = f"{len(further)} more stand out, most of them only until the right one is added"
+        text = f"{len(further)} more significant, most of them only until the right effect is added"
         with ui.expansion(text, icon="playlist_add").classes("full"):
-            for one in further:
-                candidate(page, one)
+            for card in further:
+                candidate(page, card)
     if rest:
-        with ui.expansion(f"Looked at, no evidence: {len(rest)} of the best others", icon="list").classes("full"):
-            for one in rest:
-                ui.label(one.title).classes("strong")
-                ui.label("; ".join(one.facts)).classes("note")
+        with ui.expansion(f"Not significant: the {len(rest)} best of the others", icon="list").classes("full"):
+            for card in rest:
+                ui.label(card.title).classes("strong")
+                ui.label("; ".join(card.facts)).classes("note")
     several = wording.ties(found)
     if several:
-        with ui.expansion("Cannot be told apart, and the experiment that would", icon="balance").classes("full"):
+        with ui.expansion("Confounded effects, and how to separate them", icon="balance").classes("full"):
             for members, experiment in several:
                 ui.label(members).classes("strong")
                 ui.label(experiment).classes("note")
 
 
-def candidate(page: Page, one: wording.Card) -> None:
+def candidate(page: Page, card: wording.Card) -> None:
     """One candidate with its card and its button."""
-    with ui.element("article").classes("candidate").classes("first" if one.first else ""):
+    with ui.element("article").classes("candidate").classes("first" if card.first else ""):
         with ui.row().classes("line spread"):
-            ui.label(one.title).classes("strong large-name")
+            ui.label(card.title).classes("strong large-name")
             widgets.button(
                 "Add",
                 "add",
-                lambda: page.improve(page.bench.add, one.effect),
-                primary=one.first,
-                label=f"Add {one.title}",
+                lambda: page.improve(page.bench.add, card.effect),
+                primary=card.first,
+                label=f"Add {card.title}",
             ).set_enabled(page.bench.job is None)
-        ui.label(one.about)
-        widgets.lines(one.facts)
-        if one.rivals:
-            more = f" and {len(one.rivals) - 4} more" if len(one.rivals) > 4 else ""
-            ui.label(f"Cannot be told apart from: {', '.join(one.rivals[:4])}{more}.").classes("warning")
-        with ui.expansion("Its card", icon="badge").classes("full"):
-            for label, text in one.lines:
+        ui.label(card.about)
+        widgets.lines(card.facts)
+        if card.rivals:
+            more = f" and {len(card.rivals) - 4} more" if len(card.rivals) > 4 else ""
+            ui.label(f"Confounded on this record with {', '.join(card.rivals[:4])}{more}.").classes("warning")
+        with ui.expansion("About this effect", icon="badge").classes("full"):
+            for label, text in card.lines:
                 ui.label(label).classes("strong")
                 ui.label(text).classes("note")
 
 
 def tree(page: Page) -> None:
-    """Every model with its error; press one to go on from there."""
+    """Every model with its error; clicking one makes it the current model."""
     bench, state = page.bench, page.bench.state
     depth: dict[int | None, int] = {None: -1}
     children: dict[int | None, list[Step]] = {}
@@ -166,4 +166,4 @@ def tree(page: Page) -> None:
 
     for base in children.get(None, []):
         line(base)
-    ui.label("Press a model to look at it; what is added then begins a branch.").classes("note")
+    ui.label("Click a model to make it current; adding an effect to it starts a new branch.").classes("note")

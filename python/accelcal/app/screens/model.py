@@ -1,4 +1,4 @@
-"""The model: parameters that can be held, effects that can be removed, effects of one's own."""
+"""The model: hold parameters, remove effects, define effects of your own."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def show(page: Page) -> None:
     step = page.bench.state.step
     if step is None:
         widgets.empty(
-            "Fit a model first, on the screen Data." if page.bench.state.recording else "Load a recording first."
+            "Fit a model first, on the Data tab." if page.bench.state.recording else "Load a recording first."
         )
         return
     with widgets.card("Parameters", "parameters"):
@@ -27,7 +27,7 @@ def show(page: Page) -> None:
     with ui.element("div").classes("halves"):
         with widgets.card("Effects of this model"):
             added(page)
-        with widgets.card("An effect of your own"):
+        with widgets.card("Define an effect"):
             own(page)
     widgets.copies(page)
 
@@ -53,7 +53,7 @@ def parameters(page: Page) -> None:
                 return
             with ui.row().classes("line tight"):
                 value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value at which {widgets.attribute(spelled(e.name))} is held"'
+                    f'dense outlined aria-label="Value to hold {widgets.attribute(spelled(e.name))} at"'
                 )
 
                 async def hold() -> None:
@@ -84,7 +84,7 @@ def parameters(page: Page) -> None:
         "value",
         "usual unit",
         "standard uncertainty",
-        "what it really is here",
+        "what it contains on this rig",
         "owner",
         "hold at (SI)",
     ]
@@ -92,11 +92,11 @@ def parameters(page: Page) -> None:
 
 
 def added(page: Page) -> None:
-    """Effects beyond the base, each with a button that removes it; any other can be put in by hand."""
+    """Effects beyond the base, each with a button that removes it; any other can be added by hand."""
     bench, step = page.bench, page.bench.state.step
     assert step is not None
     if not step.fit.model.added:
-        ui.label("None yet: this is the base model.")
+        ui.label("None: this is the base model.")
     for name in step.fit.model.added:
         with ui.row().classes("line spread"):
             ui.label(spelled(name)).classes("strong")
@@ -106,25 +106,25 @@ def added(page: Page) -> None:
                 lambda name=name: page.improve(bench.drop, name),
                 label=f"Remove {spelled(name)}",
             )
-    known = [e.name for e in HOUSE if e.visible and e.port != "noise" and e.name not in step.fit.model.effects]
+    known = [e.name for e in HOUSE if e.traits.visible and e.port != "noise" and e.name not in step.fit.model.effects]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(
             {name: spelled(name) for name in known},
-            label="Put in by hand, with or without evidence",
+            label="Add any effect, significant or not",
             with_input=True,
         )
         chosen.props("dense outlined").classes("grow")
 
-        async def put() -> None:
+        async def add() -> None:
             if chosen.value:
                 await page.improve(bench.add, str(chosen.value))
 
-        widgets.button("Put in", "playlist_add", put)
+        widgets.button("Add to model", "playlist_add", add)
 
 
 def own(page: Page) -> None:
-    """A formula of the user's own becomes a candidate."""
+    """Turn a formula of the user into a candidate."""
     bench, state = page.bench, page.bench.state
     side = ", ".join(state.data.side)
     ui.label(
@@ -145,6 +145,6 @@ def own(page: Page) -> None:
         if not bench.sentence:
             await page.act(bench.diagnose, then="improve")
 
-    widgets.button("Try it as a candidate", "functions", enter)
-    for one in state.own:
-        ui.label(f"{one.effect.name}: {one.expression}").classes("note")
+    widgets.button("Add to the candidates", "functions", enter)
+    for own in state.own:
+        ui.label(f"{own.effect.name}: {own.expression}").classes("note")

@@ -1,4 +1,4 @@
-"""Where it fails: everything over one time axis, and the residual against every variable."""
+"""Residuals: every channel over one time axis, and the residual against every variable."""
 
 from __future__ import annotations
 
@@ -17,27 +17,25 @@ def show(page: Page) -> None:
     """Build the screen."""
     bench, state = page.bench, page.bench.state
     if state.step is None:
-        widgets.empty("Fit a model first, on the screen Data." if state.recording else "Load a recording first.")
+        widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
 
     def make(theme: ThemeName) -> Sequence[Picture]:
         return [figures.linked(state, bench.whole(), theme, page.window)]
 
     with widgets.card("Position, acceleration, residual, temperature"):
-        ui.label(
-            "Drag to zoom: every panel follows, and the traces are thinned anew. Double-click to see all."
-        ).classes("note")
+        ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
             ("linked", state.current), make, prepare=lambda plot, redraw: zooming(page, plot, redraw), height=600
         )
     found = bench.diagnosis
-    with widgets.card("Against every variable"):
+    with widgets.card("Residual against each variable"):
         if found is None:
             if bench.job is None and not page.asking:
-                ui.label("Not asked yet.")
-                widgets.button("Look for what is missing", "search", page.ask, primary=True)
+                ui.label("Not diagnosed yet.")
+                widgets.button("Diagnose", "search", page.ask, primary=True)
             else:
-                ui.label("Being worked out …")
+                ui.label("Diagnosis is running …")
         else:
             worst = found.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
@@ -46,12 +44,12 @@ def show(page: Page) -> None:
 
 
 def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> None:
-    """When the time axis changes, the traces are thinned anew for what is seen."""
+    """Thin the traces again for the visible part when the time axis changes."""
     bench = page.bench
 
     async def moved(event: Any) -> None:
-        heard, window = window_of(event.args or {})
-        if not heard or window == page.window:
+        is_zoom, window = window_of(event.args or {})
+        if not is_zoom or window == page.window:
             return
         page.window = window
         state, theme = bench.state, page.theme
@@ -64,7 +62,7 @@ def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> N
 
 
 def window_of(args: dict[str, Any]) -> tuple[bool, tuple[float, float] | None]:
-    """Whether an event speaks of the time axis, and of which part of it; None for all of it."""
+    """Whether an event changes the time axis, and the part that it shows; None for all of it."""
     for i in ("", *range(2, 8)):
         low, high = args.get(f"xaxis{i}.range[0]"), args.get(f"xaxis{i}.range[1]")
         if isinstance(low, int | float) and isinstance(high, int | float):

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from accelcal.calibration.export.calibration import Calibration, Code
-from accelcal.calibration.export.inverse import READING_OUTSIDE, TEMPERATURE_OUTSIDE
+from accelcal.calibration.export.inverse import READING_OUTSIDE, TEMPERATURE_OUTSIDE, Warmth
 from accelcal.calibration.export.numbers import SINGLE
 from accelcal.calibration.export.words import comment, identifier, unit
 
@@ -72,73 +72,108 @@ def _suffix(code: Code) -> str:
 
 
 def _function(c: Calibration, code: Code, name: str) -> str:
-    inverse, kind = code.inverse, code.inverse.format.name
-    segments, w = inverse.segments, inverse.warmth
-    rows, columns = len(segments[0].coefficients), len(segments[0].coefficients[0])
-    many, warm = len(segments) > 1, columns > 1
-    big = name.upper()
-
-    def number(value: float) -> str:
-        return literal(code, value)
-
-    table = ",\n".join(f"        {{\n{_rows(code, s.coefficients)}\n        }}" for s in segments)
+    """One function: its tables, compensation of temperature, choice of the segment, Horner's rule."""
+    kind, w = code.inverse.format.name, code.inverse.warmth
     lines = [
         f"/* Reading ({unit(c.unit)}){' and temperature (degC)' if w else ''} to acceleration (m/s^2), in {kind}; "
         "returns 0 inside the range, else the flags. */",
         f"static inline unsigned {name}_acceleration{_suffix(code)}({kind} reading, "
         f"{f'{kind} temperature, ' if w else ''}{kind} *acceleration)",
         "{",
+        *_tables(code),
+        *([] if w is None else _temperature(code, w, name)),
+        *_range(code, name),
+        *_polynomial(code),
+        f"    if (outside & {name.upper()}_READING_OUTSIDE) {{",
+        "        a = a + slope * (y - inside);",
+        "    }",
+        "    *acceleration = a;",
+        "    return outside;",
+        "}",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _tables(code: Code) -> list[str]:
+    """Coefficients and ranges of the segments, and the variables."""
+    inverse, kind, segments = code.inverse, code.inverse.format.name, code.inverse.segments
+    rows, columns = len(segments[0].coefficients), len(segments[0].coefficients[0])
+    warm = columns > 1
+
+    def number(value: float) -> str:
+        return literal(code, value)
+
+    table = ",\n".join(f"        {{\n{_rows(code, s.coefficients)}\n        }}" for s in segments)
+    lines = [
         f"    static const {kind} coefficient[{len(segments)}][{rows}]{f'[{columns}]' if warm else ''} = {{",
         table,
         "    };",
         f"    static const {kind} centre[{len(segments)}] = {_row([number(s.centre) for s in segments], True)};",
         f"    static const {kind} per_half[{len(segments)}] = {_row([number(s.per_half) for s in segments], True)};",
     ]
-    if many:
+    if len(segments) > 1:
         starts = _row([number(s.low) for s in segments[1:]], True)
         lines += [f"    static const {kind} start[{len(segments) - 1}] = {starts};"]
-    lines += [
+    return [
+        *lines,
         f"    const {kind} low = {number(inverse.low)}, high = {number(inverse.high)};",
         f"    unsigned outside = 0u, segment = 0u, i{', j' if warm else ''};",
         f"    {kind} y = reading, inside, slope = {number(0.0)}, x, a;",
     ]
-    if w is not None:
-        lines += [
-            f"    const {kind} half = {number(w.half)};",
-            f"    {kind} t = temperature - {number(w.centre)};",
-            f"    y = y - {number(w.shift)} * t;",
-            "    if (!(t >= -half)) {",
-            "        t = -half;",
-            f"        outside |= {big}_TEMPERATURE_OUTSIDE;",
-            "    } else if (!(t <= half)) {",
-            "        t = half;",
-            f"        outside |= {big}_TEMPERATURE_OUTSIDE;",
-            "    }",
-        ]
-    lines += [
+
+
+def _temperature(code: Code, w: Warmth, name: str) -> list[str]:
+    """Compensation of the reading for temperature, held at the ends of its range."""
+    kind, flag = code.inverse.format.name, f"{name.upper()}_TEMPERATURE_OUTSIDE"
+    return [
+        f"    const {kind} half = {literal(code, w.half)};",
+        f"    {kind} t = temperature - {literal(code, w.centre)};",
+        f"    y = y - {literal(code, w.shift)} * t;",
+        "    if (!(t >= -half)) {",
+        "        t = -half;",
+        f"        outside |= {flag};",
+        "    } else if (!(t <= half)) {",
+        "        t = half;",
+        f"        outside |= {flag};",
+        "    }",
+    ]
+
+
+def _range(code: Code, name: str) -> list[str]:
+    """The reading held at the ends of its range, and the segment that it belongs to."""
+    low, high = (literal(code, slope) for slope in code.inverse.slopes)
+    count, flag = len(code.inverse.segments), f"{name.upper()}_READING_OUTSIDE"
+    lines = [
         "    inside = y;",
         "    if (!(y >= low)) {",
         "        inside = low;",
-        f"        slope = {number(inverse.slopes[0])};",
-        f"        outside |= {big}_READING_OUTSIDE;",
+        f"        slope = {low};",
+        f"        outside |= {flag};",
         "    } else if (!(y <= high)) {",
         "        inside = high;",
-        f"        slope = {number(inverse.slopes[1])};",
-        f"        outside |= {big}_READING_OUTSIDE;",
+        f"        slope = {high};",
+        f"        outside |= {flag};",
         "    }",
     ]
-    if many:
+    if count > 1:
         lines += [
-            f"    while (segment < {len(segments) - 1}u && inside >= start[segment]) {{",
+            f"    while (segment < {count - 1}u && inside >= start[segment]) {{",
             "        ++segment;",
             "    }",
         ]
-    lines += ["    x = (inside - centre[segment]) * per_half[segment];"]
-    if warm:
+    return [*lines, "    x = (inside - centre[segment]) * per_half[segment];"]
+
+
+def _polynomial(code: Code) -> list[str]:
+    """Horner's rule in x, and in temperature inside it where that matters."""
+    kind, w, coefficients = code.inverse.format.name, code.inverse.warmth, code.inverse.segments[0].coefficients
+    rows, columns = len(coefficients), len(coefficients[0])
+    if columns > 1:
         assert w is not None
         last = f"coefficient[segment][{rows - 1}]"
-        lines += [
-            f"    t = t * {number(w.per_half)};",
+        return [
+            f"    t = t * {literal(code, w.per_half)};",
             f"    a = {last}[{columns - 1}];",
             f"    for (j = {columns - 1}u; j-- > 0u;) {{",
             f"        a = a * t + {last}[j];",
@@ -151,23 +186,12 @@ def _function(c: Calibration, code: Code, name: str) -> str:
             "        a = a * x + row;",
             "    }",
         ]
-    else:
-        lines += [
-            f"    a = coefficient[segment][{rows - 1}];",
-            f"    for (i = {rows - 1}u; i-- > 0u;) {{",
-            "        a = a * x + coefficient[segment][i];",
-            "    }",
-        ]
-    lines += [
-        f"    if (outside & {big}_READING_OUTSIDE) {{",
-        "        a = a + slope * (y - inside);",
+    return [
+        f"    a = coefficient[segment][{rows - 1}];",
+        f"    for (i = {rows - 1}u; i-- > 0u;) {{",
+        "        a = a * x + coefficient[segment][i];",
         "    }",
-        "    *acceleration = a;",
-        "    return outside;",
-        "}",
-        "",
     ]
-    return "\n".join(lines)
 
 
 def _rows(code: Code, rows: Sequence[Sequence[float]]) -> str:

@@ -94,23 +94,6 @@ def _function(c: Calibration, code: Code) -> str:
         return literal(code, value)
 
     each = "".join(f"        {_rows(code, s.coefficients, ' ' * 8)},\n" for s in segments)
-    thermal = [f"    let tau: {kind} = 0.0;"]
-    if w is not None:
-        thermal = [
-            f"    const HALF: {kind} = {number(w.half)};",
-            f"    let t = temperature - {number(w.centre)};",
-            f"    let y = y - {number(w.shift)} * t;",
-            "    let held = if !(t >= -HALF) {",
-            "        outside |= TEMPERATURE_OUTSIDE;",
-            "        -HALF",
-            "    } else if !(t <= HALF) {",
-            "        outside |= TEMPERATURE_OUTSIDE;",
-            "        HALF",
-            "    } else {",
-            "        t",
-            "    };",
-            f"    let tau = held * {number(w.per_half)};",
-        ]
     lines = [
         f"/// Bound on the distance from the exact inverse inside the range, m/s^2: {upwards(code.bound)}.",
         f"pub const BOUND{_suffix(code).upper()}: {kind} = {number(code.bound)};",
@@ -125,7 +108,7 @@ def _function(c: Calibration, code: Code) -> str:
         f"    const HIGH: {kind} = {number(inverse.high)};",
         "    let mut outside = 0;",
         "    let y = reading;",
-        *thermal,
+        *_temperature(code),
         "    let (inside, slope) = if !(y >= START[0]) {",
         "        outside |= READING_OUTSIDE;",
         f"        (START[0], {number(inverse.slopes[0])})",
@@ -157,6 +140,28 @@ def _function(c: Calibration, code: Code) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _temperature(code: Code) -> list[str]:
+    """Compensation of the reading for temperature, held at the ends of its range."""
+    kind, w = _kind(code), code.inverse.warmth
+    if w is None:
+        return [f"    let tau: {kind} = 0.0;"]
+    return [
+        f"    const HALF: {kind} = {literal(code, w.half)};",
+        f"    let t = temperature - {literal(code, w.centre)};",
+        f"    let y = y - {literal(code, w.shift)} * t;",
+        "    let held = if !(t >= -HALF) {",
+        "        outside |= TEMPERATURE_OUTSIDE;",
+        "        -HALF",
+        "    } else if !(t <= HALF) {",
+        "        outside |= TEMPERATURE_OUTSIDE;",
+        "        HALF",
+        "    } else {",
+        "        t",
+        "    };",
+        f"    let tau = held * {literal(code, w.per_half)};",
+    ]
 
 
 def _choice(count: int) -> list[str]:

@@ -9,22 +9,11 @@ from collections.abc import Iterator
 
 from accelcal._core import __version__
 from accelcal.calibration.budget import COVERAGE_FACTOR
+from accelcal.calibration.characteristic import STATIC
 from accelcal.calibration.export.calibration import Calibration
 from accelcal.data.units import normalise
 
 WIDTH = 100
-TERMS = {
-    "bias": "K0",
-    "temperature_bias": "c1 T",
-    "scale_factor": "(1 + k) a",
-    "temperature_scale": "kT T a",
-    "scale_asymmetry": "(K1'/2)|a|",
-    "quadratic": "K2 a^2",
-    "odd_quadratic": "Koq a|a|",
-    "cubic": "K3 a^3",
-}
-"""Terms of the forward model in the order in which they are written."""
-
 SPELT = {"²": "^2", "³": "^3", "⁻¹": "^-1", "⁻²": "^-2", "µ": "u", "°": "deg ", "√": "sqrt"}
 
 
@@ -69,8 +58,9 @@ def sensor_name(c: Calibration) -> str:
 
 def equation(c: Calibration) -> str:
     """The forward model in symbols."""
-    terms = [text for name, text in TERMS.items() if name in c.own.coefficients]
-    return "output = " + " + ".join(terms)
+    terms = [STATIC[name] for name in c.own.coefficients]
+    written = sorted(terms, key=lambda term: (term.power, term.mirrored, term.thermal))
+    return "output = " + " + ".join(term.text for term in written)
 
 
 def reading(c: Calibration) -> str:

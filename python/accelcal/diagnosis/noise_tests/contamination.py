@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import FAST_SCATTER_RATIO, STEADY_SCATTER_RATIO
 
 # ---- samples that noise does not allow ---------------------------------------------------------------------------
 
@@ -18,12 +19,8 @@ STEADY = ((16384, 3200.0, 2), (1024, 200.0, 8), (256, 100.0, 8))
 many of them show that it is."""
 DRAWN = 1 << 16
 """Samples whose scale is drawn at a time between those of spans."""
-UNSTEADY = 1.15
-"""Variance of the logarithm of the scatter within a span, over that between neighbours, of scatter that is steady."""
 SCATTER = 0.0213
 """Variance of the logarithm of the median of 64 absolute normal deviates."""
-QUICK = 2.0
-"""More than so many times that between neighbours is scatter that changes within 64 samples; colour explains less."""
 WIDTHS = (2.5, 5.0, 10.0, 30.0, 100.0, 1000.0)
 """Sizes of outliers that are tried, in standard deviations of the noise."""
 SHARES = (1e-5, 1e-4, 1e-3, 3e-3)
@@ -45,12 +42,12 @@ def steady_spread(y: Array) -> tuple[Array, float] | None:
         return None
     logs = np.log(np.where(medians > 0.0, medians, usual))
     between = 0.5 * float(np.mean(np.diff(logs) ** 2))
-    if between > QUICK * SCATTER:
+    if between > FAST_SCATTER_RATIO * SCATTER:
         return None
     for span, dof, enough in STEADY:
         m = span // FINE
         groups = logs[: len(logs) // m * m].reshape(-1, m)
-        if len(groups) >= enough and float(np.mean(groups.var(axis=1, ddof=1))) < UNSTEADY * between:
+        if len(groups) >= enough and float(np.mean(groups.var(axis=1, ddof=1))) < STEADY_SCATTER_RATIO * between:
             own = np.abs(y[: len(groups) * span].reshape(-1, span))
             own = np.median(own, axis=1, overwrite_input=True) / 0.6745
             own = np.where(own > 0.0, own, usual / 0.6745)

@@ -8,9 +8,10 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.estimation.adjoint import gradient_in_readings
 from accelcal.estimation.columns import whitened_reading_errors
 
@@ -32,7 +33,7 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
     """
     travel = float(np.ptp(seen.smooth_position[seen.state.counts]))
     shortest = max(SHORTEST, 3.0 * seen.run.least_step, 12.0 * travel / MOST_CELLS)
-    nothing = NoiseTest("encoder_cyclic", 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
+    nothing = NoiseTest(POSITION_WAVE, 0.0, 1.0, 0.0, "m", math.inf, "the travel is too short to tell")
     if travel < 8.0 * shortest or len(seen.readings) < 256:
         return nothing
     cell = shortest / 6.0
@@ -53,10 +54,10 @@ def encoder_cyclic(seen: Residuals) -> NoiseTest:
             best = max(best, cyclic_fit(seen, trial), key=lambda f: f[0])
     gained, amplitude, std, at = best
     p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
-    found = p_value < ALARM
+    found = p_value < NOISE_TEST_ALPHA
     text = f"the encoder errs by {amplitude * 1e6:.2g} um with a period of {1e6 / at:.4g} um" if found else "none found"
     parts = {"wavelength": 1.0 / at, "wavelength_std": 0.55 / (math.sqrt(max(gained, 1.0)) * travel * at**2)}
-    return NoiseTest("encoder_cyclic", gained, p_value, amplitude, "m", std, text, parts)
+    return NoiseTest(POSITION_WAVE, gained, p_value, amplitude, "m", std, text, parts)
 
 
 def over_position(seen: Residuals, cell: float, travel: float) -> Array:

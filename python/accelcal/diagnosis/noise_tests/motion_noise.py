@@ -9,8 +9,14 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
+from accelcal.diagnosis.policy import (
+    NOISE_TEST_ALPHA,
+    NOISE_TEST_LEAST_BLOCKS,
+    SEPARATE_POWER_ALPHA,
+    VIBRATION_BIN_SIGMA,
+)
 
 BANDS = (1, 2, 4)
 """Bins of a block spectrum that one band of a vibration spans, besides all."""
@@ -18,10 +24,6 @@ FEWEST_BINS = 3
 """Bins beside a vibration that show whether the noise is jitter."""
 CLOSE_LOOKS = 6
 """Bands that seem loudest, whose chance is worked out."""
-ALONE = 1e-3
-"""Chance below which power that grows with one variable is no doing of the other: a choice of two, not a search."""
-SHAKEN = 3.0
-"""Standard deviations by which the power of a bin follows v⁴ where it belongs to a vibration."""
 
 
 def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTest, NoiseTest]:
@@ -35,11 +37,11 @@ def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTe
     """
     spectra = seen.brief
     v2, v4, j2 = seen.motion_blocks(spectra)
-    if len(v2) < LEAST_BLOCKS or np.ptp(v2) == 0.0:
+    if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0:
         nothing = ("the record is too short or too still to say whether noise follows the motion", 0.0, 1.0)
         return (
-            NoiseTest("vibration", nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
-            NoiseTest("timing_jitter", nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
+            NoiseTest(VIBRATION, nothing[1], nothing[2], 0.0, "m/s²", math.inf, nothing[0]),
+            NoiseTest(JITTER, nothing[1], nothing[2], 0.0, "s", math.inf, nothing[0]),
         )
     floor = 0.3 * seen.lsb**2 if coarse(seen) else 0.0  # below it power says how the motion crosses the steps
     everything = np.column_stack([np.ones_like(v2), v2, v4, j2])
@@ -49,7 +51,7 @@ def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTe
     alone_speed = math.exp(-0.5 * float(c[1:3] @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])))  # two degrees
 
     weights = spectra.power.mean(axis=0) ** -2.0
-    if p_speed < ALARM:
+    if p_speed < NOISE_TEST_ALPHA:
         skirts = shaken(spectra.power, v4, band)
         if skirts.stop - skirts.start < len(weights) - FEWEST_BINS:
             weights[skirts] = 0.0
@@ -57,27 +59,29 @@ def motion_noise(seen: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[NoiseTe
     z_jerk, p_jerk = power_trend_test(white, j2)
     c, covariance = power_fit(white, everything)
     alone_jerk = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
-    inseparable = max(p_speed, p_jerk) < ALARM and min(alone_speed, alone_jerk) > ALONE
+    inseparable = max(p_speed, p_jerk) < NOISE_TEST_ALPHA and min(alone_speed, alone_jerk) > SEPARATE_POWER_ALPHA
     p_vibration, p_jitter = (
-        p if inseparable or alone < ALONE else max(p, min(1.0, alone))
+        p if inseparable or alone < SEPARATE_POWER_ALPHA else max(p, min(1.0, alone))
         for p, alone in ((p_speed, alone_speed), (p_jerk, alone_jerk))
     )
-    beside = everything if p_vibration < ALARM else everything[:, [0, 3]]
+    beside = everything if p_vibration < NOISE_TEST_ALPHA else everything[:, [0, 3]]
     c, covariance = power_fit(white, beside)
     jitter, spread = rooted(c[-1], covariance[-1, -1], 1.0)
     stamps = NoiseTest(
-        "timing_jitter",
+        JITTER,
         z_jerk,
         p_jitter,
         jitter,
         "s",
         spread,
         f"noise grows with jerk as stamps uncertain by {jitter * 1e6:.3g} us would make it"
-        if p_jitter < ALARM
+        if p_jitter < NOISE_TEST_ALPHA
         else "noise does not grow with jerk",
         {"score": z_jerk, "blocks": float(len(v2))},
     )
-    return vibration_found(seen, lines, p_vibration, z_speed, band, jitter if p_jitter < ALARM else 0.0), stamps
+    return vibration_found(
+        seen, lines, p_vibration, z_speed, band, jitter if p_jitter < NOISE_TEST_ALPHA else 0.0
+    ), stamps
 
 
 def loudest_band(spectra: BlockSpectra, motions: tuple[Array, ...], floor: float) -> tuple[slice, float, float]:
@@ -110,9 +114,9 @@ def shaken(power: Array, v4: Array, band: slice) -> slice:
     x = v4 - v4.mean()
     score = x @ (power / power.mean(axis=0)) / math.sqrt(float(x @ x))  # the power of one bin is exponential
     low, high = band.start, band.stop
-    while low > 0 and score[low - 1] > SHAKEN:
+    while low > 0 and score[low - 1] > VIBRATION_BIN_SIGMA:
         low -= 1
-    while high < len(score) and score[high] > SHAKEN:
+    while high < len(score) and score[high] > VIBRATION_BIN_SIGMA:
         high += 1
     return slice(max(0, low - 1), high + 1)
 
@@ -141,12 +145,12 @@ def vibration_found(
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4]))
     top = float(np.max(np.abs(seen.motion[0])))
     about = shaken(spectra.power, v4, band)
-    line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < ALARM), None)
+    line = next((f for f in lines if f.parts["follows_motion"] and f.p_value < NOISE_TEST_ALPHA), None)
     frequency = line.parts["frequency"] if line else loudest_at(seen, spectra.f[band])
     gain = top**2 / seen.rc_gain(frequency)
     amplitude, spread = rooted(2.0 * c[1], 4.0 * covariance[1, 1], gain)
     return NoiseTest(
-        "vibration",
+        VIBRATION,
         score,
         p_value,
         amplitude,
@@ -154,7 +158,7 @@ def vibration_found(
         spread,
         f"noise above {seen.edge:.0f} Hz grows with speed: up to {amplitude:.2g} m/s² at {top:.2g} m/s, "
         f"strongest near {frequency:.0f} Hz"
-        if p_value < ALARM
+        if p_value < NOISE_TEST_ALPHA
         else "noise does not grow with speed",
         {
             "frequency": frequency,

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-LEAST_BLOCKS = 40
-"""Fewer blocks than this show no correlation that could be told from chance at 1e-4."""
-ALARM = 1e-4
-"""Level at which one test changes what another one says (a line that follows the motion is vibration)."""
+from accelcal.effects import found_by
+
+LINE = found_by("line").name
+VIBRATION = found_by("noise over speed").name
+JITTER = found_by("noise over jerk").name
+OUTPUT_OUTLIERS = found_by("output outliers").name
+READING_OUTLIERS = found_by("reading outliers").name
+STEPS = found_by("output steps").name
+POSITION_WAVE = found_by("wave over position").name
+"""The effects that the tests find, by name."""
 
 
 @dataclass(frozen=True, slots=True)

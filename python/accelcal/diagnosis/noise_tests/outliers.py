@@ -8,9 +8,10 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 
 
 def course(seen: Residuals, gain: Array) -> Array:
@@ -19,7 +20,7 @@ def course(seen: Residuals, gain: Array) -> Array:
     Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², put back to every sample.
     """
     spectra = seen.spectra
-    if len(spectra.power) < LEAST_BLOCKS:
+    if len(spectra.power) < NOISE_TEST_LEAST_BLOCKS:
         return np.ones(seen.n)
     f = np.linspace(0.0, 0.5 * seen.rate, len(gain))
     power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
@@ -49,13 +50,13 @@ def accelerometer_outliers(seen: Residuals) -> NoiseTest:
     del usual
     np.hypot(spread, seen.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
     found = outliers(y, spread, len(y), dof)
-    text = found.sentence("samples of the output", "m/s²") if found.p_value < ALARM else "the output has none"
+    text = (
+        found.sentence("samples of the output", "m/s²") if found.p_value < NOISE_TEST_ALPHA else "the output has none"
+    )
     n = len(seen.u)
     at = tuple(float(t) for t in seen.t[seen.taken][found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
-    return NoiseTest(
-        "accelerometer_outliers", found.score, found.p_value, found.count / n, "", std, text, found.parts, at
-    )
+    return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
 
 
 def encoder_outliers(seen: Residuals) -> NoiseTest:
@@ -65,8 +66,12 @@ def encoder_outliers(seen: Residuals) -> NoiseTest:
     n = len(seen.readings) + left_out
     p = 0.0 if left_out else found.p_value
     count = found.count + left_out
-    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks]) if p < ALARM else ()
-    text = f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um" if p < ALARM else "none"
+    at = tuple(float(t) for t in seen.run.t[seen.state.counts][found.peaks]) if p < NOISE_TEST_ALPHA else ()
+    text = (
+        f"{count:.0f} readings of the encoder stand out by up to {found.size * 1e6:.2g} um"
+        if p < NOISE_TEST_ALPHA
+        else "none"
+    )
     parts = {**found.parts, "count": count, "left_out": float(left_out)}
     std = math.sqrt(max(count, 1.0)) / max(1, n)
-    return NoiseTest("encoder_outliers", found.score, p, count / max(1, n), "", std, text, parts, at)
+    return NoiseTest(READING_OUTLIERS, found.score, p, count / max(1, n), "", std, text, parts, at)

@@ -7,15 +7,9 @@ import math
 import numpy as np
 import scipy
 
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import STEPS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
-
-COARSE = 1.2
-"""Steps of more noise standard deviations than this are no longer dithered by the noise."""
-HELD = 0.02
-"""Share of readings that repeat the one before although the values are not on a grid."""
-SAME_STEP = 1e-4
-"""Relative error within which a step is the one that a converter of whole bits has over the declared range."""
+from accelcal.diagnosis.policy import COARSE_STEP_RATIO, HELD_SHARE, NOISE_TEST_ALPHA, WHOLE_BITS_TOLERANCE
 
 
 def quantisation(seen: Residuals) -> NoiseTest:
@@ -28,21 +22,21 @@ def quantisation(seen: Residuals) -> NoiseTest:
     noise = sample_noise(seen)
     ratio = seen.lsb / noise if noise > 0.0 else 0.0
     repeats = float(np.mean(np.diff(seen.u) == 0.0)) if seen.lsb == 0.0 and len(seen.u) > 1 else 0.0
-    held = repeats > HELD or any(
+    held = repeats > HELD_SHARE or any(
         f.kind == "held_repeats" and f.channel == seen.run.accel.name for f in seen.run.recording.findings
     )
     p_value = 1.0
-    if seen.lsb > 0.0 and (ratio > COARSE or not of_whole_bits(seen)):
+    if seen.lsb > 0.0 and (ratio > COARSE_STEP_RATIO or not of_whole_bits(seen)):
         p_value = float(scipy.special.chdtrc(1.0, rounding_gain(seen, noise)))
-    p_value = 0.0 if held or ratio > COARSE else p_value
+    p_value = 0.0 if held or ratio > COARSE_STEP_RATIO else p_value
     text = "the output is not on a grid that matters"
-    if seen.lsb > 0.0 and p_value < ALARM:
+    if seen.lsb > 0.0 and p_value < NOISE_TEST_ALPHA:
         text = f"the output comes in steps of {seen.lsb:.3g} m/s², {ratio:.2g} times the noise of a sample"
     elif held:
         text = "readings of the output are written several times: the logger is faster than the sensor"
     parts = {"step": seen.lsb, "noise": noise, "held": max(repeats, float(held))}
-    parts["coarse"] = float(ratio > COARSE or held)
-    return NoiseTest("quantisation", ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
+    parts["coarse"] = float(ratio > COARSE_STEP_RATIO or held)
+    return NoiseTest(STEPS, ratio, p_value, seen.lsb, "m/s²", 0.0, text, parts)
 
 
 def rounding_gain(seen: Residuals, noise: float) -> float:
@@ -60,4 +54,4 @@ def of_whole_bits(seen: Residuals) -> bool:
     if limit is None or seen.lsb <= 0.0:
         return False
     bits = math.log2(limit / seen.lsb)
-    return abs(bits - round(bits)) < SAME_STEP
+    return abs(bits - round(bits)) < WHOLE_BITS_TOLERANCE

@@ -12,8 +12,8 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.local_spread import local_spread
 from accelcal.diagnosis.noise_tests.block_spectra import BRIEF, BlockSpectra
 from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, above
-from accelcal.diagnosis.noise_tests.noise_test import ALARM
-from accelcal.diagnosis.noise_tests.robust import OUTLIER, Outliers, isolated, outliers, spread_of
+from accelcal.diagnosis.noise_tests.robust import Outliers, isolated, outliers, spread_of
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.signals import Signals
 
@@ -110,7 +110,7 @@ class Residuals:
         np.hypot(spread, self.lsb * math.sqrt(float(np.mean(surprise.gain**2)) / 12.0), out=spread)
         score = np.abs(y)
         score /= np.maximum(spread, 1e-300)
-        loud = isolated(score, np.flatnonzero(score > OUTLIER))
+        loud = isolated(score, np.flatnonzero(score > OUTLIER_SIGMA))
         if len(loud) == 0:
             return correction, lost
         loud = np.flatnonzero(self.taken)[loud]
@@ -183,7 +183,7 @@ class Residuals:
         limit = 5.0 * local_spread(y)
         y = np.clip(y, -limit, limit)
         peaks = self.loud_readings.peaks
-        if self.loud_readings.p_value < ALARM:
+        if self.loud_readings.p_value < NOISE_TEST_ALPHA:
             memory = MEMORY / (2.0 * math.pi * self.run.crossover(self.state.noise)) / self.run.reading_step
             forgotten = np.zeros(len(y) + 1)
             np.add.at(forgotten, peaks, 1.0)

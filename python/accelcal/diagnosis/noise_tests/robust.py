@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.local_spread import LOCAL, local_spread
 from accelcal.diagnosis.noise_tests.contamination import contamination_test, steady_spread
-from accelcal.diagnosis.noise_tests.noise_test import ALARM
-
-OUTLIER = 5.5
-"""Local standard deviations beyond which a sample may be an outlier."""
-ISOLATED = 3
-"""More samples than this in a row are an event, not an outlier."""
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_MOST_SAMPLES, OUTLIER_SIGMA
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,15 +64,15 @@ def outliers(y: Array, spread: Array, n: int, dof: float = 0.7 * LOCAL) -> Outli
     score = np.abs(y)
     score /= np.maximum(spread, 1e-300)
     share, p_share = contamination_test(score, dof)
-    peaks = isolated(score, np.flatnonzero(score > OUTLIER))
+    peaks = isolated(score, np.flatnonzero(score > OUTLIER_SIGMA))
     if len(peaks) == 0:
-        largest = float(np.max(np.abs(y))) if p_share < ALARM else 0.0
+        largest = float(np.max(np.abs(y))) if p_share < NOISE_TEST_ALPHA else 0.0
         return Outliers(largest, float(np.max(score, initial=0.0)), peaks, share * n, min(1.0, 3.0 * p_share))
     top = int(peaks[np.argmax(score[peaks])])
     p_top = min(1.0, 2.0 * n * float(scipy.special.stdtr(dof, -score[top])))
-    expected = 2.0 * n * float(scipy.special.stdtr(dof, -OUTLIER))
+    expected = 2.0 * n * float(scipy.special.stdtr(dof, -OUTLIER_SIGMA))
     p_count = float(scipy.special.gammainc(len(peaks), expected))
-    limit = -float(scipy.special.stdtrit(dof, 0.5 * ALARM / max(n, 1)))
+    limit = -float(scipy.special.stdtrit(dof, 0.5 * NOISE_TEST_ALPHA / max(n, 1)))
     sure = peaks[score[peaks] > limit]
     chosen = sure if len(sure) else peaks
     p_value = min(1.0, 3.0 * min(p_top, p_count, p_share))
@@ -92,6 +87,6 @@ def isolated(score: Array, loud: NDArray[np.intp]) -> NDArray[np.intp]:
     kept = []
     for group in groups:
         peak = group[int(np.argmax(score[group]))]
-        if int(np.sum(score[group] > 0.5 * score[peak])) <= ISOLATED:
+        if int(np.sum(score[group] > 0.5 * score[peak])) <= OUTLIER_MOST_SAMPLES:
             kept.append(peak)
     return np.asarray(kept, dtype=np.intp)

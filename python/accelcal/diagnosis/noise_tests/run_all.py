@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, encoder_outliers
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
@@ -46,4 +46,4 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     )
 
 
-__all__ = ["ALARM", "NoiseTest", "run_noise_tests"]
+__all__ = ["NoiseTest", "run_noise_tests"]

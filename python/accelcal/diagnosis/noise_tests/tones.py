@@ -10,31 +10,28 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, coarse
+from accelcal.diagnosis.policy import (
+    COMB_HALF_WIDTH,
+    COMB_POWER_RATIO,
+    CONVERTER_LINE_SHARE,
+    DRIVEN_LINE_RATIO,
+    DRIVEN_LINE_SHARE,
+    MOTION_LINE_RATIO,
+    NOISE_TEST_ALPHA,
+    NOISE_TEST_LEAST_BLOCKS,
+    REPORTED_LINES,
+)
 from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
 
-MOST_LINES = 5
-"""Lines that are reported."""
 FEWEST_BINS = 64
 """Fewer bins than this have no level."""
 LEVEL_SPAN = 0.04
 """Share of the sampling rate over which the level of the noise may be taken as one."""
-STEP_LINE = 0.05
-"""Share of a coarse converter step below which a line may be the converter's own."""
-COMB = 25.0
-"""Hz on either side of a line in which others may not ..."""
-COMPANY = 3.0
-"""... hold so many times its power together: a band of noise or a comb of lines is the vibration of some machine."""
 NEIGHBOURS = 1001
 """Bins of the periodogram over which its local level is taken."""
-SHARE = 1e-3
-"""A line with less of the power of what makes it would stand among far stronger ones."""
-OWN_LINE = 3.0
-"""A motion with this many times the line itself has it from its drive."""
-DRIVEN = 20.0
-"""Power of a line of the motion's own nonlinear functions over that at its neighbours, where the motion makes lines."""
 
 
 def tones(seen: Residuals) -> tuple[NoiseTest, ...]:
@@ -52,7 +49,7 @@ def tones(seen: Residuals) -> tuple[NoiseTest, ...]:
     peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
     peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
     peaks.sort()
-    loud = [peak for peak in peaks if peak[0] < ALARM] or peaks[:1]
+    loud = [peak for peak in peaks if peak[0] < NOISE_TEST_ALPHA] or peaks[:1]
     of_output, of_readings = (seen.t, seen.residual, seen.rate), (t, y, rate)
     return tuple(line(seen, of_output if up else of_readings, f, -minus, p, up) for p, minus, f, up in loud)
 
@@ -90,8 +87,8 @@ def lines_of(
     worth = m / 4.0
     chance = np.exp(-worth * np.log1p(ratio / worth))
     peaks: list[tuple[float, float, float]] = []
-    around = max(16, int(COMB * n / rate))
-    for k in np.argsort(-ratio)[: 8 * MOST_LINES]:
+    around = max(16, int(COMB_HALF_WIDTH * n / rate))
+    for k in np.argsort(-ratio)[: 8 * REPORTED_LINES]:
         at = float(f[rows][k])
         if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks) and stands_alone(part, level, int(k), around):
             i = int(k) + rows.start
@@ -100,7 +97,7 @@ def lines_of(
                 bend = a - 2.0 * b + c
                 at += 0.5 * (a - c) / bend * float(f[1]) if bend < 0.0 else 0.0
             peaks.append((at, float(ratio[k]), float(chance[k])))
-        if len(peaks) == MOST_LINES:
+        if len(peaks) == REPORTED_LINES:
             break
     return peaks, len(part)
 
@@ -116,7 +113,7 @@ def stands_alone(part: Array, level: Array, k: int, around: int) -> bool:
     mine = float(np.sum(excess[own]))
     others = float(np.sum(excess)) - mine
     noise = 1.5 * level[k] * math.sqrt(len(excess))
-    return bool(others < COMPANY * mine + 6.0 * noise)
+    return bool(others < COMB_POWER_RATIO * mine + 6.0 * noise)
 
 
 def local_level(part: Array, m: int = NEIGHBOURS) -> tuple[Array, int]:
@@ -159,11 +156,11 @@ def line(
     del turned
     speed = np.mean(np.interp(t[: K * length], seen.t, seen.motion[0]).reshape(K, length) ** 2, axis=1)
     follows = False
-    if K >= LEAST_BLOCKS and p_value < ALARM and np.ptp(speed) > 0.0:
+    if K >= NOISE_TEST_LEAST_BLOCKS and p_value < NOISE_TEST_ALPHA and np.ptp(speed) > 0.0:
         at_rest = abs(complex(np.mean(heard[speed <= np.quantile(speed, 0.4)])))
         fades = at_rest < 0.5 * abs(complex(np.mean(heard)))
-        follows = fades and rank_correlation(np.abs(heard) ** 2, speed)[1] < ALARM
-    if coarse(seen) and amplitude * seen.rc_gain(frequency) < STEP_LINE * seen.lsb:
+        follows = fades and rank_correlation(np.abs(heard) ** 2, speed)[1] < NOISE_TEST_ALPHA
+    if coarse(seen) and amplitude * seen.rc_gain(frequency) < CONVERTER_LINE_SHARE * seen.lsb:
         p_value = 1.0  # steps crossed by a periodic motion make lines of their own
     span = float(t[-1] - t[0])
     within = frequency < seen.signals.cutoff
@@ -172,10 +169,12 @@ def line(
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
         "follows_motion": float(follows),
         "within_motion": float(within),
-        "made_by_motion": float(within and p_value < ALARM and driven(seen.signals, frequency, amplitude)),
+        "made_by_motion": float(within and p_value < NOISE_TEST_ALPHA and driven(seen.signals, frequency, amplitude)),
     }
-    text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < ALARM else "no line stands out"
-    return NoiseTest("tone", ratio, p_value, amplitude, "m/s²", std, text, parts)
+    text = (
+        f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < NOISE_TEST_ALPHA else "no line stands out"
+    )
+    return NoiseTest(LINE, ratio, p_value, amplitude, "m/s²", std, text, parts)
 
 
 def driven(s: Signals, frequency: float, amplitude: float) -> bool:
@@ -192,11 +191,11 @@ def driven(s: Signals, frequency: float, amplitude: float) -> bool:
         power = np.abs(turns @ (made - np.mean(made))) ** 2
         top = float(np.max(power[: len(near)]))
         share = 2.0 * top / np.sum(window) ** 2 / max(float(np.var(made)), 1e-300)
-        return bool(top > DRIVEN * np.median(power[len(near) :]) and share > SHARE)
+        return bool(top > DRIVEN_LINE_RATIO * np.median(power[len(near) :]) and share > DRIVEN_LINE_SHARE)
 
     wave = np.exp(turning * s.t)
     own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
-    if abs(own) > OWN_LINE * amplitude:
+    if abs(own) > MOTION_LINE_RATIO * amplitude:
         if stands(s.a):
             return True
         own = 0.0

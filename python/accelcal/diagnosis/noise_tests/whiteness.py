@@ -8,8 +8,9 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.noise_tests.noise_test import ALARM, LEAST_BLOCKS, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 
 LAGS = 5
 """Lags looked at on each scale of time."""
@@ -24,7 +25,7 @@ def whiteness(seen: Residuals) -> NoiseTest:
     y = seen.readings
     scales: dict[int, tuple[float, float]] = {}
     length = 1
-    while len(y) // length >= 4 * LEAST_BLOCKS:
+    while len(y) // length >= 4 * NOISE_TEST_LEAST_BLOCKS:
         K = len(y) // length
         sums = y[: K * length].reshape(K, length).sum(axis=1)
         scales[length] = portmanteau(sums)
@@ -36,7 +37,11 @@ def whiteness(seen: Residuals) -> NoiseTest:
     p = min(1.0, p * len(scales))
     lag = worst * seen.run.reading_step
     first = float(np.mean(y[1:] * y[:-1]) / np.mean(y**2))
-    text = f"innovations are correlated over {lag:.2g} s and longer" if p < ALARM else "the innovations are white"
+    text = (
+        f"innovations are correlated over {lag:.2g} s and longer"
+        if p < NOISE_TEST_ALPHA
+        else "the innovations are white"
+    )
     parts = {"scale": lag, **{f"p_{k}": value[1] for k, value in scales.items()}}
     return NoiseTest("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
 

@@ -1,4 +1,4 @@
-"""Beam search over sets of effects: what enters, at what price, checked block by block."""
+"""Beam search over sets of effects: which enter, at what price, and whether their scores scatter as the model says."""
 
 from __future__ import annotations
 
@@ -9,33 +9,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import (
+    BEAM_WIDTH,
+    BLOCK_SECONDS,
+    DEFERRED_GAIN_SHARE,
+    FAMILY_DISCOUNT,
+    MODEL_NOISE_BLOCKS,
+    RANDOM_BIAS_DISCOUNT,
+    SEARCH_DEPTH,
+)
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import log_survival, scale_of
 from accelcal.diagnosis.search.scores import CandidateScores
 from accelcal.diagnosis.search.thresholds import entry_gains
 from accelcal.estimation.run_state import RunState
 
-DEPTH = 3
-"""Effects that are searched for together."""
-WIDTH = 5
-"""Sets that are kept at each depth."""
-NAMELESS = 0.95
-"""Share of its gain that a shape without a name may claim: a named effect that explains nearly as much is preferred."""
-SHAPELESS = 0.9
-"""The same for a bias that wanders: it takes any course, which a function of something recorded does not."""
-SHADOW = 0.1
-"""An effect that explains less than this share of the strongest one waits until the model is fitted with that."""
-NOTHING_LEFT = 1e-9
-"""Share of an item's power below which those before it contain it."""
-TRUSTED = 8.0
-"""Blocks that would have to scatter otherwise before they are believed over the noise of the model."""
-SECONDS_PER_BLOCK = 0.25
-"""Length of a block, at least two periods of the crossover."""
+CONTAINED_SHARE = 1e-9
+"""Share of a hypothesis's power below which the effects that entered before it contain it."""
 
 
 @dataclass(frozen=True, slots=True)
-class Search:
-    """Rules by which effects enter: significance over all alternatives, and what freedom costs."""
+class SearchRules:
+    """Rules by which effects enter: significance over all alternatives, and the price of coefficients."""
 
     examined: int
     blocks: int
@@ -47,129 +42,146 @@ class Search:
         return math.log(self.alpha / max(1, self.examined))
 
     def significant(self, gain: float, dof: int, item: Hypothesis) -> bool:
-        """Whether a gain is beyond what the best of all alternatives would show by chance."""
-        return dof > 0 and chance(gain, dof, item) < self.threshold
+        """Whether a gain exceeds what the best of all alternatives reaches by chance."""
+        return dof > 0 and log_chance(gain, dof, item) < self.threshold
 
-    def price(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """Gain less what an effect pays for its freedom, for having been picked, and for having no name or course."""
-        return self.evidence(gain * (SHAPELESS if item.effect.port == "process" else 1.0), dof, item)
-
-    def evidence(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """The same of a bias that wanders as if it had a course: who follows any course cannot be told from it."""
-        told = gain * (NAMELESS if item.effect.family else 1.0)
-        looks = max(self.examined, 2) * item.looks
-        return told - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(looks)
-
-    def needed(self, dof: int, item: Hypothesis) -> tuple[float, float]:
-        """Gain of an item that is significant, and gain that is worth its price."""
-        share = NAMELESS if item.effect.family else 1.0
-        return entry_gains(
-            self.examined, self.blocks, self.alpha, dof=dof, looks=item.looks, share=share, further=item.further
+    def net_gain(self, gain: float, dof: int, item: Hypothesis) -> float:
+        """Gain less the price of its coefficients and of the comparisons made; curves and random biases claim a share
+        of it."""
+        return self.net_gain_as_rival(
+            gain * (RANDOM_BIAS_DISCOUNT if item.effect.port == "process" else 1.0), dof, item
         )
 
-    def best(self, evidence: CandidateScores, robust: Robust | None = None) -> tuple[int, ...]:
-        """The set whose gain exceeds its price most, every member significant beside all others, strongest first."""
-        sets = {self.sound(evidence, robust, one) for one in self.beam(evidence, robust)}
-        return max(sets, key=lambda one: self.worth(evidence, one))
+    def net_gain_as_rival(self, gain: float, dof: int, item: Hypothesis) -> float:
+        """`net_gain` without the discount of a random bias; it decides which rivals are confounded with that bias."""
+        credited = gain * (FAMILY_DISCOUNT if item.effect.family else 1.0)
+        comparisons = max(self.examined, 2) * item.comparisons
+        return credited - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)
 
-    def sound(self, evidence: CandidateScores, robust: Robust | None, chosen: tuple[int, ...]) -> tuple[int, ...]:
-        """Those of a set that are significant beside all others of them, strongest first."""
+    def required_gains(self, dof: int, item: Hypothesis) -> tuple[float, float]:
+        """Gain at which a hypothesis is significant, and gain that is worth its price."""
+        share = FAMILY_DISCOUNT if item.effect.family else 1.0
+        return entry_gains(
+            self.examined,
+            self.blocks,
+            self.alpha,
+            dof=dof,
+            comparisons=item.comparisons,
+            share=share,
+            further=item.further,
+        )
+
+    def best_set(self, evidence: CandidateScores, scatter: BlockScatter | None = None) -> tuple[int, ...]:
+        """The set with the largest net gain, each member significant given all others, strongest first."""
+        sets = {self.significant_members(evidence, scatter, chosen) for chosen in self.beam(evidence, scatter)}
+        return max(sets, key=lambda chosen: self.net_gain_of_set(evidence, chosen))
+
+    def significant_members(
+        self, evidence: CandidateScores, scatter: BlockScatter | None, chosen: tuple[int, ...]
+    ) -> tuple[int, ...]:
+        """Members of a set that are significant given all others of them, strongest first."""
         kept = sorted(chosen)
         while len(kept) > 1:
-            beside = [(self.told(evidence, robust, i, [j for j in kept if j != i]), i) for i in kept]
-            idle = [i for value, i in beside if value == -math.inf]
-            if not idle:
+            net_gains = [(self.net_gain_given(evidence, scatter, i, [j for j in kept if j != i]), i) for i in kept]
+            insignificant = [i for value, i in net_gains if value == -math.inf]
+            if not insignificant:
                 break
-            kept.remove(min(idle, key=lambda i: self.told(evidence, None, i, ())))
+            kept.remove(min(insignificant, key=lambda i: self.net_gain_given(evidence, None, i, ())))
         ordered: list[int] = []
         while kept:
-            ordered.append(max(kept, key=lambda i: self.told(evidence, None, i, ordered)))
+            ordered.append(max(kept, key=lambda i: self.net_gain_given(evidence, None, i, ordered)))
             kept.remove(ordered[-1])
         return tuple(ordered)
 
-    def worth(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
-        """Gain less price of a set, one after the other."""
-        return sum(self.told(evidence, None, i, ordered[:k]) for k, i in enumerate(ordered))
+    def net_gain_of_set(self, evidence: CandidateScores, ordered: Sequence[int]) -> float:
+        """Net gain of a set whose members enter one after the other."""
+        return sum(self.net_gain_given(evidence, None, i, ordered[:k]) for k, i in enumerate(ordered))
 
-    def told(self, evidence: CandidateScores, robust: Robust | None, i: int, given: Sequence[int]) -> float:
-        """Gain less price of an item beside others; minus infinity where it is not significant there."""
+    def net_gain_given(
+        self, evidence: CandidateScores, scatter: BlockScatter | None, i: int, given: Sequence[int]
+    ) -> float:
+        """Net gain of a hypothesis given others; minus infinity where it is not significant."""
         gains, dofs = evidence.gains(given)
         gain, dof = float(gains[i]), int(dofs[i])
-        sure = gain if robust is None else gain / robust.inflation(i, given)
-        if robust is not None and not self.significant(sure, dof, evidence.items[i]):
+        robust_gain = gain if scatter is None else gain / scatter.inflation(i, given)
+        if scatter is not None and not self.significant(robust_gain, dof, evidence.items[i]):
             return -math.inf
-        return self.price(gain, dof, evidence.items[i])
+        return self.net_gain(gain, dof, evidence.items[i])
 
-    def beam(self, evidence: CandidateScores, robust: Robust | None = None) -> list[tuple[int, ...]]:
-        """Beam search: the best set, then every set that was kept on the way."""
+    def beam(self, evidence: CandidateScores, scatter: BlockScatter | None = None) -> list[tuple[int, ...]]:
+        """Beam search: the best set, then every set that was kept at any depth."""
         beam: list[tuple[float, tuple[int, ...]]] = [(0.0, ())]
         best: tuple[float, tuple[int, ...]] = (0.0, ())
         seen: list[tuple[int, ...]] = []
-        for _ in range(DEPTH):
-            grown: dict[frozenset[int], tuple[float, tuple[int, ...]]] = {}
+        for _ in range(SEARCH_DEPTH):
+            extended: dict[frozenset[int], tuple[float, tuple[int, ...]]] = {}
             for total, chosen in beam:
-                for value, i in self.options(evidence, chosen, robust):
+                for value, i in self.extensions(evidence, chosen, scatter):
                     key = frozenset((*chosen, i))
-                    if key not in grown or grown[key][0] < total + value:
-                        grown[key] = (total + value, (*chosen, i))
-            beam = self.diverse(evidence, sorted(grown.values(), reverse=True))
+                    if key not in extended or extended[key][0] < total + value:
+                        extended[key] = (total + value, (*chosen, i))
+            beam = self.distinct(evidence, sorted(extended.values(), reverse=True))
             if not beam:
                 break
             best = max(best, beam[0])
             seen += [chosen for _, chosen in beam]
         return [best[1], *seen]
 
-    def options(
-        self, evidence: CandidateScores, chosen: tuple[int, ...], robust: Robust | None
+    def extensions(
+        self, evidence: CandidateScores, chosen: tuple[int, ...], scatter: BlockScatter | None
     ) -> list[tuple[float, int]]:
-        """What may enter after a set, best first."""
+        """Hypotheses that may enter after a set, with their net gains, best first."""
         gains, dofs = evidence.gains(chosen)
-        taken = {evidence.items[i].effect.name for i in chosen}
+        present = {evidence.items[i].effect.name for i in chosen}
         found: list[tuple[float, int]] = []
         first = float(evidence.gains()[0][chosen[0]]) if chosen else 0.0
         for i, item in enumerate(evidence.items):
-            if item.effect.name in taken:
+            if item.effect.name in present:
                 continue
             gain, dof = float(gains[i]), int(dofs[i])
-            if gain < SHADOW * first or not self.significant(gain, dof, item):
+            if gain < DEFERRED_GAIN_SHARE * first or not self.significant(gain, dof, item):
                 continue
-            if robust is not None and not self.significant(gain / robust.inflation(i, chosen), dof, item):
+            if scatter is not None and not self.significant(gain / scatter.inflation(i, chosen), dof, item):
                 continue
-            found.append((self.price(gain, dof, item), i))
+            found.append((self.net_gain(gain, dof, item), i))
         return sorted(found, reverse=True)
 
-    def diverse(
+    def distinct(
         self, evidence: CandidateScores, ranked: Sequence[tuple[float, tuple[int, ...]]]
     ) -> list[tuple[float, tuple[int, ...]]]:
-        """The best sets, at most one for each choice of effects, so that trial shapes do not crowd the beam."""
+        """The best sets, at most one for each choice of effects, so that trial shapes of one effect do not fill the
+        beam."""
         kept: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
         for value, chosen in ranked:
             names = frozenset(evidence.items[i].effect.name for i in chosen)
             if names not in kept:
                 kept[names] = (value, chosen)
-            if len(kept) == WIDTH:
+            if len(kept) == BEAM_WIDTH:
                 break
         return list(kept.values())
 
 
-def chance(gain: float, dof: int, item: Hypothesis) -> float:
-    """Log probability of a gain where nothing is, over the values that the item was picked from."""
-    return log_survival(gain, dof) + math.log(item.looks)
+def log_chance(gain: float, dof: int, item: Hypothesis) -> float:
+    """Log probability of a gain under the null, over the values among which the hypothesis was selected."""
+    return log_survival(gain, dof) + math.log(item.comparisons)
 
 
-def block_length(one: RunState) -> float:
-    """Stretch of a record whose scores are independent of the next, s: two periods of the crossover, or 0.25 s."""
-    periods = 2.0 / one.run.crossover(one.noise)
-    span = float(one.run.t[-1] - one.run.t[0])
-    return max(periods, min(SECONDS_PER_BLOCK, span / 80.0))
+def block_length(state: RunState) -> float:
+    """Length of blocks whose scores are independent, s: two periods of the crossover, and at least 0.25 s.
+
+    On a record of less than 20 s the least length is an 80th of the record.
+    """
+    periods = 2.0 / state.run.crossover(state.noise)
+    span = float(state.run.t[-1] - state.run.t[0])
+    return max(periods, min(BLOCK_SECONDS, span / 80.0))
 
 
-class Robust:
-    """How much more the scores of the finalists scatter from block to block than the model says.
+class BlockScatter:
+    """Ratio of the scatter of the finalists' scores from block to block to the variance that the model predicts.
 
-    Scatter is taken from what all finalists together leave over, so that one missing effect does not pass for
+    Scatter is taken from the residual of all finalists together, so that one missing effect does not count as
     uncertainty of another. An effect that lives in a few blocks, such as a step, has little scatter to measure: the
-    fewer they are, the more the noise of the model counts.
+    fewer its blocks, the more the predicted variance counts.
     """
 
     def __init__(self, evidence: CandidateScores, length: float) -> None:
@@ -182,11 +194,11 @@ class Robust:
         sums = np.zeros((2 * len(evidence.G), int(block[-1]) + 1))
         np.add.at(sums.T, block, np.concatenate([sums for _, sums in parts], axis=1).T)
         self.scores, self.powers = np.split(sums, 2)
-        """Score of each column in each block, and what it may vary by, (m, blocks) each."""
+        """Score of each column in each block, and its predicted variance, (m, blocks) each."""
         self.known: dict[tuple[int, tuple[int, ...]], float] = {}
 
     def inflation(self, i: int, given: Sequence[int]) -> float:
-        """Ratio of block scatter to model variance of an item's score, at least 1."""
+        """Ratio of block scatter to predicted variance of a hypothesis's score, at least 1."""
         key = (i, tuple(sorted(given)))
         if key not in self.known:
             self.known[key] = self._inflation(*key)
@@ -205,21 +217,24 @@ class Robust:
             weights, *_ = np.linalg.lstsq(e.G[np.ix_(rows, rows)], e.G[rows, own] @ estimate, rcond=1e-9)
             direction[rows] = -weights
         power = float(direction @ e.G @ direction)
-        if power <= NOTHING_LEFT * float(estimate @ e.G[own, own] @ estimate):
+        if power <= CONTAINED_SHARE * float(estimate @ e.G[own, own] @ estimate):
             return 1.0
         scores = direction @ self.scores
-        return float(tempered(float(scores @ scores) / power, direction**2 @ self.powers))
+        return float(shrunk_inflation(float(scores @ scores) / power, direction**2 @ self.powers))
 
 
-def tempered(ratio: float | Array, shares: Array) -> Array:
-    """What is believed of a ratio of block scatter to model variance, at least 1, where the blocks hold these shares of
-    an effect's power: as if eight more had scattered as the model says."""
+def shrunk_inflation(ratio: float | Array, shares: Array) -> Array:
+    """Ratio of block scatter to predicted variance, shrunk towards 1 and at least 1.
+
+    `shares` are those of an effect's power in the blocks; the shrinkage is that of eight more blocks with the predicted
+    variance.
+    """
     blocks = float(np.sum(shares)) ** 2 / float(shares @ shares)
-    return np.maximum(1.0, (blocks * np.asarray(ratio) + TRUSTED) / (blocks + TRUSTED))
+    return np.maximum(1.0, (blocks * np.asarray(ratio) + MODEL_NOISE_BLOCKS) / (blocks + MODEL_NOISE_BLOCKS))
 
 
 def block_sums(rows: Array, t: Array, length: float) -> tuple[Array, Array]:
-    """Numbers of the blocks of time that a stretch meets, and the sums of each row of (m, n) over them, (m, blocks)."""
+    """Numbers of the blocks that a stretch of time meets, and the sums over them of each row of (m, n), (m, blocks)."""
     block = np.floor(t / length)
     begins = np.flatnonzero(np.diff(block, prepend=-1.0))
     return block[begins], np.add.reduceat(rows, begins, axis=1)

@@ -1,4 +1,5 @@
-"""An effect that entered: what cannot be told from it, and what of it the model already holds."""
+"""The class of an effect that entered: which rivals are confounded with it, and which of its columns the model
+contains."""
 
 from __future__ import annotations
 
@@ -9,7 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import Robust, Search
+from accelcal.diagnosis.policy import (
+    CLEAR_LOG_EVIDENCE,
+    CONFOUNDED_CORRELATION,
+    CONFOUNDED_LOG_EVIDENCE,
+    RESOLVED_WAVE_PERIODS,
+)
+from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -17,33 +24,25 @@ from accelcal.effects import HOUSE
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
-RIVAL_EVIDENCE = 4.5
-"""A rival within this log-evidence cannot be told apart."""
-THIN = 6.0
-"""An effect with less log-evidence may have come first by chance: by what it lacks, its rivals may be further off."""
-RIVAL_CORRELATION = 0.95
-"""Nor can one whose signature is this correlated."""
-EMPTY = 1e-8
-"""Share of the power of an item's strongest column below which another is taken for empty."""
-SEVERAL = 2.0
-"""Periods on the rail from which a wave is seen to repeat."""
+EMPTY_COLUMN = 1e-8
+"""Share of the power of a hypothesis's strongest column below which another column counts as empty."""
 
 
 @dataclass(frozen=True, slots=True)
 class DetectedEffect:
-    """An effect that entered, with its equivalence class and the experiment that would separate it."""
+    """An effect that entered, with its confounding class and the experiment that separates the class."""
 
     effect: str
     shape: Mapping[str, float]
     members: tuple[str, ...]
     experiment: str
     prior_std: float | None = None
-    """Intensity of a wandering bias; None for constant coefficients."""
+    """Intensity of a random-walk or Gauss-Markov bias; None for constant coefficients."""
     fixed: tuple[str, ...] = ()
-    """Columns that are held at 0: what the model already contains, and what a coarse shape does without."""
+    """Columns held at 0: those that the model already contains, and those that a coarse curve does without."""
 
     def enter(self, model: Model) -> Model:
-        """Return the model with this effect; one that has its coarse shape gets the finer one."""
+        """Return the model with this effect; a coarse curve of the model becomes the finer one."""
         if self.effect in model.effects:
             own = (term.name for term in model.terms if term.effect.name == self.effect)
             return model.release(*(name for name in own if name in model.fixed and name not in self.fixed))
@@ -56,31 +55,39 @@ class DetectedEffect:
         return grown.freeze(**dict.fromkeys(self.fixed, 0.0)) if self.fixed else grown
 
 
-def members(evidence: CandidateScores, robust: Robust, i: int, others: Sequence[int], rules: Search) -> tuple[str, ...]:
-    """Effects that cannot be told from item `i` on this record, itself first."""
-    G, _ = evidence.after(others)
+def confounding_class(
+    evidence: CandidateScores, scatter: BlockScatter, i: int, others: Sequence[int], rules: SearchRules
+) -> tuple[str, ...]:
+    """Effects that are confounded with hypothesis `i` on this record, itself first.
+
+    A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`, or its contribution correlates
+    by
+    more than `CONFOUNDED_CORRELATION`. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
+    what it lacks is added to the distance within which rivals count.
+    """
+    G, _ = evidence.given(others)
     gains, dofs = evidence.gains(others)
     gain, dof, estimate, _ = evidence.gain(i, others)
     item = evidence.items[i]
-    inflation = robust.inflation(i, others)
-    own = rules.price(gain / inflation, dof, item)
-    reach = RIVAL_EVIDENCE + max(0.0, THIN - own / 2.0)
+    inflation = scatter.inflation(i, others)
+    own_gain = rules.net_gain(gain / inflation, dof, item)
+    reach = CONFOUNDED_LOG_EVIDENCE + max(0.0, CLEAR_LOG_EVIDENCE - own_gain / 2.0)
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
-        vague = item.effect.family or item.effect.port == "process"
-        if j == i or j in others or (rival.effect.family and not vague):
+        nonspecific = item.effect.family or item.effect.port == "process"
+        if j == i or j in others or (rival.effect.family and not nonspecific):
             continue
-        theirs, their_dof = float(gains[j]), int(dofs[j])
-        if their_dof == 0:
+        rival_gain, rival_dof = float(gains[j]), int(dofs[j])
+        if rival_dof == 0:
             continue
-        gap = (own - rules.evidence(theirs / inflation, their_dof, rival)) / 2.0
-        if gap < reach or shared(evidence, G, i, j, estimate) > RIVAL_CORRELATION:
+        gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
+        if gap < reach or contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
             rivals.append((gap, rival.effect.name))
     return (item.effect.name, *(name for _, name in sorted(rivals)))
 
 
-def shared(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array) -> float:
-    """Correlation between what item `i` contributes and the nearest contribution of item `j`."""
+def contribution_correlation(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array) -> float:
+    """Correlation between the contribution of hypothesis `i` and the nearest contribution of hypothesis `j`."""
     a, b = evidence.columns[i], evidence.columns[j]
     if "process" in (evidence.items[i].effect.port, evidence.items[j].effect.port):
         return 0.0
@@ -89,37 +96,41 @@ def shared(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array)
     return math.sqrt(max(0.0, gain / power)) if power > 0.0 and dof else 0.0
 
 
-def describe(
-    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], position: int, rules: Search
+def detected_effect(
+    evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], position: int, rules: SearchRules
 ) -> DetectedEffect:
-    """The effect at one place of the set, with its class and what would separate it."""
+    """The effect at one place of the set, with its confounding class and the experiment that separates it."""
     i = chosen[position]
     others = tuple(j for k, j in enumerate(chosen) if k != position)
     item = evidence.items[i]
-    G, _ = evidence.after(others)
+    G, _ = evidence.given(others)
     _, _, estimate, _ = evidence.gain(i, others)
     process = item.effect.port == "process"
     return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
-        members=(*members(evidence, robust, i, others, rules), *smooth_alike(item, evidence.runs[0].carrier.signals)),
+        members=(
+            *confounding_class(evidence, scatter, i, others, rules),
+            *smooth_rivals(item, evidence.runs[0].column_filter.signals),
+        ),
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,
         fixed=() if process else redundant(evidence, i, G),
     )
 
 
-def smooth_alike(item: Hypothesis, s: Signals) -> tuple[str, ...]:
-    """Shapes without a name that a wave cannot be told from as long as less than two of its periods fit on the rail:
-    a part of a wave is any smooth function."""
-    if SEVERAL * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
+def smooth_rivals(item: Hypothesis, s: Signals) -> tuple[str, ...]:
+    """Nonparametric curves with which a wave over position is confounded while the travel holds less than two periods.
+
+    A part of a wave is any smooth function.
+    """
+    if RESOLVED_WAVE_PERIODS * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
         return ()
     return tuple(family.name for family in HOUSE if item.effect.name in family.covers)
 
 
 def redundant(evidence: CandidateScores, i: int, G: Array) -> tuple[str, ...]:
-    """Columns of an item's effect that it does without, or that the base and the item's other columns already contain
-    (pivoted Cholesky)."""
+    """Columns that a hypothesis does without, or that the base and its other columns contain (pivoted Cholesky)."""
     columns = evidence.columns[i]
     names = [term.name for term in evidence.items[i].terms]
     held = tuple(term.name for term in evidence.items[i].held)
@@ -129,7 +140,7 @@ def redundant(evidence: CandidateScores, i: int, G: Array) -> tuple[str, ...]:
     size = scale_of(power)
     A = G[columns, columns] / np.outer(size, size)
     kept: list[int] = []
-    empty = power < EMPTY * np.max(power)
+    empty = power < EMPTY_COLUMN * np.max(power)
     for _ in names:
         left = np.diag(A).copy()
         left[kept] = left[empty] = 0.0

@@ -1,4 +1,4 @@
-"""How small an effect a record would still have shown: what diagnosis and `power` both say."""
+"""Detection limits: the smallest coefficient that a record would have shown, for `diagnose` and `power` alike."""
 
 from __future__ import annotations
 
@@ -6,17 +6,20 @@ import math
 
 import numpy as np
 
-from accelcal.diagnosis.search.beam import Search
+from accelcal.diagnosis.search.beam import SearchRules
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.diagnosis.search.thresholds import surely_beyond
+from accelcal.diagnosis.search.thresholds import distance_for_gain
 
 
-def sizes(evidence: CandidateScores, i: int, rules: Search) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Standard deviations per unit coefficient of each part of an item, and the sizes that are found with 95 %.
+def detectable_sizes(
+    evidence: CandidateScores, i: int, rules: SearchRules
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Standard deviations per unit coefficient of each part of a hypothesis, and the sizes that are found with 95 %.
 
-    A size is infinite where the part is not visible: the base swallows it, or at that size it would move the readings
-    as much as the motion itself. A wandering bias has one part, with the information of all its columns.
+    A size is infinite where the part is not visible: the base contains it, or at that size it would move the readings
+    as
+    much as the motion itself. A random bias has one part, with the information of all its columns.
     """
     item, columns = evidence.items[i], evidence.columns[i]
     A, own = evidence.G[columns, columns], evidence.own[columns]
@@ -27,20 +30,24 @@ def sizes(evidence: CandidateScores, i: int, rules: Search) -> tuple[tuple[float
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
         return tuple(d.tolist()), (math.inf,) * len(d)
-    needed = surely_beyond(max(rules.needed(dof, item)), dof)
-    loud = needed**2 * own > d**2 * (evidence.motion or math.inf)
-    hidden = (information <= DEGENERATE * own) | loud
-    return tuple(d.tolist()), tuple(math.inf if no else needed / x for no, x in zip(hidden.tolist(), d, strict=True))
+    distance = distance_for_gain(max(rules.required_gains(dof, item)), dof)
+    beyond_motion = distance**2 * own > d**2 * (evidence.motion or math.inf)
+    invisible = (information <= DEGENERATE * own) | beyond_motion
+    return tuple(d.tolist()), tuple(
+        math.inf if unseen else distance / x for unseen, x in zip(invisible.tolist(), d, strict=True)
+    )
 
 
-def limits(evidence: CandidateScores, rules: Search) -> dict[str, float]:
+def detection_limits(evidence: CandidateScores, rules: SearchRules) -> dict[str, float]:
     """Smallest coefficient of each effect that this record would have shown with 95 % probability.
 
-    At the trial shape and of the part that is seen best; infinite where it is not visible on this record. What
-    `power` says too; a wandering bias is left to it.
+    Taken at the trial shape and for the part with the smallest limit; infinite where the effect is not visible on this
+    record. Random biases are left to `power`.
     """
     found: dict[str, float] = {}
     for i, item in enumerate(evidence.items):
         if item.effect.port != "process" and item.leading is None:
-            found[item.effect.name] = min(*sizes(evidence, i, rules)[1], found.get(item.effect.name, math.inf))
+            found[item.effect.name] = min(
+                *detectable_sizes(evidence, i, rules)[1], found.get(item.effect.name, math.inf)
+            )
     return found

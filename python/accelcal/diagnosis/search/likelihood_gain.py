@@ -1,4 +1,4 @@
-"""What columns gain in log-likelihood, from Gram matrix and scores alone."""
+"""Gain in log-likelihood of columns, from Gram matrix and scores alone."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from scipy import special
 from accelcal.data.arrays import Array
 
 DEGENERATE = 1e-5
-"""Share of a column's power beyond base and chosen effects below which nothing of it is left to test."""
+"""Share of a column's power, beyond base and chosen effects, below which nothing of it is left to test."""
 DEGENERATE_MIX = 1e-3
-"""The same for a mixture of several columns, which picks the direction that errors of the smoothed motion favour."""
+"""The same share for a mixture of several columns, whose weakest direction errors of the smoothed motion favour."""
 
 
 def scale_of(power: Array) -> Array:
@@ -22,7 +22,7 @@ def scale_of(power: Array) -> Array:
     return np.sqrt(np.where(power > 0.0, power, 1.0))
 
 
-def without(G: Array, c: Array, columns: NDArray[np.intp], prior_std: float = math.inf) -> tuple[Array, Array]:
+def project_out(G: Array, c: Array, columns: NDArray[np.intp], prior_std: float = math.inf) -> tuple[Array, Array]:
     """Gram matrix and scores with some columns projected out; their coefficients have mean zero and `prior_std`."""
     A = G[np.ix_(columns, columns)] + np.eye(len(columns)) / prior_std**2
     size = scale_of(np.diag(A))
@@ -32,7 +32,10 @@ def without(G: Array, c: Array, columns: NDArray[np.intp], prior_std: float = ma
 
 
 def score_gain(A: Array, b: Array, before: Array | None = None) -> tuple[float, int, Array, Array]:
-    """Gain b' A^-1 b of free coefficients; directions that others already contain are left out."""
+    """Gain b' A^-1 b of free coefficients, degrees of freedom, estimate and covariance.
+
+    Directions that other columns already contain (less than `DEGENERATE` of their power left) are not counted.
+    """
     reference = np.diag(A if before is None else before)
     if len(b) == 1:
         if A[0, 0] <= DEGENERATE * reference[0] or A[0, 0] <= 0.0:
@@ -60,9 +63,9 @@ def variance_gain(A: Array, b: Array) -> tuple[float, int, Array, Array]:
 
     top = float(np.max(values, initial=1e-300))
     trials = -0.5 * math.log(top) + np.linspace(-2.0, 9.0, 23)
-    grown = np.exp(2.0 * trials)[:, None] * values
-    told = np.exp(2.0 * trials)[:, None] * projected / (1.0 + grown)
-    k = int(np.argmin(np.sum(np.log1p(grown) - told, axis=1)))
+    scaled = np.exp(2.0 * trials)[:, None] * values
+    explained = np.exp(2.0 * trials)[:, None] * projected / (1.0 + scaled)
+    k = int(np.argmin(np.sum(np.log1p(scaled) - explained, axis=1)))
     low, high = trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]
     best = scipy.optimize.minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": 0.02})
     gain = max(0.0, -float(best.fun))

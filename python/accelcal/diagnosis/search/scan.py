@@ -1,4 +1,5 @@
-"""Which physical effect is missing: one pass of scores, a search over sets, ties."""
+"""One pass over a record: score every hypothesis, search for the set that is missing, and find what is confounded with
+it."""
 
 from __future__ import annotations
 
@@ -10,12 +11,13 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.search.beam import Robust, Search, block_length
-from accelcal.diagnosis.search.confounding import DetectedEffect, describe, members
-from accelcal.diagnosis.search.detection_limits import limits
-from accelcal.diagnosis.search.hypotheses import Hypothesis, candidates_for
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS
+from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
+from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect
+from accelcal.diagnosis.search.detection_limits import detection_limits
+from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
-from accelcal.diagnosis.search.refine import refine, shortlist, starts
+from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run_state import RunState
@@ -23,24 +25,18 @@ from accelcal.model import Model, Term
 
 Verdict = Literal["adequate", "named", "tied", "shape", "unexplained", "too_short"]
 
-ALPHA = 0.005
-"""Family-wise false-alarm rate of a record."""
-FORMS = 2
-"""Forms of a shape, coarse and fine, of which the one that is least by chance is told."""
-LEAST_BLOCKS = 20
-"""Fewer effective blocks than this are too short a record for any verdict."""
-STRETCH = 1 << 18
-"""Times at which an effect without memory is evaluated at once."""
+CHUNK = 1 << 18
+"""Samples at which an effect without memory is evaluated at a time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """What one effect explains, given the model and what entered before it."""
+    """What one effect explains, given the model and the effects that entered before it."""
 
     effect: str
     shape: Mapping[str, float]
     estimate: tuple[float, ...]
-    """One value for each column that it has, in `unit`; for a wandering bias its one intensity."""
+    """One value for each column that it has, in `unit`; for a random bias its one intensity."""
     std: tuple[float, ...]
     unit: str
     gain: float
@@ -48,132 +44,140 @@ class Candidate:
     dof: int
     p_raw: float
     p_value: float
-    """Family-wise, over everything that was looked at."""
+    """Family-wise, over all alternatives examined."""
     log_evidence: float
     largest: float
     """Largest contribution over the used range, m/s² (m at the encoder)."""
     members: tuple[str, ...] = ()
-    """Effects that cannot be told from it on this record, itself included."""
-    looks: int = 1
-    """Values of a shape parameter that the record was searched for this one."""
+    """Its confounding class on this record, itself included."""
+    comparisons: int = 1
+    """Values of a shape parameter among which the record was searched for this one."""
 
     @property
     def chance(self) -> float:
-        """Of a gain as large where the effect is not there, had it been the only one that was looked at."""
-        return min(1.0, self.p_raw * self.looks)
+        """Probability of such a gain under the null, had this effect been the only alternative."""
+        return min(1.0, self.p_raw * self.comparisons)
 
     @property
     def snr(self) -> float:
-        """Equivalent standard deviations, sqrt of the gain."""
+        """Equivalent standard deviations: square root of the gain."""
         return math.sqrt(max(self.gain, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """Everything that one pass over a record says about what its model lacks."""
+    """Result of one pass over a record: what the model lacks."""
 
     candidates: tuple[Candidate, ...]
     """By rank."""
     found: tuple[DetectedEffect, ...]
     """The set that explains most, in order of entry; empty when nothing is significant."""
     examined: int
-    """Alternatives that were looked at."""
+    """Alternatives examined."""
     blocks: int
     """Effective blocks of the record."""
     detection_limits: Mapping[str, float] = field(default_factory=dict)
-    """Smallest coefficient that would have been seen with 95 % probability, by effect; infinite where none would."""
+    """Smallest coefficient that is found with 95 % probability, by effect; infinite where the record cannot show it."""
     entered: tuple[DetectedEffect, ...] = ()
-    """Effects that were asked for by name and can be evaluated, whatever they explain."""
+    """Effects that were requested by name and can be evaluated, whether significant or not."""
     named: tuple[DetectedEffect, ...] = ()
-    """Where a shape without a name comes first: the named effects that cannot be told from it."""
+    """Where a nonparametric curve comes first: the named effects that are confounded with it."""
 
 
 def scan(
     passes: Sequence[RunState],
     model: Model,
     *,
-    extra: Sequence[Effect] = (),
+    extra: Sequence[Effect] | None = None,
     only: Sequence[Effect] = (),
-    apart: Sequence[Term] = (),
-    alpha: float = ALPHA,
+    separate: Sequence[Term] = (),
+    alpha: float = FAMILYWISE_ALPHA,
     report: Callable[[float], None] = lambda share: None,
 ) -> Scan:
-    """Rank every effect that could be missing, and find the set that explains most.
+    """Rank every effect that may be missing, and find the set that explains most.
 
     Parameters
     ----------
     passes : fitted runs.
     model : the model they were fitted with.
-    extra : effects of the user's own.
-    only : look at these effects alone, significant or not.
-    apart : contributions that are there and are judged elsewhere, such as lines; nothing is paid for explaining them.
+    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    only : test these effects alone, whether significant or not.
+    separate : contributions that other tests report, such as spectral lines; no effect is credited for explaining them.
     alpha : family-wise false-alarm rate.
     report : called with the share of the work that is done, 0 to 1.
 
     Notes
     -----
-    Scores through the filter (Friedland's two stages): no refit is needed to rank. Shape parameters of the finalists
-    are refined by likelihood before effects are compared; scores of the finalists are checked block by block.
+    Scores pass through the filter (Friedland's two stages), so that no refit is needed to rank. Shape parameters of the
+    finalists are refined by likelihood before effects are compared; their scores are checked block by block.
     """
-    items = candidates_for(passes[0], model, extra)
+    items = hypotheses_for(passes[0], model, extra)
     if only:
         names = {effect.name for effect in only}
         items = [item for item in items if item.effect.name in names]
         if not items:
             return Scan((), (), 0, 0)
-    length = max(block_length(one) for one in passes)
-    blocks = int(sum(np.sum(one.counts) * one.run.reading_step for one in passes) / length)
-    search_in = Search(len(items), blocks, alpha)
-    runs = [BaseProjection(one, model, apart) for one in passes]
+    length = max(block_length(state) for state in passes)
+    blocks = int(sum(np.sum(state.counts) * state.run.reading_step for state in passes) / length)
+    rules = SearchRules(len(items), blocks, alpha)
+    runs = [BaseProjection(state, model, separate) for state in passes]
     report(0.1)
     evidence = CandidateScores(runs, items, report=lambda share: report(0.1 + 0.5 * share))
-    finalists = shortlist(evidence, search_in.beam(evidence), search_in)
+    finalists = shortlist(evidence, rules.beam(evidence), rules)
     report(0.65)
-    several = refine(runs, starts(evidence, finalists, search_in))
+    lists = refine(runs, starting_points(evidence, finalists, rules))
     report(0.85)
-    finals = [final_of(CandidateScores(runs, some), length, search_in) for some in several]
-    final, robust, chosen = max(finals, key=lambda one: search_in.worth(one[0], one[2]))
+    finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
+    final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
     report(1.0)
     return Scan(
-        rank(final, robust, chosen, search_in, passes),
-        tuple(describe(final, robust, chosen, position, search_in) for position in range(len(chosen))),
+        rank(final, scatter, chosen, rules, passes),
+        tuple(detected_effect(final, scatter, chosen, position, rules) for position in range(len(chosen))),
         len(items),
         blocks,
-        limits(evidence, search_in),
+        detection_limits(evidence, rules),
         tuple(
-            describe(final, robust, (i,), 0, search_in) for i in range(len(final.items)) if only and final.gain(i)[1]
+            detected_effect(final, scatter, (i,), 0, rules)
+            for i in range(len(final.items))
+            if only and final.gain(i)[1]
         ),
-        named_members(final, robust, chosen, search_in),
+        named_members(final, scatter, chosen, rules),
     )
 
 
-def final_of(
-    evidence: CandidateScores, length: float, rules: Search
-) -> tuple[CandidateScores, Robust, tuple[int, ...]]:
-    """Refined items with the scatter of their scores, and the best set of them."""
-    robust = Robust(evidence, length)
-    return evidence, robust, rules.best(evidence, robust)
+def finalist_scores(
+    evidence: CandidateScores, length: float, rules: SearchRules
+) -> tuple[CandidateScores, BlockScatter, tuple[int, ...]]:
+    """Refined hypotheses with the scatter of their scores, and the best set of them."""
+    scatter = BlockScatter(evidence, length)
+    return evidence, scatter, rules.best_set(evidence, scatter)
 
 
 def named_members(
-    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search
+    evidence: CandidateScores, scatter: BlockScatter, chosen: tuple[int, ...], rules: SearchRules
 ) -> tuple[DetectedEffect, ...]:
-    """Named effects in the class of a shape without a name that comes first, nearest rival first.
+    """Named effects that are confounded with a nonparametric curve that comes first, nearest rival first.
 
-    A wandering bias is none of them: it follows any shape.
+    Random biases are not among them: they follow any function of time.
     """
     if not chosen or not evidence.items[chosen[0]].effect.family:
         return ()
     able = {i: item.effect for i, item in enumerate(evidence.items) if item.effect.port != "process"}
     place = {effect.name: i for i, effect in able.items() if not effect.family}
-    rivals = [place[name] for name in members(evidence, robust, chosen[0], chosen[1:], rules) if name in place]
-    return tuple(describe(evidence, robust, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
+    rivals = [
+        place[name] for name in confounding_class(evidence, scatter, chosen[0], chosen[1:], rules) if name in place
+    ]
+    return tuple(detected_effect(evidence, scatter, (i, *chosen[1:]), 0, rules) for i in rivals if i not in chosen)
 
 
 def rank(
-    evidence: CandidateScores, robust: Robust, chosen: tuple[int, ...], rules: Search, passes: Sequence[RunState]
+    evidence: CandidateScores,
+    scatter: BlockScatter,
+    chosen: tuple[int, ...],
+    rules: SearchRules,
+    passes: Sequence[RunState],
 ) -> tuple[Candidate, ...]:
-    """Every finalist as it stands in the first place, best evidence first."""
+    """Every finalist as it would be in the first place of the set, largest log-evidence first."""
     others = chosen[1:]
     found = []
     for i, item in enumerate(evidence.items):
@@ -182,7 +186,7 @@ def rank(
         gain, dof, estimate, covariance = evidence.gain(i, others)
         if dof == 0:
             continue
-        gain /= robust.inflation(i, others)
+        gain /= scatter.inflation(i, others)
         log_p = log_survival(gain, dof)
         found.append(
             Candidate(
@@ -194,22 +198,22 @@ def rank(
                 gain=gain,
                 dof=dof,
                 p_raw=math.exp(log_p),
-                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.looks))),
-                log_evidence=rules.price(gain, dof, item) / 2.0,
-                largest=max(largest(item, estimate, one) for one in passes),
-                members=members(evidence, robust, i, others, rules),
-                looks=item.looks * (FORMS if item.effect.coarse else 1),
+                p_value=math.exp(min(0.0, log_p + math.log(rules.examined * item.comparisons))),
+                log_evidence=rules.net_gain(gain, dof, item) / 2.0,
+                largest=max(largest(item, estimate, state) for state in passes),
+                members=confounding_class(evidence, scatter, i, others, rules),
+                comparisons=item.comparisons * (SHAPE_FORMS if item.effect.coarse else 1),
             )
         )
     return tuple(sorted(found, key=lambda f: f.log_evidence, reverse=True))
 
 
-def largest(item: Hypothesis, estimate: Array, one: RunState) -> float:
+def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
     """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
-    s = one.signals
+    s = state.signals
     assert s is not None
-    stretch = STRETCH if is_local(item.effect) else len(s.t)
-    found = 0.0
+    stretch = CHUNK if is_local(item.effect) else len(s.t)
+    maximum = 0.0
     for begin in range(0, len(s.t), stretch):
         part = s.part(slice(begin, begin + stretch))
         columns = item.effect.column(part, **item.shape).reshape(len(part.t), -1)
@@ -217,5 +221,5 @@ def largest(item: Hypothesis, estimate: Array, one: RunState) -> float:
             size = estimate[0] * np.max(np.linalg.norm(columns, axis=1))
         else:
             size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
-        found = max(found, float(size))
-    return found
+        maximum = max(maximum, float(size))
+    return maximum

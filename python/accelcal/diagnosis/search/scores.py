@@ -1,4 +1,4 @@
-"""Gram matrix and scores of the candidates with the base projected out."""
+"""Gram matrix and scores of the hypotheses, with the base model projected out."""
 
 from __future__ import annotations
 
@@ -10,42 +10,43 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
-from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, score_gain, variance_gain, without
+from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, project_out, score_gain, variance_gain
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 
-MOST_KEPT = 1 << 23
-"""Sums of a run, all columns together, that are kept for a second look: 67 MB."""
-APART = 1e6
-"""Time between the starts of two runs as blocks are counted, s."""
+MOST_CACHED = 1 << 23
+"""Largest number of column samples of a run that is kept for a second pass: 67 MB."""
+RUN_SPACING = 1e6
+"""Time between the starts of two runs when blocks are counted, s."""
 
 
 class BaseProjection:
-    """What one run says of its base: rows of the base and of the innovations, and how to take the base off.
+    """Columns of one run's base model and its innovations, and the projection that removes the base.
 
-    The base is projected out of each run on its own, so no run's offset can pose as an effect in another.
+    The base is projected out of each run separately, so that the offset of one run cannot count as an effect in
+    another.
     """
 
-    def __init__(self, one: RunState, model: Model, apart: Sequence[Term] = ()) -> None:
-        self.carrier = ColumnFilter(one)
-        self._kept: tuple[Sequence[Term], slice, Array] | None = None
-        unsure = [*nuisances(one, model), *((term, np.inf) for term in apart)]
+    def __init__(self, state: RunState, model: Model, separate: Sequence[Term] = ()) -> None:
+        self.column_filter = ColumnFilter(state)
+        self._cached: tuple[Sequence[Term], slice, Array] | None = None
+        uncertain = [*nuisances(state, model), *((term, np.inf) for term in separate)]
         base = [term for term in model.terms if term.name not in model.fixed]
-        plain = [term for term in base if term.name not in {other.name for other, _ in unsure}]
-        terms = [*plain, *(term for term, _ in unsure)]
-        self.belief: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in unsure)])
-        self.B: Array = self.carrier.whole(terms)
-        self.y: Array = self.carrier.whitened
-        moves = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
-        self.motion = float(sum(row @ row for row in moves))
+        plain = [term for term in base if term.name not in {other.name for other, _ in uncertain}]
+        terms = [*plain, *(term for term, _ in uncertain)]
+        self.prior_information: Array = np.array([*np.zeros(len(plain)), *(std**-2.0 for _, std in uncertain)])
+        self.B: Array = self.column_filter.whole(terms)
+        self.y: Array = self.column_filter.whitened
+        scale_rows = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
+        self.motion = float(sum(row @ row for row in scale_rows))
         """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""
-        A = self.B @ self.B.T + np.diag(self.belief)
+        A = self.B @ self.B.T + np.diag(self.prior_information)
         self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
         self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
-        at = np.array([one.values.by_name.get(term.name, 0.0) for term in terms])
+        at = np.array([state.values.by_name.get(term.name, 0.0) for term in terms])
         # Belief pulls towards zero, not towards the values at hand.
-        self.wy: Array = self.weights(self.B @ self.y - self.belief * at)
+        self.wy: Array = self.weights(self.B @ self.y - self.prior_information * at)
 
     def weights(self, products: Array) -> Array:
         """Weights with which the base, under its prior information, predicts columns from its products with them."""
@@ -53,28 +54,34 @@ class BaseProjection:
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
     def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
-        """Columns stretch by stretch; those of a short run are kept for a second look."""
-        if self._kept is not None and self._kept[0] is terms:
-            yield self._kept[1:]
+        """Columns stretch by stretch; those of a short run are cached for a second pass."""
+        if self._cached is not None and self._cached[0] is terms:
+            yield self._cached[1:]
             return
-        self._kept = None
-        for rows, Z in self.carrier.stretches(terms):
-            if rows == slice(0, self.carrier.rows) and Z.size <= MOST_KEPT:
-                self._kept = (terms, rows, Z)
+        self._cached = None
+        for rows, Z in self.column_filter.stretches(terms):
+            if rows == slice(0, self.column_filter.rows) and Z.size <= MOST_CACHED:
+                self._cached = (terms, rows, Z)
             yield rows, Z
 
-    def left(
+    def remainder(
         self, terms: Sequence[Term], report: Callable[[float], None] = lambda share: None
     ) -> tuple[Array, Array, Array, Array]:
-        """What the base leaves of columns: Gram matrix (m, m) and scores (m,), the power that they have with it (m,),
-        and the weights with which it predicts them (base, m)."""
+        """Project the base out of columns.
+
+        Returns
+        -------
+        Gram matrix (m, m) and scores (m,) of the remainder, power of the columns before the projection (m,), and the
+        weights
+        with which the base predicts them (base, m).
+        """
         m = len(terms)
         G, products, score = np.zeros((m, m)), np.zeros((len(self.B), m)), np.zeros(m)
         for rows, Z in self.stretches(terms):
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
-            report(rows.stop / self.carrier.rows)
+            report(rows.stop / self.column_filter.rows)
         weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
@@ -82,11 +89,12 @@ class BaseProjection:
 
 
 def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
-    """Coefficients of all items, and where each item's stand: a coarser shape is the beginning of the finer one."""
+    """Coefficients of all hypotheses, and the columns of each: the coarse form of a curve is the beginning of the fine
+    one."""
     terms: list[Term] = []
     begins: dict[tuple[object, ...], int] = {}
     keys = [(item.effect.name, *item.shape.items()) for item in items]
-    for key, item in sorted(zip(keys, items, strict=True), key=lambda one: one[1].leading is not None):
+    for key, item in sorted(zip(keys, items, strict=True), key=lambda pair: pair[1].leading is not None):
         if key not in begins:
             begins[key] = len(terms)
             terms += item.terms
@@ -94,7 +102,7 @@ def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
 
 
 class CandidateScores:
-    """Gram matrix and scores of the candidates over all runs, and what follows from them."""
+    """Gram matrix and scores of the hypotheses over all runs, and the gains that follow from them."""
 
     def __init__(
         self,
@@ -109,85 +117,86 @@ class CandidateScores:
         m = len(self.terms)
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
         self.own: Array = np.zeros(m)
-        """Power of each column before the base is taken out."""
-        self.motion = sum(known.motion for known in runs)
+        """Power of each column before the base is projected out."""
+        self.motion = sum(run.motion for run in runs)
         self._weights: list[Array] = []
-        for known in runs:
-            G, c, own, weights = known.left(self.terms, report)
+        for run in runs:
+            G, c, own, weights = run.remainder(self.terms, report)
             self.G += G
             self.own += own
             self.c += c
             self._weights.append(weights)
-        swallowed = np.diag(self.G) <= DEGENERATE * self.own
-        self.G[swallowed], self.G[:, swallowed], self.c[swallowed] = 0.0, 0.0, 0.0
+        absorbed = np.diag(self.G) <= DEGENERATE * self.own
+        self.G[absorbed], self.G[:, absorbed], self.c[absorbed] = 0.0, 0.0, 0.0
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
-        self._positive: NDArray[np.bool_] = np.array([item.effect.positive for item in items], dtype=np.bool_)
-        self._after: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
+        self._positive: NDArray[np.bool_] = np.array([item.effect.traits.positive for item in items], dtype=np.bool_)
+        self._given: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
 
     def rows(self) -> Iterator[tuple[Array, Array, Array]]:
-        """A second look at the rows that the Gram matrix was summed from, the base taken out, stretch by stretch.
+        """Second pass over the rows of the Gram matrix, the base projected out, stretch by stretch.
 
         Yields
         ------
-        Time of each row, runs far apart, s; the innovations, (rows,); the columns, (m, rows).
+        Time of each row, s, with a large gap between runs; the innovations, (rows,); the columns, (m, rows).
         """
-        for number, (known, weights) in enumerate(zip(self.runs, self._weights, strict=True)):
-            t = known.carrier.times
-            t = t - t[0] + number * APART
-            for rows, Z in known.stretches(self.terms):
-                B = known.B[:, rows]
-                yield t[rows], known.y[rows] - known.wy @ B, Z - weights.T @ B
+        for number, (run, weights) in enumerate(zip(self.runs, self._weights, strict=True)):
+            t = run.column_filter.times
+            t = t - t[0] + number * RUN_SPACING
+            for rows, Z in run.stretches(self.terms):
+                B = run.B[:, rows]
+                yield t[rows], run.y[rows] - run.wy @ B, Z - weights.T @ B
 
-    def after(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Gram matrix and scores once some items have entered: constant coefficients first, then wandering states.
+    def given(self, chosen: Sequence[int]) -> tuple[Array, Array]:
+        """Gram matrix and scores once some hypotheses have entered: constant coefficients first, then random biases.
 
-        A wandering state enters with the intensity that it has beside those before it. Free, it would leave to the
-        others what it cannot explain and yet be paid for what it can.
+        A random bias enters with the intensity that it has given those before it. Were it left free, it would leave to
+        the others what it cannot explain and yet be credited for what it can.
         """
         key = tuple(chosen)
-        if key not in self._after:
-            self._after[key] = self._taken_out(key)
-        return self._after[key]
+        if key not in self._given:
+            self._given[key] = self._projected(key)
+        return self._given[key]
 
-    def _taken_out(self, chosen: tuple[int, ...]) -> tuple[Array, Array]:
+    def _projected(self, chosen: tuple[int, ...]) -> tuple[Array, Array]:
         G, c = self.G, self.c
         constant = [i for i in chosen if self.items[i].effect.port != "process"]
         if constant:
             columns = np.concatenate([np.arange(self.columns[i].start, self.columns[i].stop) for i in constant])
-            G, c = without(G, c, columns)
+            G, c = project_out(G, c, columns)
         for i in chosen:
             if i not in constant:
                 columns = np.arange(self.columns[i].start, self.columns[i].stop)
                 _, _, intensity, _ = variance_gain(G[np.ix_(columns, columns)], c[columns])
-                G, c = without(G, c, columns, float(intensity[0]))
+                G, c = project_out(G, c, columns, float(intensity[0]))
         return G, c
 
     def gain(self, i: int, chosen: Sequence[int] = ()) -> tuple[float, int, Array, Array]:
-        """Twice the log-likelihood gain of item `i` beside those chosen, its freedom, estimate, covariance."""
-        G, c = self.after(chosen)
+        """Twice the log-likelihood gain of hypothesis `i` given those chosen, its degrees of freedom, estimate,
+        covariance."""
+        G, c = self.given(chosen)
         columns = self.columns[i]
         A, b = G[columns, columns], c[columns]
         if self.items[i].effect.port == "process":
             return variance_gain(A, b)
         gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
-        if self.items[i].effect.positive and estimate[0] < 0.0:
+        if self.items[i].effect.traits.positive and estimate[0] < 0.0:
             return 0.0, 0, estimate, covariance
         return gain, dof, estimate, covariance
 
     def gains(self, chosen: Sequence[int] = ()) -> tuple[Array, NDArray[np.intp]]:
-        """Gain and degrees of freedom of every item beside those chosen, (items,) each."""
+        """Gain and degrees of freedom of every hypothesis given those chosen, (items,) each."""
         key = tuple(chosen)
         if key in self._gains:
             return self._gains[key]
-        G, c = self.after(key)
+        G, c = self.given(key)
         gain, dof = np.zeros(len(self.items)), np.zeros(len(self.items), dtype=np.intp)
-        at = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
-        A, b, before = np.diag(G)[at], c[at], np.diag(self.G)[at]
-        alive = (DEGENERATE * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
-        gain[self._plain] = np.where(alive, b**2 / np.where(alive, A, 1.0), 0.0)
-        dof[self._plain] = alive
+        starts = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
+        A, b, before = np.diag(G)[starts], c[starts], np.diag(self.G)[starts]
+        testable = (DEGENERATE * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
+        gain[self._plain] = np.where(testable, b**2 / np.where(testable, A, 1.0), 0.0)
+        dof[self._plain] = testable
         for i in np.flatnonzero(~self._plain):
             gain[i], dof[i], _, _ = self.gain(int(i), key)
         self._gains[key] = (gain, dof)

@@ -1,7 +1,8 @@
-"""How far from nothing an effect must stand to be found: the law of its gain against what the search asks for.
+"""Detection thresholds: the distribution of an effect's gain against the gain that the search requires.
 
-The gain of an effect with `dof` coefficients that stands d standard deviations from nothing is noncentral chi-square
-with noncentrality d² (derivations D3.5). It enters when that is significant over all alternatives, and worth its price.
+The gain of an effect with `dof` coefficients at a distance of d standard deviations from zero is noncentral chi-square
+with noncentrality d² (derivations D3.5). The effect enters when its gain is significant over all alternatives and
+exceeds its price.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ import math
 
 from scipy import special
 
-SURE = 0.95
-"""Probability with which the smallest detectable size is detected."""
+from accelcal.diagnosis.policy import DETECTION_PROBABILITY
 
 
 def entry_gains(
@@ -20,25 +20,25 @@ def entry_gains(
     alpha: float,
     *,
     dof: int = 1,
-    looks: int = 1,
+    comparisons: int = 1,
     share: float = 1.0,
     further: int = 0,
 ) -> tuple[float, float]:
-    """Gain that is significant over all alternatives, and gain that is worth its price; an effect needs both.
+    """Gain that is significant over all alternatives, and gain that equals its price; an effect needs both.
 
     Parameters
     ----------
-    examined : alternatives that are looked at.
+    examined : number of alternatives.
     blocks : effective blocks of the record, which set the price of a coefficient.
     alpha : family-wise false-alarm rate.
     dof : coefficients of the effect.
-    looks : alternatives that the effect was picked from before it was tried.
-    share : of its gain that the effect may claim, below 1 for a shape without a name.
+    comparisons : alternatives among which the effect was selected before it was tried.
+    share : of its gain that the effect may claim, below 1 for a nonparametric curve.
     further : shape parameters that cost as much as a coefficient.
     """
-    tail = alpha / (max(1, examined) * looks)
+    tail = alpha / (max(1, examined) * comparisons)
     significant = 2.0 * float(special.gammainccinv(dof / 2.0, tail))
-    price = (dof + further) * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * looks)
+    price = (dof + further) * math.log(max(blocks, 2)) + 2.0 * math.log(max(examined, 2) * comparisons)
     return significant, price / share
 
 
@@ -49,10 +49,10 @@ def predicted_detection(
     *,
     dof: int = 1,
     blocks: int = 2,
-    looks: int = 1,
+    comparisons: int = 1,
     share: float = 1.0,
 ) -> float:
-    """Probability that an effect enters on its own, when it stands `d` standard deviations from nothing.
+    """Probability that an effect enters on its own, at a distance of `d` standard deviations from zero.
 
     The other parameters are those of :func:`entry_gains`.
 
@@ -61,14 +61,15 @@ def predicted_detection(
     >>> [round(predicted_detection(d, examined=96, alpha=0.005), 2) for d in (0.0, 3.0, 4.05, 10.0)]
     [0.0, 0.15, 0.5, 1.0]
     """
-    needed = max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share))
-    return 1.0 - float(special.chndtr(needed, dof, d**2))
+    required = max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share))
+    return 1.0 - float(special.chndtr(required, dof, d**2))
 
 
 def least_distance(
-    examined: int, blocks: int, alpha: float, *, dof: int = 1, looks: int = 1, share: float = 1.0
+    examined: int, blocks: int, alpha: float, *, dof: int = 1, comparisons: int = 1, share: float = 1.0
 ) -> float:
-    """Standard deviations at which an effect enters on its own with probability `SURE`.
+    """Distance from zero, in standard deviations, at which an effect enters on its own with probability
+    `DETECTION_PROBABILITY`.
 
     Examples
     --------
@@ -76,9 +77,12 @@ def least_distance(
     >>> round(predicted_detection(d, 96, 0.005, blocks=240), 6)
     0.95
     """
-    return surely_beyond(max(entry_gains(examined, blocks, alpha, dof=dof, looks=looks, share=share)), dof)
+    return distance_for_gain(
+        max(entry_gains(examined, blocks, alpha, dof=dof, comparisons=comparisons, share=share)), dof
+    )
 
 
-def surely_beyond(gain: float, dof: int) -> float:
-    """Standard deviations at which an effect of `dof` coefficients gains at least `gain` with probability `SURE`."""
-    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - SURE)))
+def distance_for_gain(gain: float, dof: int) -> float:
+    """Distance from zero, in standard deviations, at which an effect of `dof` coefficients gains `gain` or more with
+    probability `DETECTION_PROBABILITY`."""
+    return math.sqrt(float(special.chndtrinc(gain, dof, 1.0 - DETECTION_PROBABILITY)))

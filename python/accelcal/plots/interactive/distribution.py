@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import imposed, normalised, quantiles
+from accelcal.plots.numbers import imposed_band_note, normal_quantiles, normalised_residuals
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -29,26 +29,26 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    y = normalised(comparison)
-    expected, seen = quantiles(y)
-    figure = drawing.canvas()
+    palette = style.theme_of(theme)
+    y = normalised_residuals(comparison)
+    expected, seen = normal_quantiles(y)
+    figure = drawing.new_figure()
     figure.add_scatter(
         x=expected.astype(np.float32),
         y=seen.astype(np.float32),
         mode="markers",
         name="residuals",
-        marker={"color": look.model.colour, "symbol": "square-open", "size": 4},
+        marker={"color": palette.model.colour, "symbol": "square-open", "size": 4},
         hovertemplate="%{x:.2f} expected, %{y:.2f} seen<extra></extra>",
     )
     reach = float(np.abs(expected).max())
-    drawing.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), look.other, "standard normal")
+    drawing.curve(figure, np.array([-reach, reach]), np.array([-reach, reach]), palette.other, "standard normal")
     nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Q-Q plot of one-step residuals over their predicted deviation: standard deviation {np.std(y):.3f}{nis}"
-        f"{imposed(comparison)}",
+        f"{imposed_band_note(comparison)}",
         note=style.Thinned(expected, seen, len(seen), len(y)).note,
         height=340,
     )

@@ -1,6 +1,6 @@
 """How interactive figures look: the palette of `accelcal.plots.style` in plotly, thinned traces, axes with units.
 
-Text that comes from files goes through `plain`, for plotly reads a few HTML tags in its texts.
+Text that comes from files goes through `escaped`, for plotly reads a few HTML tags in its texts.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from accelcal import formatting
 from accelcal._support.extras import MissingExtra
 from accelcal.data.arrays import Array
 from accelcal.plots import style
-from accelcal.plots.style import Look, Theme, Thinned
+from accelcal.plots.style import LineStyle, Theme, Thinned
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -38,7 +38,7 @@ LETTER = 7.4
 """Pixels of a letter in labels of an axis."""
 
 
-def canvas(rows: int = 1, columns: int = 1, **layout: Any) -> Figure:
+def new_figure(rows: int = 1, columns: int = 1, **layout: Any) -> Figure:
     """An empty figure with a grid of axes.
 
     Raises
@@ -55,7 +55,7 @@ def canvas(rows: int = 1, columns: int = 1, **layout: Any) -> Figure:
     return make_subplots(rows=rows, cols=columns, **layout)
 
 
-def dress(
+def format_figure(
     figure: Figure,
     theme: Theme,
     headline: str,
@@ -77,8 +77,8 @@ def dress(
     left : margin for the labels of the ordinate, pixels.
     """
     lines, small = textwrap.wrap(headline, LINE), textwrap.wrap(note, LINE + 20)
-    text = "<br>".join(plain(line) for line in lines)
-    text += "".join(f"<br><span style='font-size:11px'>{plain(line)}</span>" for line in small)
+    text = "<br>".join(escaped(line) for line in lines)
+    text += "".join(f"<br><span style='font-size:11px'>{escaped(line)}</span>" for line in small)
     key, panels = (26 if legend else 6), (22 if titled else 0)
     above = 12 + 20 * len(lines) + 15 * len(small) + key + panels
     inside = height - BOTTOM
@@ -156,7 +156,7 @@ def tick(value: float) -> str:
     return f"10{raised}" if digit == "1" else f"{digit}·10{raised}"
 
 
-def scaled(unit: str, *values: Array | float) -> tuple[float, str]:
+def display_scale(unit: str, *values: Array | float) -> tuple[float, str]:
     """Factor and unit in which the largest of some values reads well; also for times."""
     if unit != "s":
         return formatting.prefixed(unit, *values)
@@ -164,28 +164,28 @@ def scaled(unit: str, *values: Array | float) -> tuple[float, str]:
     return factor, f"{name[:-1]}s"
 
 
-def labels(names: Sequence[str]) -> int:
+def label_margin(names: Sequence[str]) -> int:
     """Left margin that the longest of some labels needs, pixels."""
     return int(30 + LETTER * max(map(len, names), default=0))
 
 
 def message(figure: Figure, theme: Theme, headline: str, text: str) -> Figure:
     """A sentence in place of data that the record does not allow."""
-    figure.add_annotation(text=plain(text), showarrow=False, **_paper(0.5, 0.5))
-    dress(figure, theme, headline, height=140, legend=False)
+    figure.add_annotation(text=escaped(text), showarrow=False, **_paper(0.5, 0.5))
+    format_figure(figure, theme, headline, height=140, legend=False)
     figure.update_xaxes(visible=False)
     figure.update_yaxes(visible=False)
     return figure
 
 
-def plain(text: str) -> str:
+def escaped(text: str) -> str:
     """Text as it stands, with nothing in it that plotly would read as a tag."""
     return html.escape(text, quote=False)
 
 
 def axis_title(quantity: str, unit: str) -> str:
     """Title of an axis: the quantity with its unit."""
-    return plain(formatting.label(quantity, unit))
+    return escaped(formatting.label(quantity, unit))
 
 
 def thin(t: Array, y: Array, points: int = POINTS) -> Thinned:
@@ -214,7 +214,7 @@ def trace(
     figure: Figure,
     t: Array,
     y: Array,
-    look: Look,
+    line: LineStyle,
     name: str,
     *,
     factor: float = 1.0,
@@ -225,9 +225,11 @@ def trace(
 ) -> Thinned:
     """Draw a time series, thinned, with breaks where the record has holes; return what is drawn."""
     drawn = thin(t, y)
-    x, shown = (np.asarray(values, dtype=np.float32) for values in style.broken(drawn, t, factor))  # halves the page
+    x, shown = (
+        np.asarray(values, dtype=np.float32) for values in style.with_breaks(drawn, t, factor)
+    )  # halves the page
     curve(
-        figure, x, shown, look, name, row=row, column=column, unit=unit, width=1.1 if drawn.shown > 500 else 1.6, **more
+        figure, x, shown, line, name, row=row, column=column, unit=unit, width=1.1 if drawn.shown > 500 else 1.6, **more
     )
     return drawn
 
@@ -236,7 +238,7 @@ def curve(
     figure: Figure,
     x: NDArray[np.floating[Any]],
     y: NDArray[np.floating[Any]],
-    look: Look,
+    line: LineStyle,
     name: str,
     *,
     row: int = 1,
@@ -250,12 +252,12 @@ def curve(
     figure.add_scatter(
         x=x,
         y=y,
-        name=plain(name),
+        name=escaped(name),
         mode="lines+markers" if markers else "lines",
         connectgaps=False,
-        line={"color": look.colour, "dash": DASHES[look.line], "width": width},
-        marker={"symbol": MARKERS[look.marker], "size": 7, "color": look.colour},
-        hovertemplate=f"%{{y:.4g}} {plain(unit)}<extra>{plain(name)}</extra>",
+        line={"color": line.colour, "dash": DASHES[line.line], "width": width},
+        marker={"symbol": MARKERS[line.marker], "size": 7, "color": line.colour},
+        hovertemplate=f"%{{y:.4g}} {escaped(unit)}<extra>{escaped(name)}</extra>",
         row=row,
         col=column,
         **more,
@@ -268,24 +270,22 @@ def band(
     low: Array,
     high: Array,
     name: str,
-    theme: Theme,
+    colour: str,
     *,
     row: int = 1,
     column: int = 1,
-    colour: str | None = None,
     legend: bool = True,
     group: str | None = None,
 ) -> None:
     """Fill the region between two curves, outlined so that it does not rely on colour."""
-    colour = colour or theme.band
     line = {"color": colour, "width": 1.0, "dash": "dot"}
     common = {"x": x, "mode": "lines", "line": line, "legendgroup": group or name, "hoverinfo": "skip"}
     figure.add_scatter(y=low, showlegend=False, row=row, col=column, **common)
     figure.add_scatter(
         y=high,
-        name=plain(name),
+        name=escaped(name),
         fill="tonexty",
-        fillcolor=faded(colour, 0.25),
+        fillcolor=translucent(colour, 0.25),
         showlegend=legend,
         row=row,
         col=column,
@@ -293,12 +293,12 @@ def band(
     )
 
 
-def faded(colour: str, alpha: float) -> str:
+def translucent(colour: str, alpha: float) -> str:
     """A colour of the palette, seen through."""
     r, g, b = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
     return f"rgba({r},{g},{b},{alpha:g})"
 
 
-def note_of(*drawn: Thinned) -> str:
+def thinning_note(*drawn: Thinned) -> str:
     """What is said about thinning: the trace that lost most stands for all."""
     return max(drawn, key=lambda one: one.total - one.shown).note if drawn else ""

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import HEADLINE_HORIZON, horizons
+from accelcal.plots.numbers import HEADLINE_HORIZON, allowed_horizons
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -31,18 +31,18 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    figure = drawing.canvas()
+    palette = style.theme_of(theme)
+    figure = drawing.new_figure()
     curves = (
-        ("this run's constant re-estimated", comparison.coast_rms, look.model),
-        ("every parameter from the fit", comparison.coast_frozen_rms, look.other),
-        ("noise alone", comparison.coast_floor, look.floor),
+        ("this run's constant re-estimated", comparison.coast_rms, palette.model),
+        ("every parameter from the fit", comparison.coast_frozen_rms, palette.other),
+        ("noise alone", comparison.coast_floor, palette.floor),
     )
-    points = [(name, *horizons(found), chosen) for name, found, chosen in curves]
+    points = [(name, *allowed_horizons(found), chosen) for name, found, chosen in curves]
     allowed = points[0][1]
     if len(allowed) == 0:
         least = min(comparison.coast_rms, default=1.0)
-        return drawing.message(figure, look, "Unaided drift", f"The record is too short to coast {least:g} s.")
+        return drawing.message(figure, palette, "Unaided drift", f"The record is too short to coast {least:g} s.")
     factor, unit = formatting.prefixed("m", *[y for _, _, y, _ in points])
     for name, h, y, chosen in points:
         drawing.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
@@ -51,9 +51,9 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     assert drift is not None
     assert floor is not None
     counts = ", ".join(f"{h:g} s: {comparison.coast_starts[h]}" for h in allowed.tolist())
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Unaided drift after {quoted:g} s: {formatting.length(drift)} rms, noise alone {formatting.length(floor)}",
         note=f"start points {counts}",
     )

@@ -9,6 +9,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
+from accelcal.plots.numbers import error_reduction_sentence, model_names
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModels
 
@@ -16,26 +17,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
-def steps(nested: NestedModels) -> list[str]:
-    """What each model is called: the base, then the effect that is new, or the finer form of a shape that is there."""
-    found: list[str] = []
-    for member in nested.models:
-        name = f"+ {member.effect.replace('_', ' ')}" if member.effect else "base"
-        found.append(f"{name}, finer" if name in found else name)
-    return found
-
-
-def headline(nested: NestedModels) -> str:
-    """The fall in one sentence."""
-    errors = nested.errors
-    text = f"{formatting.length(errors[0])}"
-    if len(errors) > 1:
-        text += f" → {formatting.length(errors[-1])}"
-    measure = nested.measure[:1].upper() + nested.measure[1:]
-    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
-
-
-def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
+def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     """Draw one bar for each model, hatched where the effect is not in the model, and the noise floor.
 
     Parameters
@@ -48,11 +30,11 @@ def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     errors = np.array(nested.errors)
     factor, unit = formatting.prefixed("m", errors, nested.floor)
-    names, shares = steps(nested), nested.shares
-    figure = drawing.canvas()
+    names, shares = model_names(nested), nested.shares
+    figure = drawing.new_figure()
     texts = [
         f"{e * factor:.3g} {unit}" + ("" if s is None else f"<br>{100.0 * s:.0f} % of the excess explained")
         for e, s in zip(errors, shares, strict=True)
@@ -69,23 +51,23 @@ def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
                 textposition="outside",
                 cliponaxis=False,
                 marker={
-                    "color": look.model.colour if inside else drawing.faded(look.model.colour, 0.25),
-                    "line": {"color": look.model.colour, "width": 1.5},
-                    "pattern": {"shape": shape, "size": 6, "fgcolor": look.model.colour},
+                    "color": palette.model.colour if inside else drawing.translucent(palette.model.colour, 0.25),
+                    "line": {"color": palette.model.colour, "width": 1.5},
+                    "pattern": {"shape": shape, "size": 6, "fgcolor": palette.model.colour},
                 },
                 hovertemplate="%{y:.4g} " + unit + "<extra></extra>",
             )
     ends = np.array([-0.5, len(errors) - 0.5])
-    drawing.curve(figure, ends, np.full(2, nested.floor * factor), look.floor, "noise alone", unit=unit, width=2.4)
+    drawing.curve(figure, ends, np.full(2, nested.floor * factor), palette.floor, "noise alone", unit=unit, width=2.4)
     unseen = (
         "the end of the fitted run: set-up and slow-drift errors cannot show"
         if nested.same_run
         else "another recording"
     )
-    drawing.dress(figure, look, headline(nested), note=f"unseen data: {unseen}", height=360)
+    drawing.format_figure(figure, palette, error_reduction_sentence(nested), note=f"unseen data: {unseen}", height=360)
     figure.update_xaxes(
         tickvals=list(range(len(names))),
-        ticktext=[drawing.plain(n) for n in names],
+        ticktext=[drawing.escaped(n) for n in names],
         range=[-0.6, len(names) - 0.4],
         showgrid=False,
         title_text="model",

@@ -48,58 +48,60 @@ def linked(
     MissingExtra
         If plotly or tsdownsample is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     first = sorted(recording.side.values(), key=lambda one: (one.name != "temperature", one.name))[:SIDE]
     residual = comparison is not None and len(comparison.accel_residual[0]) > 0
     rows = 2 + int(residual) + len(first)
-    figure = drawing.canvas(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
+    figure = drawing.new_figure(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
 
-    def inside(t: Array, y: Array) -> tuple[Array, Array]:
-        if window is None:
-            return t, y
-        a, b = np.searchsorted(t, window)
-        return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
-
-    def draw(row: int, channel: Channel, name: str, chosen: style.Look) -> style.Thinned:
-        t, y = inside(channel.t, channel.y)
+    def draw(row: int, channel: Channel, name: str, chosen: style.LineStyle) -> style.Thinned:
+        t, y = _inside(channel.t, channel.y, window)
         factor, unit = formatting.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
         figure.update_yaxes(title_text=drawing.axis_title(name, unit), row=row, col=1)
         return drawing.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
 
     drawn = [
-        draw(1, recording.position, "position", look.measured),
-        draw(2, Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", look.measured),
+        draw(1, recording.position, "position", palette.measured),
+        draw(2, Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", palette.measured),
     ]
     if comparison is not None and residual:
-        t, y = inside(*comparison.accel_residual)
+        t, y = _inside(*comparison.accel_residual, window)
         factor, unit = formatting.prefixed("m/s²", y)
         if previous is not None and len(previous.accel_residual[0]):
-            old = inside(*previous.accel_residual)
-            drawing.trace(figure, *old, look.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
-        drawn.append(drawing.trace(figure, t, y, look.residual, "residual", factor=factor, unit=unit, row=3))
+            old = _inside(*previous.accel_residual, window)
+            drawing.trace(figure, *old, palette.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
+        drawn.append(drawing.trace(figure, t, y, palette.residual, "residual", factor=factor, unit=unit, row=3))
         figure.update_yaxes(title_text=drawing.axis_title("residual", unit), row=3, col=1)
-    drawn += [draw(rows - len(first) + 1 + i, channel, channel.name, look.other) for i, channel in enumerate(first)]
+    drawn += [draw(rows - len(first) + 1 + i, channel, channel.name, palette.other) for i, channel in enumerate(first)]
     low, high = (recording.position.t[0], recording.position.t[-1]) if window is None else window
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"From {low:.5g} s to {high:.5g} s",
-        note=drawing.note_of(*drawn),
+        note=drawing.thinning_note(*drawn),
         height=drawing.BOTTOM + PANEL * rows,
         legend=previous is not None and residual,
         left=92,
     )
     for begin, end, label in marked:
-        mark(figure, begin, end, label, look)
+        mark(figure, begin, end, label, palette)
     figure.update_xaxes(range=[float(low), float(high)])
     figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=rows, col=1)
     return figure
 
 
-def mark(figure: Figure, begin: float, end: float, label: str, look: style.Theme) -> None:
+def _inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Array, Array]:
+    """A series (n,) within a window of time, one sample more at either end; whole without a window."""
+    if window is None:
+        return t, y
+    a, b = np.searchsorted(t, window)
+    return t[max(0, a - 1) : b + 1], y[max(0, a - 1) : b + 1]
+
+
+def mark(figure: Figure, begin: float, end: float, label: str, palette: style.Theme) -> None:
     """Shade a stretch of time over all panels and name it."""
     box: dict[str, Any] = {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0.0, "y1": 1.0}
-    colour = look.band if label == "held out" else look.other.colour
+    colour = palette.band if label == "held out" else palette.other.colour
     figure.add_shape(
         **box, fillcolor=colour, opacity=0.16, layer="below", line={"width": 1, "color": colour, "dash": "dash"}
     )
@@ -109,8 +111,8 @@ def mark(figure: Figure, begin: float, end: float, label: str, look: style.Theme
         xref="x",
         yref="paper",
         yanchor="top",
-        text=drawing.plain(label),
+        text=drawing.escaped(label),
         showarrow=False,
-        bgcolor=look.page,
-        font={"size": drawing.SMALL, "color": look.ink},
+        bgcolor=palette.page,
+        font={"size": drawing.SMALL, "color": palette.ink},
     )

@@ -29,21 +29,23 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly or tsdownsample is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     t, measured, position = comparison.simulated
     error, spread = position - measured, 2.0 * comparison.simulated_std
     factor, unit = formatting.prefixed("m", measured)
     error_factor, error_unit = formatting.prefixed("m", error)
-    figure = drawing.canvas(2, 1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06)
-    drawn = drawing.trace(figure, t, measured, look.measured, "measured", factor=factor, unit=unit)
-    drawing.trace(figure, t, position, look.model, "simulated", factor=factor, unit=unit)
-    at, reach = style.typical(t, spread)
+    figure = drawing.new_figure(2, 1, shared_xaxes=True, row_heights=[0.58, 0.42], vertical_spacing=0.06)
+    drawn = drawing.trace(figure, t, measured, palette.measured, "measured", factor=factor, unit=unit)
+    drawing.trace(figure, t, position, palette.model, "simulated", factor=factor, unit=unit)
+    at, reach = style.column_medians(t, spread)
     reach = reach * error_factor
-    drawing.band(figure, at, -reach, reach, "noise alone, ± 2 σ", look, row=2)
-    drawing.trace(figure, t, error, look.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2)
-    drawing.dress(
+    drawing.band(figure, at, -reach, reach, "noise alone, ± 2 σ", palette.band, row=2)
+    drawing.trace(
+        figure, t, error, palette.residual, "simulated − measured", factor=error_factor, unit=error_unit, row=2
+    )
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Simulated without position from {t[0]:.3g} s on: rms error {formatting.length(comparison.simulated_rms)}",
         note=drawn.note,
         height=460,

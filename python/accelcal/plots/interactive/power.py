@@ -19,15 +19,15 @@ ROW, GAP = 20, 90
 """Height of a row, and of the space between panels, pixels."""
 
 
-def seen_at(power: Power, port: str) -> list[Detectability]:
+def detectable_at(power: Power, port: str) -> list[Detectability]:
     """Effects that are seen at the sensor ("output") or at the encoder ("position"), the smallest first."""
     return sorted(
-        (s for s in power.sights if s.seen and (find(s.effect).port == "position") == (port == "position")),
+        (s for s in power.detectabilities if s.seen and (find(s.effect).port == "position") == (port == "position")),
         key=lambda s: s.largest,
     )
 
 
-def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
+def detectable_sizes(power: Power, *, theme: ThemeName = "light") -> Figure:
     """Draw the size of each effect that is found with 95 % probability, as its largest contribution.
 
     Parameters
@@ -40,18 +40,18 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     panels = [
-        (seen_at(power, port)[:MOST], unit, title)
+        (detectable_at(power, port)[:MOST], unit, title)
         for port, unit, title in (("output", "m/s²", "at the sensor"), ("position", "m", "at the encoder"))
     ]
     panels = [p for p in panels if p[0]]
     if not panels:
-        return drawing.message(drawing.canvas(), look, "Power", "No effect can be seen on this record.")
+        return drawing.message(drawing.new_figure(), palette, "Power", "No effect can be seen on this record.")
     heights = [len(p[0]) for p in panels]
     total = sum(heights)
     room = ROW * (total + len(panels)) + GAP * (len(panels) - 1)
-    figure = drawing.canvas(
+    figure = drawing.new_figure(
         len(panels),
         1,
         row_heights=[(h + 1.0) / (total + len(panels)) for h in heights],
@@ -59,7 +59,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         vertical_spacing=GAP / room if len(panels) > 1 else 0.0,
     )
     for row, (several, unit, _) in enumerate(panels, 1):
-        names = [drawing.plain(spelled(s.effect)) for s in several]
+        names = [drawing.escaped(spelled(s.effect)) for s in several]
         figure.add_scatter(
             x=[s.largest for s in several],
             y=names,
@@ -67,7 +67,7 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
             showlegend=False,
             row=row,
             col=1,
-            marker={"color": look.model.colour, "symbol": "diamond", "size": 8},
+            marker={"color": palette.model.colour, "symbol": "diamond", "size": 8},
             customdata=[f"{min(s.smallest):.3g} {s.unit}" for s in several],
             hovertemplate="%{y}: %{customdata}, at most %{x:.3g} " + unit + "<extra></extra>",
         )
@@ -75,15 +75,15 @@ def power_of(power: Power, *, theme: ThemeName = "light") -> Figure:
         title = drawing.axis_title("largest contribution at the smallest size that is found", unit)
         figure.update_xaxes(**scale, title_text=title, row=row, col=1)
         figure.update_yaxes(range=[len(several) - 0.5, -0.5], row=row, col=1)
-    blind = [spelled(s.effect) for s in power.sights if not s.seen]
-    drawing.dress(
+    blind = [spelled(s.effect) for s in power.detectabilities if not s.seen]
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"What this record can see with 95 % probability, among {power.examined} alternatives",
         note=f"not seen at all: {', '.join(blind)}" if blind else "",
         height=drawing.BOTTOM + room,
         legend=False,
         titled=True,
-        left=drawing.labels([s.effect for several, _, _ in panels for s in several]),
+        left=drawing.label_margin([s.effect for several, _, _ in panels for s in several]),
     )
     return figure

@@ -9,27 +9,11 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.style import ThemeName
+from accelcal.plots.numbers import candidate_groups
+from accelcal.plots.style import Theme, ThemeName
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
-
-MOST = 12
-"""Candidates that are drawn."""
-
-
-def classes(diagnosis: Diagnosis, most: int = MOST) -> list[list[Candidate]]:
-    """The best candidates, each class together, best first."""
-    left = list(diagnosis.scan.candidates[:most])
-    found: list[list[Candidate]] = []
-    while left:
-        first = left[0]
-        sure = first.p_value < diagnosis.alpha
-        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
-        group = [first, *tied]
-        found.append(group)
-        left = [c for c in left if c not in group]
-    return found
 
 
 def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
@@ -45,64 +29,24 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    figure = drawing.canvas()
-    groups = classes(diagnosis)
+    palette = style.theme_of(theme)
+    figure = drawing.new_figure()
+    groups = candidate_groups(diagnosis)
     if not groups:
-        return drawing.message(figure, look, "Candidates", "No candidate could be tested on this record.")
+        return drawing.message(figure, palette, "Candidates", "No candidate could be tested on this record.")
     flat = [c for group in groups for c in group]
-    names = [drawing.plain(spelled(c.effect)) for c in flat]
-    for said, chosen, filled in (("significant", look.model, True), ("no evidence", look.floor, False)):
-        rows = [i for i, c in enumerate(flat) if (c.p_value < diagnosis.alpha) == filled]
-        if not rows:
-            continue
-        figure.add_bar(
-            y=rows,
-            x=[flat[i].snr for i in rows],
-            orientation="h",
-            name=said,
-            width=0.62,
-            marker={
-                "color": chosen.colour if filled else drawing.faded(chosen.colour, 0.15),
-                "line": {"color": chosen.colour, "width": 1.5},
-                "pattern": {"shape": "" if filled else "/", "size": 5},
-            },
-            text=[f"{flat[i].snr:.1f} σ" for i in rows],
-            textposition="outside",
-            cliponaxis=False,
-            customdata=[[_amount(flat[i]), f"{flat[i].p_value:.2g}"] for i in rows],
-            hovertemplate="%{x:.1f} σ, family-wise p %{customdata[1]}<br>%{customdata[0]}<extra></extra>",
-        )
-    top, begin = max(c.snr for c in flat), 0
-    for group in groups:
-        end = begin + len(group) - 1
-        if len(group) > 1:
-            x = 1.2 * top
-            figure.add_scatter(
-                x=[x * 0.985, x, x, x * 0.985],
-                y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
-                mode="lines",
-                line={"color": look.other.colour, "width": 2},
-                hoverinfo="skip",
-                showlegend=False,
-            )
-            figure.add_annotation(
-                x=x,
-                y=0.5 * (begin + end),
-                text="cannot be<br>told apart",
-                showarrow=False,
-                xanchor="left",
-                xshift=6,
-                align="left",
-            )
-        begin = end + 1
-    drawing.dress(
+    names = [drawing.escaped(spelled(c.effect)) for c in flat]
+    for filled in (True, False):
+        _bars(figure, flat, [c.p_value < diagnosis.alpha for c in flat], filled=filled, palette=palette)
+    top = max(c.snr for c in flat)
+    _brackets(figure, groups, 1.2 * top, palette)
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"What the model lacks: {diagnosis.scan.examined} candidates examined",
         note=f"family-wise false-alarm rate {diagnosis.alpha:g}",
         height=drawing.BOTTOM + 20 + 30 * len(flat),
-        left=drawing.labels(names),
+        left=drawing.label_margin(names),
     )
     figure.update_xaxes(
         title_text=drawing.axis_title("what it explains", "equivalent standard deviations"), range=[0, 1.42 * top]
@@ -117,7 +61,57 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     return figure
 
 
+def _bars(figure: Figure, flat: list[Candidate], significant: list[bool], *, filled: bool, palette: Theme) -> None:
+    """Bars of the candidates that are significant, or of those that are not."""
+    rows = [i for i, found in enumerate(significant) if found == filled]
+    chosen = palette.model if filled else palette.floor
+    if rows:
+        figure.add_bar(
+            y=rows,
+            x=[flat[i].snr for i in rows],
+            orientation="h",
+            name="significant" if filled else "no evidence",
+            width=0.62,
+            marker={
+                "color": chosen.colour if filled else drawing.translucent(chosen.colour, 0.15),
+                "line": {"color": chosen.colour, "width": 1.5},
+                "pattern": {"shape": "" if filled else "/", "size": 5},
+            },
+            text=[f"{flat[i].snr:.1f} σ" for i in rows],
+            textposition="outside",
+            cliponaxis=False,
+            customdata=[[_amount(flat[i]), f"{flat[i].p_value:.2g}"] for i in rows],
+            hovertemplate="%{x:.1f} σ, family-wise p %{customdata[1]}<br>%{customdata[0]}<extra></extra>",
+        )
+
+
+def _brackets(figure: Figure, groups: list[list[Candidate]], x: float, palette: Theme) -> None:
+    """A bracket at `x` around each class of several candidates."""
+    begin = 0
+    for group in groups:
+        end = begin + len(group) - 1
+        if len(group) > 1:
+            figure.add_scatter(
+                x=[x * 0.985, x, x, x * 0.985],
+                y=[begin - 0.3, begin - 0.3, end + 0.3, end + 0.3],
+                mode="lines",
+                line={"color": palette.other.colour, "width": 2},
+                hoverinfo="skip",
+                showlegend=False,
+            )
+            figure.add_annotation(
+                x=x,
+                y=0.5 * (begin + end),
+                text="cannot be<br>told apart",
+                showarrow=False,
+                xanchor="left",
+                xshift=6,
+                align="left",
+            )
+        begin = end + 1
+
+
 def _amount(c: Candidate) -> str:
     if len(c.estimate) == 1:
-        return drawing.plain(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
-    return drawing.plain(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")
+        return drawing.escaped(f"{c.estimate[0]:.4g} ± {c.std[0]:.2g} {c.unit}, at most {c.largest:.3g}")
+    return drawing.escaped(f"{len(c.estimate)} coefficients, at most {c.largest:.3g}")

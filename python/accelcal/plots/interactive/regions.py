@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal import formatting
+from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.style import ThemeName
+from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 
 if TYPE_CHECKING:
@@ -41,61 +42,70 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     chosen = ordered(comparison)
     if not chosen:
         return drawing.message(
-            drawing.canvas(), look, "Mean residual", "The record is too short to say where it fails."
+            drawing.new_figure(), palette, "Mean residual", "The record is too short to say where it fails."
         )
     rows = math.ceil(len(chosen) / COLUMNS)
-    titles = [drawing.plain(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
-    figure = drawing.canvas(
+    titles = [drawing.escaped(f"{b.variable}: explains {100.0 * share:.2g} %") for b, share in chosen]
+    figure = drawing.new_figure(
         rows, COLUMNS, subplot_titles=titles, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.075
     )
     means = [np.where(b.std > 0.0, b.mean, np.nan) for b, _ in chosen]
     factor, unit = formatting.prefixed("m/s²", *means)
     for i, ((one, _), mean) in enumerate(zip(chosen, means, strict=True)):
-        place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
-        x_factor, x_unit = (1.0, one.unit) if one.unit == "s" else formatting.prefixed(one.unit, one.edges)
-        centre = 0.5 * (one.edges[1:] + one.edges[:-1]) * x_factor
-        x = np.repeat(one.edges, 2)[1:-1] * x_factor
-        reach = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
-        known = np.isfinite(reach)
-        drawing.band(
-            figure,
-            x[known],
-            -reach[known],
-            reach[known],
-            "noise alone, ± 2 σ",
-            look,
-            legend=i == 0,
-            group="band",
-            **place,
-        )
-        drawing.curve(
-            figure,
-            centre,
-            mean * factor,
-            look.residual,
-            "mean residual",
-            markers=True,
-            width=1.2,
-            unit=unit,
-            showlegend=i == 0,
-            legendgroup="mean",
-            **place,
-        )
-    drawing.dress(
+        _panel(figure, i, one, mean * factor, factor, unit, palette)
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         comparison.worst[:1].upper() + comparison.worst[1:],
         height=drawing.BOTTOM + PANEL * rows,
         titled=True,
     )
     for i, (one, _) in enumerate(chosen):
         at = {"row": i // COLUMNS + 1, "col": i % COLUMNS + 1}
-        x_unit = one.unit if one.unit == "s" else formatting.prefixed(one.unit, one.edges)[1]
-        figure.update_xaxes(title_text=drawing.axis_title(one.variable, x_unit), nticks=5, **at)
+        figure.update_xaxes(title_text=drawing.axis_title(one.variable, _scale(one)[1]), nticks=5, **at)
         title = drawing.axis_title("mean residual", unit) if i % COLUMNS == 0 else None
         figure.update_yaxes(title_text=title, nticks=6, **at)
     return figure
+
+
+def _scale(bins: Bins) -> tuple[float, str]:
+    """Factor and unit of a variable's axis."""
+    return (1.0, bins.unit) if bins.unit == "s" else formatting.prefixed(bins.unit, bins.edges)
+
+
+def _panel(figure: Figure, i: int, one: Bins, mean: Array, factor: float, unit: str, palette: Theme) -> None:
+    """Mean residual against one variable; `mean` (n,) is in `unit` already, by `factor`."""
+    place: dict[str, Any] = {"row": i // COLUMNS + 1, "column": i % COLUMNS + 1}
+    x_factor, _ = _scale(one)
+    centre = 0.5 * (one.edges[1:] + one.edges[:-1]) * x_factor
+    x = np.repeat(one.edges, 2)[1:-1] * x_factor
+    reach = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
+    known = np.isfinite(reach)
+    drawing.band(
+        figure,
+        x[known],
+        -reach[known],
+        reach[known],
+        "noise alone, ± 2 σ",
+        palette.band,
+        legend=i == 0,
+        group="band",
+        **place,
+    )
+    drawing.curve(
+        figure,
+        centre,
+        mean,
+        palette.residual,
+        "mean residual",
+        markers=True,
+        width=1.2,
+        unit=unit,
+        showlegend=i == 0,
+        legendgroup="mean",
+        **place,
+    )

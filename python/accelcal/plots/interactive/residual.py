@@ -9,7 +9,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import TRANSIENT, TWO_SIDED_95, imposed
+from accelcal.plots.numbers import imposed_band_note, residual_band
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -31,28 +31,26 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
     MissingExtra
         If plotly or tsdownsample is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     t, e = comparison.residual
-    reach = TWO_SIDED_95 * comparison.residual_std
-    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
-    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    reach, edge = residual_band(comparison)
     factor, unit = formatting.prefixed("m", edge)
-    figure = drawing.canvas()
+    figure = drawing.new_figure()
     if previous is not None:
         old_t, old = previous.residual
         edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
-        drawing.trace(figure, old_t, old, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
-    drawn = drawing.trace(figure, t, e, look.residual, "residual", factor=factor, unit=unit)
-    at, usual = style.typical(t, reach)
+        drawing.trace(figure, old_t, old, palette.floor, "before", factor=factor, unit=unit, opacity=0.35)
+    drawn = drawing.trace(figure, t, e, palette.residual, "residual", factor=factor, unit=unit)
+    at, usual = style.column_medians(t, reach)
     usual = np.minimum(usual, 1.1 * edge) * factor
-    drawing.band(figure, at, -usual, usual, "predicted 95 % band", look)
+    drawing.band(figure, at, -usual, usual, "predicted 95 % band", palette.band)
     inside, beyond = float(np.mean(np.abs(e) <= reach)), int(np.count_nonzero(np.abs(e) > edge))
     off = f"{formatting.grouped(beyond)} beyond the axis" if beyond else ""
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
-        f"{formatting.grouped(len(e))} inside the 95 % band{imposed(comparison)}",
+        f"{formatting.grouped(len(e))} inside the 95 % band{imposed_band_note(comparison)}",
         note="; ".join(filter(None, (off, drawn.note))),
         height=320,
     )
@@ -61,24 +59,24 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
     return figure
 
 
-def accel_side(comparison: Comparison, *, previous: Comparison | None = None, theme: ThemeName = "light") -> Figure:
+def accel_residual(comparison: Comparison, *, previous: Comparison | None = None, theme: ThemeName = "light") -> Figure:
     """Draw what the accelerometer says beyond the model, where the encoder can judge it.
 
     Parameters and errors are those of `one_step`.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     t, residual = comparison.accel_residual
-    figure = drawing.canvas()
+    figure = drawing.new_figure()
     headline = "Accelerometer residual"
     if len(t) == 0:
-        return drawing.message(figure, look, headline, f"The record is too short below {comparison.band:.3g} Hz.")
+        return drawing.message(figure, palette, headline, f"The record is too short below {comparison.band:.3g} Hz.")
     factor, unit = formatting.prefixed("m/s²", residual)
     if previous is not None and len(previous.accel_residual[0]):
-        drawing.trace(figure, *previous.accel_residual, look.floor, "before", factor=factor, unit=unit, opacity=0.35)
-    drawn = drawing.trace(figure, t, residual, look.residual, "output − model", factor=factor, unit=unit)
-    drawing.dress(
+        drawing.trace(figure, *previous.accel_residual, palette.floor, "before", factor=factor, unit=unit, opacity=0.35)
+    drawn = drawing.trace(figure, t, residual, palette.residual, "output − model", factor=factor, unit=unit)
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"{headline} below {comparison.band:.3g} Hz: rms {comparison.accel_rms * factor:.3g} {unit}",
         note=drawn.note,
         height=320,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
-def shape(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
+def fitted_curve(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
     """Draw the branches of one recovered function with ± 2 standard deviations.
 
     Parameters
@@ -28,23 +28,23 @@ def shape(recovered: Sequence[Shape], *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    figure = drawing.canvas()
+    palette = style.theme_of(theme)
+    figure = drawing.new_figure()
     if not recovered:
-        return drawing.message(figure, look, "Recovered shape", "The model holds no shape without a name.")
+        return drawing.message(figure, palette, "Recovered shape", "The model holds no shape without a name.")
     first = recovered[0]
     factor, unit = formatting.prefixed(first.unit, *[one.value for one in recovered])
     x_factor, x_unit = (1.0, first.variable_unit)
     if first.variable_unit != "s":
         x_factor, x_unit = formatting.prefixed(first.variable_unit, first.x)
-    for one, chosen in zip(recovered, (look.model, look.other), strict=False):
+    for one, chosen in zip(recovered, (palette.model, palette.other), strict=False):
         x, y, reach = one.x * x_factor, one.value * factor, 2.0 * one.std * factor
         name = one.label or "recovered"
-        drawing.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", look, colour=chosen.colour)
+        drawing.band(figure, x, y - reach, y + reach, f"{name}, ± 2 σ", chosen.colour)
         drawing.curve(figure, x, y, chosen, name, unit=unit)
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"What has no name: a function of {first.variable}",
         note="a constant could as well be bias",
         height=340,

@@ -49,12 +49,12 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     seen = chosen(power, first)
-    figure = drawing.canvas()
+    figure = drawing.new_figure()
     if len(seen.names) < 2:
-        return drawing.message(figure, look, "Signatures", "Fewer than two effects can be seen on this record.")
-    names = [drawing.plain(spelled(n)) for n in seen.names]
+        return drawing.message(figure, palette, "Signatures", "Fewer than two effects can be seen on this record.")
+    names = [drawing.escaped(spelled(n)) for n in seen.names]
     texts = [[f"{100 * v:.0f}" if abs(v) >= 0.5 else "" for v in row] for row in seen.correlation]
     figure.add_heatmap(
         z=seen.correlation,
@@ -68,19 +68,19 @@ def signatures(power: Power, first: Sequence[str] = (), *, theme: ThemeName = "l
         xgap=1,
         ygap=1,
         hovertemplate="%{x} and %{y}: %{z:.3f}<extra></extra>",
-        colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, look.page], [1.0, OKABE_ITO["vermillion"]]],
+        colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, palette.page], [1.0, OKABE_ITO["vermillion"]]],
         colorbar={"title": {"text": "ρ", "side": "top"}, "thickness": 12, "outlinewidth": 0},
     )
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         "How alike effects look on this record: correlation of their signatures, the base taken out",
         note="numbers in percent where |ρ| is 50 or more; beyond 95 % two effects cannot be told apart",
         height=drawing.BOTTOM + 24 * len(names),
         legend=False,
-        left=drawing.labels(names),
+        left=drawing.label_margin(names),
     )
-    under = 40 + int(0.8 * drawing.labels(names))
+    under = 40 + int(0.8 * drawing.label_margin(names))
     figure.update_layout(margin_b=under, height=figure.layout.height + under - drawing.BOTTOM)
     figure.update_xaxes(tickangle=-50, showgrid=False, ticks="", title_text="effect (ρ has unit 1)")
     figure.update_yaxes(autorange="reversed", showgrid=False, ticks="")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,77 +44,86 @@ def spectrum(
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    panels: list[tuple[Spectrum, str, str, str]] = []
-    below, whole = accel_spectrum(fit, comparison), one_step_spectrum(comparison)
-    if below is not None:
-        panels.append((below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer side, inside the band"))
-    if whole is not None:
-        panels.append(
-            (whole, "one-step residual / predicted σ", "1/√Hz", "one step ahead, up to half the encoder's rate")
-        )
+    palette = style.theme_of(theme)
+    panels = _panels(fit, comparison)
     if not panels:
-        return drawing.message(drawing.canvas(), look, "Spectrum", "The record is too short for a spectrum.")
-    figure = drawing.canvas(1, len(panels), subplot_titles=[p[3] for p in panels], horizontal_spacing=0.11)
-    outside = 0.0
-    for i, (seen, _, unit, _) in enumerate(panels):
-        f, expected = seen.frequency, np.sqrt(seen.predicted)
-        place: dict[str, Any] = {"row": 1, "column": i + 1}
-        drawing.band(
-            figure,
-            f,
-            expected * seen.low**0.5,
-            expected * seen.high**0.5,
-            "95 % of noise alone",
-            look,
-            legend=i == 0,
-            group="band",
-            **place,
-        )
-        drawn = drawing.thin(f, np.sqrt(seen.density))
-        drawing.curve(
-            figure,
-            drawn.t,
-            drawn.y,
-            look.residual,
-            "residual",
-            width=1.1,
-            unit=unit,
-            showlegend=i == 0,
-            legendgroup="residual",
-            **place,
-        )
-        drawing.curve(
-            figure,
-            f,
-            expected,
-            look.floor,
-            "predicted noise",
-            unit=unit,
-            showlegend=i == 0,
-            legendgroup="floor",
-            **place,
-        )
-        ratio = seen.density / seen.predicted
-        outside = max(outside, float(np.mean((ratio < seen.low) | (ratio > seen.high))))
+        return drawing.message(drawing.new_figure(), palette, "Spectrum", "The record is too short for a spectrum.")
+    figure = drawing.new_figure(
+        1, len(panels), subplot_titles=[panel.title for panel in panels], horizontal_spacing=0.11
+    )
+    for column, panel in enumerate(panels, 1):
+        _draw(figure, panel, column, palette)
+        f = panel.spectrum.frequency
         for at, name in lines(findings):
             if f[0] <= at <= f[-1]:
-                _mark(figure, at, name, look, i + 1)
+                _mark(figure, at, name, palette, column)
+    outside = max(panel.outside for panel in panels)
     named = "; ".join(f"{name} at {at:.4g} Hz" for at, name in lines(findings))
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Spectrum of the residual: up to {100.0 * outside:.0f} % of frequencies outside the band, 5 % by chance",
         note=f"lines found: {named}" if named else "no line stands out",
         height=360,
         titled=True,
     )
-    for i, (seen, quantity, unit, _) in enumerate(panels):
-        across = drawing.logarithmic(float(seen.frequency[0]), float(seen.frequency[-1]))
-        figure.update_xaxes(**across, title_text=drawing.axis_title("frequency", "Hz"), row=1, col=i + 1)
-        upward = drawing.logarithmic(*_reach(seen))
-        figure.update_yaxes(**upward, title_text=drawing.axis_title(quantity, unit), row=1, col=i + 1)
+    for column, panel in enumerate(panels, 1):
+        f = panel.spectrum.frequency
+        across = drawing.logarithmic(float(f[0]), float(f[-1]))
+        figure.update_xaxes(**across, title_text=drawing.axis_title("frequency", "Hz"), row=1, col=column)
+        upward = drawing.logarithmic(*_reach(panel.spectrum))
+        figure.update_yaxes(**upward, title_text=drawing.axis_title(panel.quantity, panel.unit), row=1, col=column)
     return figure
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """One spectrum with its titles."""
+
+    spectrum: Spectrum
+    quantity: str
+    unit: str
+    title: str
+
+    @property
+    def outside(self) -> float:
+        """Share of the frequencies at which the density leaves its 95 % region."""
+        ratio = self.spectrum.density / self.spectrum.predicted
+        return float(np.mean((ratio < self.spectrum.low) | (ratio > self.spectrum.high)))
+
+
+def _panels(fit: Fit, comparison: Comparison) -> list[Panel]:
+    """The spectra that the record is long enough for."""
+    below, whole = accel_spectrum(fit, comparison), one_step_spectrum(comparison)
+    found = []
+    if below is not None:
+        found.append(Panel(below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer side, inside the band"))
+    if whole is not None:
+        title = "one step ahead, up to half the encoder's rate"
+        found.append(Panel(whole, "one-step residual / predicted σ", "1/√Hz", title))
+    return found
+
+
+def _draw(figure: Figure, panel: Panel, column: int, palette: style.Theme) -> None:
+    """Residual and predicted noise of one panel; the legend is that of the first."""
+    seen, expected = panel.spectrum, np.sqrt(panel.spectrum.predicted)
+    first = column == 1
+    drawing.band(
+        figure,
+        seen.frequency,
+        expected * seen.low**0.5,
+        expected * seen.high**0.5,
+        "95 % of noise alone",
+        palette.band,
+        legend=first,
+        group="band",
+        row=1,
+        column=column,
+    )
+    drawn = drawing.thin(seen.frequency, np.sqrt(seen.density))
+    common: dict[str, Any] = {"unit": panel.unit, "showlegend": first, "row": 1, "column": column}
+    drawing.curve(figure, drawn.t, drawn.y, palette.residual, "residual", width=1.1, legendgroup="residual", **common)
+    drawing.curve(figure, seen.frequency, expected, palette.floor, "predicted noise", legendgroup="floor", **common)
 
 
 def _reach(seen: Spectrum) -> tuple[float, float]:
@@ -124,10 +134,10 @@ def _reach(seen: Spectrum) -> tuple[float, float]:
     return min(low, 0.1 * middle), max(high, 10.0 * middle)
 
 
-def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) -> None:
+def _mark(figure: Figure, at: float, name: str, palette: style.Theme, column: int) -> None:
     """A dash-dotted line at a frequency, with its name; annotations on a logarithmic axis are placed by logarithm."""
     place = {"row": 1, "col": column, "yref": "y domain" if column == 1 else f"y{column} domain"}
-    line = {"color": look.other.colour, "dash": "dashdot", "width": 1.4}
+    line = {"color": palette.other.colour, "dash": "dashdot", "width": 1.4}
     figure.add_shape(type="line", x0=at, x1=at, y0=0.0, y1=1.0, line=line, **place)
     figure.add_annotation(
         x=math.log10(at),
@@ -136,6 +146,6 @@ def _mark(figure: Figure, at: float, name: str, look: style.Theme, column: int) 
         xanchor="right",
         showarrow=False,
         textangle=-90,
-        text=drawing.plain(f"{name} {at:.4g} Hz"),
+        text=drawing.escaped(f"{name} {at:.4g} Hz"),
         **place,
     )

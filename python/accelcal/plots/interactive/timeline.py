@@ -69,24 +69,24 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
     MissingExtra
         If plotly or tsdownsample is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     position, accel = recording.position, recording.accel
-    figure = drawing.canvas(2, 1, shared_xaxes=True, vertical_spacing=0.06)
+    figure = drawing.new_figure(2, 1, shared_xaxes=True, vertical_spacing=0.06)
     factor, unit = formatting.prefixed("m", position.y)
     drawn = [
-        drawing.trace(figure, position.t, position.y, look.measured, "position", factor=factor, unit=unit),
-        drawing.trace(figure, accel.t, accel.y, look.residual, "output", unit="m/s²", row=2),
+        drawing.trace(figure, position.t, position.y, palette.measured, "position", factor=factor, unit=unit),
+        drawing.trace(figure, accel.t, accel.y, palette.residual, "output", unit="m/s²", row=2),
     ]
-    figure.update_layout(shapes=[_shade(begin, end, look.grid) for begin, end in longest(seen.rest)])
+    figure.update_layout(shapes=[_shade(begin, end, palette.grid) for begin, end in longest(seen.rest)])
     for at in seen.breaks:
         figure.add_vline(
             x=at,
-            line={"color": look.other.colour, "dash": "dash", "width": 2},
+            line={"color": palette.other.colour, "dash": "dash", "width": 2},
             annotation={"text": f"break at {at:.4g} s", "yanchor": "top", "xanchor": "left"},
             row=1,
             col=1,
         )
-        figure.add_vline(x=at, line={"color": look.other.colour, "dash": "dash", "width": 2}, row=2, col=1)
+        figure.add_vline(x=at, line={"color": palette.other.colour, "dash": "dash", "width": 2}, row=2, col=1)
     if seen.faults:
         times = np.array([f.time for f in seen.faults])
         figure.add_scatter(
@@ -96,17 +96,17 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
             name="fault",
             row=1,
             col=1,
-            marker={"symbol": "x", "size": 10, "color": look.other.colour},
-            text=[drawing.plain(f.sentence) for f in seen.faults],
+            marker={"symbol": "x", "size": 10, "color": palette.other.colour},
+            text=[drawing.escaped(f.sentence) for f in seen.faults],
             hovertemplate="%{text}<extra></extra>",
         )
     broken = f"{len(seen.breaks)} break" + ("" if len(seen.breaks) == 1 else "s") if seen.breaks else "no break"
     counted = f"{len(seen.faults)} fault" + ("" if len(seen.faults) == 1 else "s") if seen.faults else "no fault"
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Used from {seen.start:.4g} s to {seen.end:.4g} s: {broken}, {counted}",
-        note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", drawing.note_of(*drawn)))),
+        note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", drawing.thinning_note(*drawn)))),
         height=400,
     )
     figure.update_yaxes(title_text=drawing.axis_title("position", unit), row=1, col=1)

@@ -38,11 +38,11 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     count = min(MOST, len(track.names))
     rows = math.ceil(count / COLUMNS)
-    names = [drawing.plain(spelled(n)) for n in track.names[:count]]
-    figure = drawing.canvas(
+    names = [drawing.escaped(spelled(n)) for n in track.names[:count]]
+    figure = drawing.new_figure(
         rows, COLUMNS, subplot_titles=names, vertical_spacing=min(0.5, GAP / (PANEL * rows)), horizontal_spacing=0.11
     )
     for i in range(count):
@@ -53,13 +53,15 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
         low, high = y - 2.0 * std, y + 2.0 * std
         late = slice(int(SETTLED * len(y)), None)
         ends = (float(low[late].min()), float(high[late].max())) if len(y) else (0.0, 1.0)
-        factor, unit = drawing.scaled(track.units[i], *ends)
-        drawing.band(figure, t, low * factor, high * factor, "± 2 σ", look, legend=i == 0, group="band", **place)
+        factor, unit = drawing.display_scale(track.units[i], *ends)
+        drawing.band(
+            figure, t, low * factor, high * factor, "± 2 σ", palette.band, legend=i == 0, group="band", **place
+        )
         drawing.curve(
             figure,
             t,
             y * factor,
-            look.residual,
+            palette.residual,
             "estimate",
             unit=unit,
             showlegend=i == 0,
@@ -70,9 +72,9 @@ def tracks(track: Track, *, theme: ThemeName = "light") -> Figure:
         figure.update_yaxes(title_text=drawing.axis_title("estimate", unit), row=place["row"], col=place["column"])
         figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=place["row"], col=place["column"])
     left = len(track.names) - count
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         "Parameters from the readings up to each instant, with their uncertainty",
         note=f"{left} further parameters are not drawn" if left else "",
         height=drawing.BOTTOM + PANEL * rows,

@@ -6,18 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.static.comparison import LAGS, TWO_SIDED_95, normalised
-from accelcal.plots.style import ThemeName
+from accelcal.plots.numbers import LAGS, TWO_SIDED_95, normalised_residuals
+from accelcal.plots.style import Theme, ThemeName, Thinned
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.consistency import cumulative_periodogram, whiteness
+from accelcal.validation.consistency import CumulativePeriodogram, cumulative_periodogram, whiteness
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
 
-def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
+def whiteness_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     """Draw the autocorrelation and the cumulative periodogram of normalised one-step residuals with 95 % regions.
 
     Parameters
@@ -30,60 +31,23 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If plotly is not installed.
     """
-    look = style.theme_of(theme)
-    y = normalised(comparison)
+    palette = style.theme_of(theme)
+    y = normalised_residuals(comparison)
     lags = min(LAGS, len(y) // 4)
     if lags < 4 or not np.any(y):
-        return drawing.message(drawing.canvas(), look, "Whiteness", "The record has too few readings for a test.")
+        return drawing.message(
+            drawing.new_figure(), palette, "Whiteness", "The record has too few readings for a test."
+        )
     found, power = whiteness(y, lags), cumulative_periodogram(y)
     limit = TWO_SIDED_95 / float(np.sqrt(found.samples))
-    lag = np.arange(1, lags + 1).astype(float)
     titles = ["autocorrelation", "cumulative periodogram: share of power below, less that of white residuals"]
-    figure = drawing.canvas(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
-    ends = np.array([0.5, lags + 0.5])
-    drawing.band(figure, ends, np.full(2, -limit), np.full(2, limit), "95 % of white residuals", look, group="band")
-    figure.add_scatter(
-        x=np.repeat(lag, 3),
-        y=np.column_stack([np.zeros(lags), found.autocorrelation, np.full(lags, np.nan)]).ravel(),
-        mode="lines",
-        line={"color": look.model.colour, "width": 1.4},
-        showlegend=False,
-        hoverinfo="skip",
-        row=1,
-        col=1,
-    )
-    figure.add_scatter(
-        x=lag,
-        y=found.autocorrelation,
-        mode="markers",
-        name="residuals",
-        legendgroup="residuals",
-        marker={"color": look.model.colour, "symbol": "square", "size": 6},
-        row=1,
-        col=1,
-        hovertemplate="lag %{x}: %{y:.3f}<extra></extra>",
-    )
-    ends = np.array([0.0, 0.5])
-    drawing.band(
-        figure,
-        ends,
-        np.full(2, -power.limit),
-        np.full(2, power.limit),
-        "95 % of white residuals",
-        look,
-        row=1,
-        column=2,
-        legend=False,
-        group="band",
-    )
-    drawn = drawing.thin(power.frequency, power.share - 2.0 * power.frequency, 1000)
-    drawing.curve(
-        figure, drawn.t, drawn.y, look.residual, "residuals", column=2, showlegend=False, legendgroup="residuals"
-    )
+    figure = drawing.new_figure(1, 2, subplot_titles=titles, horizontal_spacing=0.1)
+    _autocorrelation(figure, found.autocorrelation, limit, palette)
+    drawn = _periodogram(figure, power, palette)
     beyond = int(np.count_nonzero(np.abs(found.autocorrelation) > limit))
-    drawing.dress(
+    drawing.format_figure(
         figure,
-        look,
+        palette,
         f"Whiteness: {beyond} of {lags} lags outside, {0.05 * lags:.2g} by chance; cumulative periodogram "
         f"{power.distance / power.limit:.2g} times its 95 % limit",
         note=drawn.note,
@@ -95,3 +59,56 @@ def white(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     figure.update_xaxes(title_text=drawing.axis_title("frequency", "cycles per reading"), range=[0, 0.5], row=1, col=2)
     figure.update_yaxes(title_text=drawing.axis_title("distance from a straight line", "1"), row=1, col=2)
     return figure
+
+
+def _autocorrelation(figure: Figure, rho: Array, limit: float, palette: Theme) -> None:
+    """Autocorrelation at each lag, (lags,), with the limits of white residuals."""
+    lags = len(rho)
+    lag = np.arange(1, lags + 1).astype(float)
+    ends = np.array([0.5, lags + 0.5])
+    drawing.band(
+        figure, ends, np.full(2, -limit), np.full(2, limit), "95 % of white residuals", palette.band, group="band"
+    )
+    figure.add_scatter(
+        x=np.repeat(lag, 3),
+        y=np.column_stack([np.zeros(lags), rho, np.full(lags, np.nan)]).ravel(),
+        mode="lines",
+        line={"color": palette.model.colour, "width": 1.4},
+        showlegend=False,
+        hoverinfo="skip",
+        row=1,
+        col=1,
+    )
+    figure.add_scatter(
+        x=lag,
+        y=rho,
+        mode="markers",
+        name="residuals",
+        legendgroup="residuals",
+        marker={"color": palette.model.colour, "symbol": "square", "size": 6},
+        row=1,
+        col=1,
+        hovertemplate="lag %{x}: %{y:.3f}<extra></extra>",
+    )
+
+
+def _periodogram(figure: Figure, power: CumulativePeriodogram, palette: Theme) -> Thinned:
+    """Cumulative periodogram less that of white residuals; returns what is drawn."""
+    ends = np.array([0.0, 0.5])
+    drawing.band(
+        figure,
+        ends,
+        np.full(2, -power.limit),
+        np.full(2, power.limit),
+        "95 % of white residuals",
+        palette.band,
+        row=1,
+        column=2,
+        legend=False,
+        group="band",
+    )
+    drawn = drawing.thin(power.frequency, power.share - 2.0 * power.frequency, 1000)
+    drawing.curve(
+        figure, drawn.t, drawn.y, palette.residual, "residuals", column=2, showlegend=False, legendgroup="residuals"
+    )
+    return drawn

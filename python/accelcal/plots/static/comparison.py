@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from accelcal.data.arrays import Array
 from accelcal.effects import find
@@ -20,6 +19,16 @@ from accelcal.estimation.estimate import Fit
 from accelcal.formatting import concise, grouped, label, length, prefixed
 from accelcal.model import Estimate
 from accelcal.plots import style
+from accelcal.plots.numbers import (
+    HEADLINE_HORIZON,
+    LAGS,
+    TWO_SIDED_95,
+    allowed_horizons,
+    imposed_band_note,
+    normal_quantiles,
+    normalised_residuals,
+    residual_band,
+)
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
@@ -45,19 +54,10 @@ WIDTH = 8.0
 """Inches; 1280 pixels."""
 A4_LANDSCAPE = (11.69, 8.27)
 """Inches."""
-HEADLINE_HORIZON = 10.0
-"""Unaided drift that is quoted first, s."""
-TWO_SIDED_95 = 1.96
-LAGS = 40
-"""Of the autocorrelation; fewer on short records."""
 HISTOGRAM_REACH = 5.0
 """Normalised residuals beyond this are counted in words."""
-TRANSIENT = 1.5
-"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
 LINEAR_REACH = 30.0
 """Estimates beyond this many typical sizes are drawn on a logarithmic axis, linear about zero."""
-QUANTILES = 2000
-"""Points of a Q-Q plot; as many again at each end are all drawn."""
 
 
 def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
@@ -73,9 +73,9 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 5.0, look)
-    _simulated(figure, comparison, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 5.0, palette)
+    _simulated(figure, comparison, palette)
     return figure
 
 
@@ -92,9 +92,9 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 4.5, look)
-    _coasting(figure, comparison, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 4.5, palette)
+    _coasting(figure, comparison, palette)
     return figure
 
 
@@ -111,9 +111,9 @@ def one_step(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 4.0, look)
-    _one_step(figure, comparison, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 4.0, palette)
+    _one_step(figure, comparison, palette)
     return figure
 
 
@@ -130,10 +130,10 @@ def regions(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     rows = max(1, math.ceil(len(comparison.bins) / 3))
-    figure = style.sheet(WIDTH, 1.1 + 2.1 * rows, look)
-    _regions(figure, comparison, look, columns=3)
+    figure = style.new_figure(WIDTH, 1.1 + 2.1 * rows, palette)
+    _regions(figure, comparison, palette, columns=3)
     return figure
 
 
@@ -150,29 +150,29 @@ def accel_residual(comparison: Comparison, *, theme: ThemeName = "light") -> Fig
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 4.0, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 4.0, palette)
     axes = figure.subplots()
     t, residual = comparison.accel_residual
     factor, unit = prefixed("m/s²", residual)
-    style.dress(axes, look, x=label("time", "s"), y=label("accelerometer residual", unit))
+    style.format_axes(axes, palette, x=label("time", "s"), y=label("accelerometer residual", unit))
     if len(t) == 0:
-        style.headline(figure, "Accelerometer residual", look)
-        style.message(axes, f"The record is too short for a residual below {comparison.band:.3g} Hz.", look)
+        style.headline(figure, "Accelerometer residual", palette)
+        style.message(axes, f"The record is too short for a residual below {comparison.band:.3g} Hz.", palette)
         return figure
-    drawn = style.trace(axes, t, residual, look.residual, factor=factor, name="output − model")
+    drawn = style.trace(axes, t, residual, palette.residual, factor=factor, name="output − model")
     for sign in (-1.0, 1.0):
         axes.axhline(
             sign * comparison.accel_rms * factor,
-            color=look.other.colour,
-            linestyle=look.other.line,
+            color=palette.other.colour,
+            linestyle=palette.other.line,
             linewidth=1.2,
             label="± rms" if sign > 0.0 else "_",
         )
-    style.key(axes, look)
-    style.note(axes, drawn.note, look)
+    style.legend(axes, palette)
+    style.note(axes, drawn.note, palette)
     text = f"Accelerometer residual below {comparison.band:.3g} Hz: rms {comparison.accel_rms * factor:.3g} {unit}"
-    style.headline(figure, text, look)
+    style.headline(figure, text, palette)
     return figure
 
 
@@ -189,43 +189,47 @@ def histogram(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    y = normalised(comparison)
-    figure = style.sheet(WIDTH, 4.2, look)
+    palette = style.theme_of(theme)
+    y = normalised_residuals(comparison)
+    figure = style.new_figure(WIDTH, 4.2, palette)
     left, right = figure.subplots(1, 2)
 
     edges = np.linspace(-HISTOGRAM_REACH, HISTOGRAM_REACH, 61)
     density = np.histogram(y, edges)[0] / (len(y) * np.diff(edges))
-    style.dress(left, look, x=label("residual / predicted σ", "1"), y=label("probability density", "1"))
-    left.stairs(density, edges, color=look.model.colour, fill=True, alpha=0.45, label="residuals")
+    style.format_axes(left, palette, x=label("residual / predicted σ", "1"), y=label("probability density", "1"))
+    left.stairs(density, edges, color=palette.model.colour, fill=True, alpha=0.45, label="residuals")
     x = np.linspace(-HISTOGRAM_REACH, HISTOGRAM_REACH, 301)
     normal = np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi)
-    left.plot(x, normal, color=look.other.colour, linestyle=look.other.line, linewidth=1.4, label="standard normal")
-    style.key(left, look)
+    left.plot(
+        x, normal, color=palette.other.colour, linestyle=palette.other.line, linewidth=1.4, label="standard normal"
+    )
+    style.legend(left, palette)
     outside = int(np.count_nonzero(np.abs(y) > HISTOGRAM_REACH))
-    style.note(left, f"{grouped(outside)} beyond ±{HISTOGRAM_REACH:g} not shown" if outside else "", look)
+    style.note(left, f"{grouped(outside)} beyond ±{HISTOGRAM_REACH:g} not shown" if outside else "", palette)
 
-    expected, seen = quantiles(y)
-    style.dress(right, look, x=label("normal quantile", "1"), y=label("quantile of residuals", "1"))
+    expected, seen = normal_quantiles(y)
+    style.format_axes(right, palette, x=label("normal quantile", "1"), y=label("quantile of residuals", "1"))
     reach = float(np.abs(expected).max())
     ends = [-reach, reach]
-    right.plot(ends, ends, color=look.other.colour, linestyle=look.other.line, linewidth=1.4, label="standard normal")
+    right.plot(
+        ends, ends, color=palette.other.colour, linestyle=palette.other.line, linewidth=1.4, label="standard normal"
+    )
     right.plot(
         expected,
         seen,
-        color=look.model.colour,
+        color=palette.model.colour,
         linestyle="none",
-        marker=look.model.marker,
+        marker=palette.model.marker,
         markersize=2.2,
         label="residuals",
         rasterized=True,
     )
-    style.key(right, look)
-    style.note(right, style.Thinned(expected, seen, len(seen), len(y)).note, look)
+    style.legend(right, palette)
+    style.note(right, style.Thinned(expected, seen, len(seen), len(y)).note, palette)
 
     nis = "" if comparison.nis is None else f", mean normalised square {comparison.nis:.3f} (1 expected)"
     text = f"One-step residuals over their predicted standard deviation: standard deviation {np.std(y):.3f}{nis}"
-    style.headline(figure, text + imposed(comparison), look)
+    style.headline(figure, text + imposed_band_note(comparison), palette)
     return figure
 
 
@@ -242,37 +246,37 @@ def autocorrelation(comparison: Comparison, *, theme: ThemeName = "light") -> Fi
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 4.0, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 4.0, palette)
     axes = figure.subplots()
-    style.dress(axes, look, x=label("lag", "readings"), y=label("autocorrelation", "1"))
-    y = normalised(comparison)
+    style.format_axes(axes, palette, x=label("lag", "readings"), y=label("autocorrelation", "1"))
+    y = normalised_residuals(comparison)
     lags = min(LAGS, len(y) // 4)
     if lags < 1 or not np.any(y):
-        style.headline(figure, "Autocorrelation of one-step residuals", look)
-        style.message(axes, "The record has too few readings for an autocorrelation.", look)
+        style.headline(figure, "Autocorrelation of one-step residuals", palette)
+        style.message(axes, "The record has too few readings for an autocorrelation.", palette)
         return figure
     found = whiteness(y, lags)
     limit = TWO_SIDED_95 / math.sqrt(found.samples)
     lag = np.arange(1, lags + 1)
-    axes.axhspan(-limit, limit, color=look.band, alpha=0.25, linewidth=0.0, label="95 % of white residuals")
-    axes.axhline(0.0, color=look.ink, linewidth=0.8)
-    axes.vlines(lag, 0.0, found.autocorrelation, color=look.model.colour, linewidth=1.2)
+    axes.axhspan(-limit, limit, color=palette.band, alpha=0.25, linewidth=0.0, label="95 % of white residuals")
+    axes.axhline(0.0, color=palette.ink, linewidth=0.8)
+    axes.vlines(lag, 0.0, found.autocorrelation, color=palette.model.colour, linewidth=1.2)
     axes.plot(
         lag,
         found.autocorrelation,
-        color=look.model.colour,
+        color=palette.model.colour,
         linestyle="none",
-        marker=look.model.marker,
+        marker=palette.model.marker,
         markersize=4.0,
         label="residuals",
     )
-    style.key(axes, look)
+    style.legend(axes, palette)
     beyond = int(np.count_nonzero(np.abs(found.autocorrelation) > limit))
     text = (
         f"Autocorrelation of one-step residuals: {beyond} of {lags} lags outside, {0.05 * lags:.2g} expected by chance"
     )
-    style.headline(figure, text, look)
+    style.headline(figure, text, palette)
     return figure
 
 
@@ -289,11 +293,11 @@ def parameters(fit: Fit, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 1.5 + 0.42 * len(fit.estimates), look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 1.5 + 0.42 * len(fit.estimates), palette)
     axes = figure.subplots()
-    style.dress(axes, look, x=label("estimate / typical size, ± 2 standard deviations", "1"), y="")
-    for kind, chosen in (("estimated", look.model), ("held fixed", look.floor)):
+    style.format_axes(axes, palette, x=label("estimate / typical size, ± 2 standard deviations", "1"), y="")
+    for kind, chosen in (("estimated", palette.model), ("held fixed", palette.floor)):
         fixed = kind == "held fixed"
         rows = [i for i, e in enumerate(fit.estimates) if (e.name in fit.model.fixed) == fixed]
         if not rows:
@@ -311,7 +315,7 @@ def parameters(fit: Fit, *, theme: ThemeName = "light") -> Figure:
             capsize=4.0,
             label=kind,
         )
-    axes.axvline(0.0, color=look.ink, linewidth=0.8)
+    axes.axvline(0.0, color=palette.ink, linewidth=0.8)
     if max(abs(x) for x in axes.get_xlim()) > LINEAR_REACH:
         axes.set_xscale("symlog", linthresh=1.0)
         axes.xaxis.set_major_formatter(lambda x, _: f"{x:g}".replace("-", "−"))
@@ -319,10 +323,10 @@ def parameters(fit: Fit, *, theme: ThemeName = "light") -> Figure:
     axes.set_ylim(len(fit.estimates) - 0.5, -0.5)
     values = axes.secondary_yaxis("right")
     values.set_yticks(range(len(fit.estimates)), [_value(e, fit) for e in fit.estimates])
-    values.tick_params(length=0.0, colors=look.ink, labelsize=style.SMALL)
+    values.tick_params(length=0.0, colors=palette.ink, labelsize=style.SMALL)
     values.spines["right"].set_visible(False)
-    style.key(axes, look)
-    style.headline(figure, f"{len(fit.free)} estimated parameters, standard uncertainty in parentheses", look)
+    style.legend(axes, palette)
+    style.headline(figure, f"{len(fit.free)} estimated parameters, standard uncertainty in parentheses", palette)
     return figure
 
 
@@ -340,14 +344,14 @@ def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") ->
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(*A4_LANDSCAPE, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(*A4_LANDSCAPE, palette)
     top_left, top_right, bottom_left, bottom_right = np.asarray(figure.subfigures(2, 2, wspace=0.03, hspace=0.03)).flat
-    _simulated(top_left, comparison, look, size=style.NORMAL)
-    _coasting(top_right, comparison, look, size=style.NORMAL)
-    _one_step(bottom_left, comparison, look, size=style.NORMAL)
-    _regions(bottom_right, comparison, look, columns=2, most=2, size=style.NORMAL)
-    style.headline(figure, sentence(fit, comparison), look)
+    _simulated(top_left, comparison, palette, size=style.NORMAL)
+    _coasting(top_right, comparison, palette, size=style.NORMAL)
+    _one_step(bottom_left, comparison, palette, size=style.NORMAL)
+    _regions(bottom_right, comparison, palette, columns=2, most=2, size=style.NORMAL)
+    style.headline(figure, summary_sentence(fit, comparison), palette)
     return figure
 
 
@@ -394,7 +398,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     return written
 
 
-def sentence(fit: Fit, comparison: Comparison) -> str:
+def summary_sentence(fit: Fit, comparison: Comparison) -> str:
     """The numbers that a test engineer asks for first: one-step rms, unaided drift with its floor, worst region."""
     drift = comparison.coast_rms.get(HEADLINE_HORIZON)
     floor = comparison.coast_floor.get(HEADLINE_HORIZON)
@@ -408,46 +412,31 @@ def sentence(fit: Fit, comparison: Comparison) -> str:
     )
 
 
-def normalised(comparison: Comparison) -> Array:
-    """One-step residuals over their predicted standard deviations, (n,)."""
-    return np.asarray(comparison.residual[1] / comparison.residual_std)
-
-
-def quantiles(y: Array) -> tuple[Array, Array]:
-    """Normal quantiles beside those of `y`: all of them at the two ends, evenly chosen ones between."""
-    n = len(y)
-    rank = np.arange(n)
-    if n > 3 * QUANTILES:
-        between = np.linspace(QUANTILES, n - 1 - QUANTILES, QUANTILES).astype(np.intp)
-        rank = np.unique(np.concatenate([rank[:QUANTILES], between, rank[-QUANTILES:]]))
-    return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
-
-
-def _simulated(part: Figure | SubFigure, comparison: Comparison, look: Theme, size: float = style.LARGE) -> None:
+def _simulated(part: Figure | SubFigure, comparison: Comparison, palette: Theme, size: float = style.LARGE) -> None:
     t, measured, position = comparison.simulated
     top, bottom = part.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     factor, unit = prefixed("m", measured, position)
     error = position - measured
     error_factor, error_unit = prefixed("m", error)
 
-    style.dress(top, look, x="", y=label("position", unit))
-    drawn = style.trace(top, t, measured, look.measured, factor=factor, name="measured")
-    style.trace(top, t, position, look.model, factor=factor, name="simulated")
-    style.dress(bottom, look, x=label("time", "s"), y=label("error", error_unit))
-    bottom.axhline(0.0, color=look.ink, linewidth=0.8)
-    style.trace(bottom, t, error, look.residual, factor=error_factor, name="simulated − measured")
+    style.format_axes(top, palette, x="", y=label("position", unit))
+    drawn = style.trace(top, t, measured, palette.measured, factor=factor, name="measured")
+    style.trace(top, t, position, palette.model, factor=factor, name="simulated")
+    style.format_axes(bottom, palette, x=label("time", "s"), y=label("error", error_unit))
+    bottom.axhline(0.0, color=palette.ink, linewidth=0.8)
+    style.trace(bottom, t, error, palette.residual, factor=error_factor, name="simulated − measured")
     limits = top.get_ylim()  # the band outgrows the motion and must not size its axis
     spread = 2.0 * comparison.simulated_std
     rows = _extremes(t, position - spread, position + spread)
     middle, reach = position[rows] * factor, spread[rows]
-    _band(top, t[rows], middle - reach * factor, middle + reach * factor, "noise alone, ± 2 σ", look)
+    _band(top, t[rows], middle - reach * factor, middle + reach * factor, "noise alone, ± 2 σ", palette)
     top.set_ylim(limits)
-    _band(bottom, t[rows], -reach * error_factor, reach * error_factor, "noise alone, ± 2 σ", look)
-    style.key(bottom, look)
-    style.key(top, look)
-    style.note(bottom, drawn.note, look)
+    _band(bottom, t[rows], -reach * error_factor, reach * error_factor, "noise alone, ± 2 σ", palette)
+    style.legend(bottom, palette)
+    style.legend(top, palette)
+    style.note(bottom, drawn.note, palette)
     text = f"Simulated without position from {t[0]:.3g} s on: rms error {length(comparison.simulated_rms)}"
-    style.headline(part, text, look, size)
+    style.headline(part, text, palette, size)
 
 
 def _extremes(t: Array, *several: Array) -> NDArray[np.intp]:
@@ -456,28 +445,28 @@ def _extremes(t: Array, *several: Array) -> NDArray[np.intp]:
     return np.searchsorted(t, np.unique(kept))
 
 
-def _band(axes: Axes, t: Array, low: Array, high: Array, name: str, look: Theme) -> None:
+def _band(axes: Axes, t: Array, low: Array, high: Array, name: str, palette: Theme) -> None:
     """A region in which noise alone would stay, with an outline as second cue."""
-    axes.fill_between(t, low, high, color=look.band, alpha=0.25, linewidth=0.0, label=name, rasterized=True)
+    axes.fill_between(t, low, high, color=palette.band, alpha=0.25, linewidth=0.0, label=name, rasterized=True)
     for edge in (low, high):
-        axes.plot(t, edge, color=look.band, linestyle=(0, (6, 2)), linewidth=1.3, rasterized=True)
+        axes.plot(t, edge, color=palette.band, linestyle=(0, (6, 2)), linewidth=1.3, rasterized=True)
 
 
-def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, size: float = style.LARGE) -> None:
+def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, size: float = style.LARGE) -> None:
     axes = part.subplots()
     curves = (
-        ("this run's constant re-estimated", comparison.coast_rms, look.model),
-        ("every parameter from the fit", comparison.coast_frozen_rms, look.other),
-        ("noise alone", comparison.coast_floor, look.floor),
+        ("this run's constant re-estimated", comparison.coast_rms, palette.model),
+        ("every parameter from the fit", comparison.coast_frozen_rms, palette.other),
+        ("noise alone", comparison.coast_floor, palette.floor),
     )
-    points = {name: horizons(found) for name, found, _ in curves}
+    points = {name: allowed_horizons(found) for name, found, _ in curves}
     factor, unit = prefixed("m", *[y for _, y in points.values()])
-    style.dress(axes, look, x=label("time without position", "s"), y=label("rms unaided drift", unit))
+    style.format_axes(axes, palette, x=label("time without position", "s"), y=label("rms unaided drift", unit))
     allowed = [h for h, found in comparison.coast_rms.items() if found is not None]
     if not allowed:
         least = min(comparison.coast_rms, default=1.0)
-        style.message(axes, f"The record is too short to coast {least:g} s: no horizon can be shown.", look)
-        style.headline(part, "Unaided drift", look, size)
+        style.message(axes, f"The record is too short to coast {least:g} s: no horizon can be shown.", palette)
+        style.headline(part, "Unaided drift", palette, size)
         return
     for name, _, chosen in curves:
         h, y = points[name]
@@ -487,8 +476,8 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
             color=chosen.colour,
             linestyle=chosen.line,
             marker=chosen.marker,
-            markersize=7.5 if chosen is look.floor else 5.0,
-            markerfacecolor="none" if chosen is look.floor else chosen.colour,
+            markersize=7.5 if chosen is palette.floor else 5.0,
+            markerfacecolor="none" if chosen is palette.floor else chosen.colour,
             linewidth=1.6,
             label=name,
         )
@@ -502,19 +491,13 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, look: Theme, siz
     style.plain_decades(axes.yaxis, decades=2.0 * math.log10(reach))
     axes.set_xticks(allowed, [f"{h:g}\n{_starts(comparison, h)}" for h in allowed])
     axes.minorticks_off()
-    style.key(axes, look, columns=3 if size == style.LARGE else 2)
+    style.legend(axes, palette, columns=3 if size == style.LARGE else 2)
     longest = max(allowed)
     quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else longest
     drift, floor = comparison.coast_rms[quoted], comparison.coast_floor[quoted]
     if drift is not None and floor is not None:
         text = f"Unaided drift after {quoted:g} s: {length(drift)} rms, noise alone {length(floor)}"
-        style.headline(part, text, look, size)
-
-
-def horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
-    """Horizons that the record allows, with their values, (n,) each."""
-    pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
-    return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
+        style.headline(part, text, palette, size)
 
 
 def _starts(comparison: Comparison, horizon: float) -> str:
@@ -522,40 +505,33 @@ def _starts(comparison: Comparison, horizon: float) -> str:
     return f"{count} start" + ("" if count == 1 else "s")
 
 
-def _one_step(part: Figure | SubFigure, comparison: Comparison, look: Theme, size: float = style.LARGE) -> None:
+def _one_step(part: Figure | SubFigure, comparison: Comparison, palette: Theme, size: float = style.LARGE) -> None:
     axes = part.subplots()
     t, e = comparison.residual
-    reach = TWO_SIDED_95 * comparison.residual_std
-    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
-    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    reach, edge = residual_band(comparison)
     factor, unit = prefixed("m", edge)
-    style.dress(axes, look, x=label("time", "s"), y=label("one-step residual", unit))
-    drawn = style.trace(axes, t, e, look.residual, factor=factor, name="residual")
-    at, usual = style.typical(t, reach)
+    style.format_axes(axes, palette, x=label("time", "s"), y=label("one-step residual", unit))
+    drawn = style.trace(axes, t, e, palette.residual, factor=factor, name="residual")
+    at, usual = style.column_medians(t, reach)
     usual = np.minimum(usual, 1.1 * edge) * factor
-    _band(axes, at, -usual, usual, "predicted 95 % band", look)
+    _band(axes, at, -usual, usual, "predicted 95 % band", palette)
     axes.set_ylim(-edge * factor, edge * factor)
-    style.key(axes, look)
+    style.legend(axes, palette)
     beyond = int(np.count_nonzero(np.abs(e) > edge))
     off = f"{grouped(beyond)} reading{'s'[: beyond > 1]} beyond the axis" if beyond else ""
-    style.note(axes, "; ".join(filter(None, (off, drawn.note))), look)
+    style.note(axes, "; ".join(filter(None, (off, drawn.note))), palette)
     inside = float(np.mean(np.abs(e) <= reach))
     text = (
         f"One-step residuals: rms {length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
         f"{grouped(len(e))} inside the 95 % band"
     )
-    style.headline(part, text + imposed(comparison), look, size)
-
-
-def imposed(comparison: Comparison) -> str:
-    """What must be said when predicted deviations are not claimed."""
-    return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
+    style.headline(part, text + imposed_band_note(comparison), palette, size)
 
 
 def _regions(
     part: Figure | SubFigure,
     comparison: Comparison,
-    look: Theme,
+    palette: Theme,
     *,
     columns: int,
     most: int | None = None,
@@ -565,19 +541,19 @@ def _regions(
     worst = comparison.worst[:1].upper() + comparison.worst[1:]
     if not chosen:
         axes = part.subplots()
-        style.dress(axes, look, x="", y="")
-        style.message(axes, "The record is too short to say where the model fails.", look)
-        style.headline(part, "Mean residual", look, size)
+        style.format_axes(axes, palette, x="", y="")
+        style.message(axes, "The record is too short to say where the model fails.", palette)
+        style.headline(part, "Mean residual", palette, size)
         return
     factor, unit = prefixed("m/s²", *[_known(b) for b in comparison.bins if b.variable != "frequency"])
     rows = math.ceil(len(chosen) / columns)
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes, one in zip(grid, chosen, strict=False):
-        _region(axes, one, factor, unit, look)
+        _region(axes, one, factor, unit, palette)
     for axes in grid[len(chosen) :]:
         axes.set_visible(False)
-    style.common_key(part, grid[0], look)
-    style.headline(part, worst, look, size)
+    style.shared_legend(part, grid[0], palette)
+    style.headline(part, worst, palette, size)
 
 
 def _prominence(one: Bins) -> float:
@@ -590,7 +566,7 @@ def _known(one: Bins) -> Array:
     return np.where(one.std > 0.0, one.mean, np.nan)
 
 
-def _region(axes: Axes, one: Bins, factor: float, unit: str, look: Theme) -> None:
+def _region(axes: Axes, one: Bins, factor: float, unit: str, palette: Theme) -> None:
     """Mean residual against one variable; against frequency the ratio of densities."""
     from matplotlib.ticker import MaxNLocator
 
@@ -600,20 +576,20 @@ def _region(axes: Axes, one: Bins, factor: float, unit: str, look: Theme) -> Non
     x_factor, x_unit = (1.0, one.unit) if one.variable == "time" else prefixed(one.unit, one.edges)
     y_title = label("density / predicted", "1") if ratio else label("mean residual", unit)
     title = f"{one.variable}: up to {_prominence(one):.1f} σ"
-    style.dress(axes, look, x=label(one.variable, x_unit), y=y_title, title=title)
+    style.format_axes(axes, palette, x=label(one.variable, x_unit), y=y_title, title=title)
     centre, means = 0.5 * (one.edges[1:] + one.edges[:-1]), _known(one)
     x = np.repeat(one.edges, 2)[1:-1] * x_factor
     band = np.repeat(np.where(one.std > 0.0, 2.0 * one.std, np.nan), 2) * factor
     said = "noise alone, ± 2 σ (1 bin in 20 lies outside by chance)"
-    axes.fill_between(x, zero - band, zero + band, color=look.band, alpha=0.3, linewidth=0.0, label=said)
-    axes.axhline(zero, color=look.ink, linewidth=0.8)
+    axes.fill_between(x, zero - band, zero + band, color=palette.band, alpha=0.3, linewidth=0.0, label=said)
+    axes.axhline(zero, color=palette.ink, linewidth=0.8)
     axes.plot(
         centre * x_factor,
         means * factor,
-        color=look.residual.colour,
-        linestyle=look.residual.line,
+        color=palette.residual.colour,
+        linestyle=palette.residual.line,
         linewidth=1.0,
-        marker=look.residual.marker,
+        marker=palette.residual.marker,
         markersize=3.5,
         label="residual",
     )

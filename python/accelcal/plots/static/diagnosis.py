@@ -10,9 +10,14 @@ from accelcal import formatting
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
-from accelcal.plots.interactive.error_reduction import headline, steps
-from accelcal.plots.interactive.ranking import classes
-from accelcal.plots.interactive.tiles import LOUD, signed, tiles_of
+from accelcal.plots.numbers import (
+    FULL_COLOUR,
+    candidate_groups,
+    error_reduction_sentence,
+    model_names,
+    signed,
+    tiles_of,
+)
 from accelcal.plots.static.comparison import WIDTH
 from accelcal.plots.style import OKABE_ITO, ThemeName
 from accelcal.selection.nested_models import NestedModels
@@ -22,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
+def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     """Draw one bar for each model on unseen data, hatched where the effect is not in the model, and the noise floor.
 
     Parameters
@@ -35,19 +40,19 @@ def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    figure = style.sheet(WIDTH, 4.2, look)
+    palette = style.theme_of(theme)
+    figure = style.new_figure(WIDTH, 4.2, palette)
     axes = figure.subplots()
     errors = np.array(nested.errors)
     factor, unit = formatting.prefixed("m", errors, nested.floor)
-    style.dress(axes, look, x="model", y=formatting.label("rms error", unit))
+    style.format_axes(axes, palette, x="model", y=formatting.label("rms error", unit))
     for i, (member, error, share) in enumerate(zip(nested.models, errors * factor, nested.shares, strict=True)):
         axes.bar(
             i,
             error,
             width=0.55,
-            color=look.model.colour if member.in_model else look.page,
-            edgecolor=look.model.colour,
+            color=palette.model.colour if member.in_model else palette.page,
+            edgecolor=palette.model.colour,
             hatch="" if member.in_model else "//",
             label="in the model" if member.in_model else "not in the model yet",
         )
@@ -58,13 +63,17 @@ def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
             xytext=(0, 3),
             textcoords="offset points",
             ha="center",
-            color=look.ink,
+            color=palette.ink,
             fontsize=style.SMALL,
         )
     axes.axhline(
-        nested.floor * factor, color=look.floor.colour, linestyle=look.floor.line, linewidth=2.0, label="noise alone"
+        nested.floor * factor,
+        color=palette.floor.colour,
+        linestyle=palette.floor.line,
+        linewidth=2.0,
+        label="noise alone",
     )
-    axes.set_xticks(range(len(errors)), steps(nested))
+    axes.set_xticks(range(len(errors)), model_names(nested))
     axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), nested.floor) * factor)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
@@ -73,10 +82,10 @@ def falling(nested: NestedModels, *, theme: ThemeName = "light") -> Figure:
         list(entries),
         frameon=False,
         fontsize=style.SMALL,
-        labelcolor=look.ink,
+        labelcolor=palette.ink,
         loc="upper right",
     )
-    style.headline(figure, headline(nested), look)
+    style.headline(figure, error_reduction_sentence(nested), palette)
     return figure
 
 
@@ -93,15 +102,15 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
-    groups = classes(diagnosis)
+    palette = style.theme_of(theme)
+    groups = candidate_groups(diagnosis)
     flat = [c for group in groups for c in group]
-    figure = style.sheet(WIDTH, 1.4 + 0.3 * max(3, len(flat)), look)
+    figure = style.new_figure(WIDTH, 1.4 + 0.3 * max(3, len(flat)), palette)
     axes = figure.subplots()
-    style.dress(axes, look, x=formatting.label("what it explains", "equivalent standard deviations"), y="")
-    style.headline(figure, f"What the model lacks: {diagnosis.scan.examined} candidates examined", look)
+    style.format_axes(axes, palette, x=formatting.label("what it explains", "equivalent standard deviations"), y="")
+    style.headline(figure, f"What the model lacks: {diagnosis.scan.examined} candidates examined", palette)
     if not flat:
-        style.message(axes, "No candidate could be tested on this record.", look)
+        style.message(axes, "No candidate could be tested on this record.", palette)
         return figure
     top = max(c.snr for c in flat)
     for i, c in enumerate(flat):
@@ -110,8 +119,8 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
             i,
             c.snr,
             height=0.62,
-            color=look.model.colour if sure else look.page,
-            edgecolor=look.model.colour if sure else look.floor.colour,
+            color=palette.model.colour if sure else palette.page,
+            edgecolor=palette.model.colour if sure else palette.floor.colour,
             hatch="" if sure else "//",
         )
         axes.annotate(
@@ -120,7 +129,7 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
             xytext=(3, 0),
             textcoords="offset points",
             va="center",
-            color=look.ink,
+            color=palette.ink,
             fontsize=style.SMALL,
         )
     begin = 0
@@ -128,13 +137,13 @@ def ranking(diagnosis: Diagnosis, *, theme: ThemeName = "light") -> Figure:
         end = begin + len(group) - 1
         if len(group) > 1:
             x = np.array([1.18, 1.2, 1.2, 1.18]) * top
-            axes.plot(x, [begin - 0.3, begin - 0.3, end + 0.3, end + 0.3], color=look.other.colour, linewidth=1.6)
+            axes.plot(x, [begin - 0.3, begin - 0.3, end + 0.3, end + 0.3], color=palette.other.colour, linewidth=1.6)
             axes.text(
                 1.22 * top,
                 0.5 * (begin + end),
                 "cannot be\ntold apart",
                 va="center",
-                color=look.ink,
+                color=palette.ink,
                 fontsize=style.SMALL,
             )
         begin = end + 1
@@ -157,31 +166,31 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     seen = tiles_of(comparison)
-    figure = style.sheet(WIDTH, 1.4 + 0.32 * max(3, len(seen.rows)), look)
+    figure = style.new_figure(WIDTH, 1.4 + 0.32 * max(3, len(seen.rows)), palette)
     axes = figure.subplots()
-    style.headline(figure, "Where it fails: mean residual in each bin over what noise alone would give, in σ", look)
-    style.dress(axes, look, x=formatting.label("bin, from the least to the largest value", "1"), y="")
+    style.headline(figure, "Where it fails: mean residual in each bin over what noise alone would give, in σ", palette)
+    style.format_axes(axes, palette, x=formatting.label("bin, from the least to the largest value", "1"), y="")
     if not seen.rows:
-        style.message(axes, "The record is too short to say where it fails.", look)
+        style.message(axes, "The record is too short to say where it fails.", palette)
         return figure
     from matplotlib.colors import LinearSegmentedColormap
 
-    colours = [OKABE_ITO["blue"], look.page, OKABE_ITO["vermillion"]]
+    colours = [OKABE_ITO["blue"], palette.page, OKABE_ITO["vermillion"]]
     count = seen.sigma.shape[1]
     axes.imshow(
-        np.clip(seen.sigma, -LOUD, LOUD),
+        np.clip(seen.sigma, -FULL_COLOUR, FULL_COLOUR),
         aspect="auto",
-        vmin=-LOUD,
-        vmax=LOUD,
+        vmin=-FULL_COLOUR,
+        vmax=FULL_COLOUR,
         extent=(0.5, count + 0.5, len(seen.rows) - 0.5, -0.5),
         cmap=LinearSegmentedColormap.from_list("excess", colours),
     )
     for i, row in enumerate(seen.sigma):
         for j, value in enumerate(row):
             if np.isfinite(value):
-                ink = "#FFFFFF" if abs(value) > 0.6 * LOUD else look.ink
+                ink = "#FFFFFF" if abs(value) > 0.6 * FULL_COLOUR else palette.ink
                 axes.text(j + 1, i, signed(float(value)), ha="center", va="center", fontsize=style.SMALL, color=ink)
     axes.set_xticks(range(1, count + 1))
     axes.set_yticks(range(len(seen.rows)), seen.rows)

@@ -63,30 +63,30 @@ def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    look = style.theme_of(theme)
+    palette = style.theme_of(theme)
     s = card_motion()
     shape = typical_shape(effect, s)
     curves = contributions(effect, s, shape)
-    right = beside(effect, s, shape, curves)
-    figure = style.sheet(WIDTH, HEIGHT, look)
+    right = dependence(effect, s, shape, curves)
+    figure = style.new_figure(WIDTH, HEIGHT, palette)
     axes = figure.subplots(1, 1 if right is None else 2, squeeze=False)[0]
     factor, unit = formatting.prefixed("m" if at_encoder(effect) else "m/s²", *curves.values())
     title = formatting.label("standard deviation" if effect.port == "noise" else "contribution", unit)
-    style.dress(axes[0], look, x=formatting.label("time", "s"), y=title)
+    style.format_axes(axes[0], palette, x=formatting.label("time", "s"), y=title)
     largest = max(float(np.max(np.abs(y))) for y in curves.values()) * factor
     faint = s.a * (largest / float(np.max(np.abs(s.a))))
-    axes[0].plot(s.t, faint, color=look.grid, linewidth=0.7, label="acceleration, scaled")
-    lines = look.residual, look.other, look.floor
+    axes[0].plot(s.t, faint, color=palette.grid, linewidth=0.7, label="acceleration, scaled")
+    lines = palette.residual, palette.other, palette.floor
     drawn = [(one, name or spelled(effect.name)) for one, name in zip(lines, curves, strict=False)]
     for (one, name), y in zip(drawn, curves.values(), strict=True):
         style.trace(axes[0], s.t, y, one, factor=factor, name=name, columns=len(s.t))
     if "frequency" in shape:
         axes[0].set_xlim(0.0, PERIODS / shape["frequency"])
-    style.key(axes[0], look)
+    style.legend(axes[0], palette)
     if right is not None:
         scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
         x_title = formatting.label(right.variable.replace("a_y", "transverse acceleration"), x_unit)
-        style.dress(axes[1], look, x=x_title, y=title)
+        style.format_axes(axes[1], palette, x=x_title, y=title)
         for (one, _), y in zip(drawn, right.curves.values(), strict=True):
             axes[1].plot(right.x * scale, y * factor, color=one.colour, linestyle=one.line, linewidth=0.9)
     return figure
@@ -140,7 +140,7 @@ def contributions(effect: Effect, s: Signals, shape: Mapping[str, float]) -> dic
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class Dependence:
     """What stands beside the course over time."""
 
     variable: str
@@ -149,22 +149,24 @@ class Beside:
     curves: Mapping[str, Array]
 
 
-def beside(effect: Effect, s: Signals, shape: Mapping[str, float], curves: Mapping[str, Array]) -> Beside | None:
+def dependence(
+    effect: Effect, s: Signals, shape: Mapping[str, float], curves: Mapping[str, Array]
+) -> Dependence | None:
     """An effect against what it is a function of; None where there is no such thing, or where it never changes.
 
     What is periodic in position is drawn over a few periods of a slow traverse.
     """
     if "period" in shape:
         slow = traverse(PERIODS * shape["period"])
-        return Beside("position", slow.p, contributions(effect, slow, shape))
+        return Dependence("position", slow.p, contributions(effect, slow, shape))
     known = values(s)
-    found = next((n for n in VARIABLES if all(share(known[n], y) > FOLLOWS for y in curves.values())), None)
+    found = next((n for n in VARIABLES if all(explained_share(known[n], y) > FOLLOWS for y in curves.values())), None)
     if found is None:
         return None
     x = known[found]
-    loops = any(share(x, y) < LOOPS for y in curves.values())
+    loops = any(explained_share(x, y) < LOOPS for y in curves.values())
     order = np.arange(len(x)) if loops else np.argsort(x, kind="stable")
-    return Beside(found, x[order], {name: y[order] for name, y in curves.items()})
+    return Dependence(found, x[order], {name: y[order] for name, y in curves.items()})
 
 
 def traverse(length: float) -> Signals:
@@ -186,7 +188,7 @@ def values(s: Signals) -> dict[str, Array]:
     }
 
 
-def share(x: Array, y: Array) -> float:
+def explained_share(x: Array, y: Array) -> float:
     """How much of `y` is a function of `x`: 1 when neighbours in `x` agree, 0 when they differ as any two do.
 
     Half the mean square of successive differences over the variance (von Neumann 1941), taken from 1.

@@ -1,9 +1,9 @@
-"""The contest with other filters: who disagrees is told, what is missed is told, and we agree with NumPy."""
+"""Comparison with other filters: disagreement and missed bars are reported; accelcal agrees with NumPy."""
 
 import numpy as np
 import pytest
 from benches.peers import ours, plain, table
-from benches.peers.contest import FUSED, TOLERANCE, Found, Result, apart
+from benches.peers.comparison import FUSED, TOLERANCE, Found, Result, deviation
 from benches.peers.workload import WORKLOADS, Ended, draw
 
 SAME, OTHER = TOLERANCE / 10.0, TOLERANCE * 10.0
@@ -18,21 +18,21 @@ def test_the_python_interface_agrees_with_the_reference(workload):
     given, data = workload.as_published, draw(workload, 300)
     expected = plain.follow(given, data)
     for way in (ours.record, ours.stream)[: 1 if workload.runs > 1 else 2]:
-        assert apart(way(given, data)(), *expected) < 1e-9  # both double, 300 steps
+        assert deviation(way(given, data)(), *expected) < 1e-9  # both double, 300 steps
 
 
-def test_another_filter_is_told_apart():
+def test_another_filter_is_distinguished():
     # The sister: noise at the output instead of at the acceleration, which differs by the slope 0.99.
     workload = WORKLOADS[0]
     data = draw(workload, 300)
     ended = Ended(0.0, *plain.follow(workload.as_published, data))
-    assert apart(ended, *plain.follow(workload, data)) > 10.0 * TOLERANCE
+    assert deviation(ended, *plain.follow(workload, data)) > 10.0 * TOLERANCE
 
 
 def test_a_peer_that_disagrees_is_listed_and_has_no_time():
     text = table.markdown(found(Result("FilterPy 2", "W1", OTHER, 1e5)))
     assert "| FilterPy 2 | **disagrees by 1e-05** |" in text
-    assert "Not here: Eigen (no compiler)." in text
+    assert "Not installed: Eigen (no compiler)." in text
 
 
 def test_bars_take_the_smallest_ratio_and_say_what_is_missed():

@@ -11,10 +11,11 @@ from scipy.stats import binom, norm
 
 import accelcal as ac
 from accelcal.data.rig import Rig, Sensor
-from accelcal.diagnosis.search.scan import ALPHA, scan
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
 from accelcal.experiment import power, power_of_motion, predicted_detection, through
-from accelcal.experiment.planned_motion import planned_noise, planned_pass
+from accelcal.experiment.planned_motion import planned_noise, planned_state
 from accelcal.model import Model
 from accelcal.simulation.motion import Motion, Tones, motion
 from accelcal.simulation.sensor import PARAMETERS, Truth
@@ -38,30 +39,32 @@ def single_tone(seconds: float = 20.0) -> Motion:
 
 
 def test_detection_of_one_coefficient_is_that_of_a_normal_beyond_its_threshold():
-    z = -norm.ppf(ALPHA / 96 / 2)
+    z = -norm.ppf(FAMILYWISE_ALPHA / 96 / 2)
     for d in (0.0, 2.0, 4.0, 6.0):
         expected = norm.sf(z - d) + norm.cdf(-z - d)
-        assert predicted_detection(d, 96, ALPHA) == pytest.approx(expected, rel=1e-8, abs=1e-12)  # series of both laws
+        assert predicted_detection(d, 96, FAMILYWISE_ALPHA) == pytest.approx(
+            expected, rel=1e-8, abs=1e-12
+        )  # series of both laws
 
 
 def test_detection_falls_with_alternatives_and_with_freedom():
-    few, many = predicted_detection(4.0, 10, ALPHA), predicted_detection(4.0, 1000, ALPHA)
-    assert few > predicted_detection(4.0, 100, ALPHA) > many
-    by_freedom = [predicted_detection(5.0, 100, ALPHA, dof=dof) for dof in (1, 2, 8)]
+    few, many = predicted_detection(4.0, 10, FAMILYWISE_ALPHA), predicted_detection(4.0, 1000, FAMILYWISE_ALPHA)
+    assert few > predicted_detection(4.0, 100, FAMILYWISE_ALPHA) > many
+    by_freedom = [predicted_detection(5.0, 100, FAMILYWISE_ALPHA, dof=dof) for dof in (1, 2, 8)]
     assert by_freedom == sorted(by_freedom, reverse=True)
-    assert predicted_detection(5.0, 100, ALPHA, looks=100) < by_freedom[0]
+    assert predicted_detection(5.0, 100, FAMILYWISE_ALPHA, comparisons=100) < by_freedom[0]
 
 
 def test_the_price_of_freedom_binds_where_it_exceeds_significance():
     # 240 blocks and 10 coefficients cost 10 ln 240 + 2 ln 100 = 64, above the 0.005/100 point of chi-square, 37.
-    free = predicted_detection(7.0, 100, ALPHA, dof=10)
-    assert predicted_detection(7.0, 100, ALPHA, dof=10, blocks=240) < 0.5 < free
+    free = predicted_detection(7.0, 100, FAMILYWISE_ALPHA, dof=10)
+    assert predicted_detection(7.0, 100, FAMILYWISE_ALPHA, dof=10, blocks=240) < 0.5 < free
 
 
 def test_the_smallest_size_is_detected_with_95_percent():
     seen = power_of_motion(TONES, PLAIN)
     sight = seen["quadratic"]
-    alone = predicted_detection(sight.smallest[0] * sight.d[0], seen.examined, ALPHA, blocks=seen.blocks)
+    alone = predicted_detection(sight.smallest[0] * sight.d[0], seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
     assert alone == pytest.approx(0.95, abs=1e-6)  # inverse of a smooth function
 
 
@@ -69,10 +72,10 @@ def test_rivals_add_and_scatter_of_blocks_takes_and_nothing_hidden_stays_below_a
     seen = power_of_motion(TONES, PLAIN)
     d = seen["quadratic"].d[0]
     for distance in (3.0, 4.0, 5.0):
-        alone = predicted_detection(distance, seen.examined, ALPHA, blocks=seen.blocks)
+        alone = predicted_detection(distance, seen.examined, FAMILYWISE_ALPHA, blocks=seen.blocks)
         # Scatter of 2 to 5 % costs up to 0.1 sigma, 4 points; rivals bring up to 10; draws err by 0.8.
         assert alone - 0.05 < seen.detection("quadratic", distance / d) < alone + 0.1
-    assert 0.0 < seen.detection("quadratic", 0.0) <= ALPHA + 0.004  # 4 sigma of 4000 draws
+    assert 0.0 < seen.detection("quadratic", 0.0) <= FAMILYWISE_ALPHA + 0.004  # 4 sigma of 4000 draws
 
 
 # Information
@@ -120,7 +123,7 @@ def test_d_is_inversely_proportional_to_the_noise_of_sensor_and_encoder():
 
 def test_what_the_model_contains_is_no_candidate():
     seen = power_of_motion(TONES, PLAIN, model=Model.cubic())
-    names = {sight.effect for sight in seen.sights}
+    names = {sight.effect for sight in seen.detectabilities}
     assert "quadratic" not in names
     assert "odd_quadratic" in names
     with pytest.raises(KeyError, match="in the model"):
@@ -212,7 +215,7 @@ def test_as_many_are_found_as_were_predicted_and_not_as_for_twice_the_size(pair)
 def test_limits_of_a_diagnosis_are_those_of_power():
     one = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
     told, seen = scan([one], Model.linear()).detection_limits, power(one)
-    sizes = {sight.effect: min(sight.smallest) for sight in seen.sights}
+    sizes = {sight.effect: min(sight.smallest) for sight in seen.detectabilities}
     wandering = {"bias_random_walk", "bias_gauss_markov"}
     # Where readings may have jumped, and the period of a wave, are read off the record by one and spread by the other.
     assert set(told) == set(sizes) - wandering
@@ -224,7 +227,7 @@ def test_limits_of_a_diagnosis_are_those_of_power():
 @pytest.mark.parametrize(("moving", "visible"), [(single_tone(), False), (motion("moves", 20.0, RNG(3)), True)])
 def test_what_the_base_swallows_has_no_limit(moving, visible):
     # On one tone p is a times a constant, so a sloping rail is a scale factor; moves tell the two apart.
-    one = planned_pass(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
+    one = planned_state(moving, PLAIN, 20.0, planned_noise(PLAIN), Model.linear())
     limit = scan([one], Model.linear()).detection_limits["rail_slope"]
     assert math.isfinite(limit) == visible
     assert power_of_motion(moving, PLAIN)["rail_slope"].seen == visible
@@ -234,7 +237,7 @@ def test_more_parts_ask_for_more_and_each_part_has_its_size():
     seen = power_of_motion(TONES, PLAIN)
     several = seen["encoder_nonlinearity"]
     both = [size * d for size, d in zip(several.smallest, several.d, strict=True)]
-    assert both == pytest.approx([least_distance(seen.examined, seen.blocks, ALPHA, dof=2)] * 2)
-    assert both[0] > least_distance(seen.examined, seen.blocks, ALPHA)
+    assert both == pytest.approx([least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA, dof=2)] * 2)
+    assert both[0] > least_distance(seen.examined, seen.blocks, FAMILYWISE_ALPHA)
     with pytest.raises(ValueError, match="2 parts"):
         seen.detection("encoder_nonlinearity", (1.0, 2.0, 3.0))

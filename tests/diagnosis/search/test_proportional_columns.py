@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal.diagnosis.search.hypotheses import Hypothesis
-from accelcal.diagnosis.search.refine import direction
+from accelcal.diagnosis.search.refine import profile_loss
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.columns import multiples, sizes
@@ -61,8 +61,8 @@ def test_the_gain_along_a_size_is_that_of_columns_carried_anew():
     model = Model.linear()
     known = [BaseProjection(one, model) for one in solve_runs(model, [recording]).passes]
     effect = find("bias_gauss_markov")
-    shape = {n: sh.grid(known[0].carrier.signals)[0] for n, sh in effect.shapes.items()}
-    loss = direction(known, Hypothesis(effect, shape), shape, "tau")
+    shape = {n: sh.grid(known[0].column_filter.signals)[0] for n, sh in effect.shapes.items()}
+    loss = profile_loss(known, Hypothesis(effect, shape), shape, "tau")
     for tau in (0.5, 2.0, 7.0):
         anew = CandidateScores(known, [Hypothesis(effect, {**shape, "tau": tau})]).gain(0)[0]
         assert -loss(tau) == pytest.approx(anew, rel=1e-6, abs=1e-9)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal.diagnosis.search.confounding import RIVAL_CORRELATION
+from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
 from accelcal.experiment.design import PATTERNS, Recipe, build
 
@@ -52,7 +52,7 @@ def test_the_whole_stroke_is_used_when_there_is_time_and_the_stage_ends_where_it
 def test_a_plan_separates_what_one_tone_ties(odd):
     (pair,) = odd.correlations
     assert pair[:2] == ("cubic", "odd_quadratic")
-    assert pair[2] < RIVAL_CORRELATION
+    assert pair[2] < CONFOUNDED_CORRELATION
     assert odd.separated
     assert "odd_quadratic" not in odd.power["cubic"].members
     assert 24 <= odd.tried <= 60

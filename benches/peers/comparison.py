@@ -1,4 +1,4 @@
-"""The contest: who takes part, whether all arrive at the same state, and how long each takes."""
+"""Comparison with peers: which filters run, whether all reach one state, and the time each takes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Result:
 
     peer: str
     workload: str
-    apart: float
+    deviation: float
     """Largest difference from the reference: states in sigma, variances relative."""
     nanoseconds: float = math.inf
     """Least processor time per step (and run)."""
@@ -50,12 +50,12 @@ class Result:
     @property
     def agrees(self) -> bool:
         """Whether its time counts."""
-        return self.apart < TOLERANCE
+        return self.deviation < TOLERANCE
 
 
 @dataclass(slots=True)
 class Found:
-    """All results, and who could not take part."""
+    """All results, and the peers that could not run, with the reason."""
 
     results: list[Result] = field(default_factory=list)
     missing: dict[str, str] = field(default_factory=dict)
@@ -66,7 +66,7 @@ class Found:
 
 
 def peers() -> tuple[list[Peer], dict[str, str]]:
-    """Everybody who is here, and why the others are not."""
+    """Peers that are installed, and for each of the others why it is not."""
     four = dict.fromkeys(("W1", "W2", "W3", "W4"), STEPS)
     found = [
         Peer(FUSED, four, native.rust("fused")),
@@ -94,30 +94,30 @@ def peers() -> tuple[list[Peer], dict[str, str]]:
     return found, missing
 
 
-def contest(workloads: Sequence[Workload], rounds: int) -> Found:
-    """Run everybody on every workload, the peers taking turns."""
-    everybody, missing = peers()
+def compare_peers(workloads: Sequence[Workload], rounds: int) -> Found:
+    """Run every peer on every workload, rounds of all peers in turn."""
+    installed, missing = peers()
     found = Found(missing=missing)
     for workload in workloads:
-        longest = draw(workload, max(peer.steps.get(workload.name, 0) for peer in everybody))
+        longest = draw(workload, max(peer.steps.get(workload.name, 0) for peer in installed))
 
         @cache
         def reference(given: Workload, steps: int, longest: Data = longest) -> tuple[Array, Array]:
             return plain.follow(given, longest.cut(steps))
 
         running: list[tuple[Result, Callable[[], Ended], int]] = []
-        for peer in everybody:
+        for peer in installed:
             steps = peer.steps.get(workload.name)
             if steps is None:
                 continue
             given = workload.as_published if peer.public else workload
             try:
                 once = peer.prepare(given, longest.cut(steps))
-                result = Result(peer.name, workload.name, apart(once(), *reference(given, steps)))
+                result = Result(peer.name, workload.name, deviation(once(), *reference(given, steps)))
             except Missing as why:
                 missing[peer.name] = str(why)
                 continue
-            print(f"{workload.name} {peer.name}: {result.apart:.1e} from the reference", flush=True)
+            print(f"{workload.name} {peer.name}: {result.deviation:.1e} from the reference", flush=True)
             found.results.append(result)
             running.append((result, once, steps * workload.runs))
         for _ in range(rounds):
@@ -126,7 +126,7 @@ def contest(workloads: Sequence[Workload], rounds: int) -> Found:
     return found
 
 
-def apart(ended: Ended, x: Array, variances: Array) -> float:
+def deviation(ended: Ended, x: Array, variances: Array) -> float:
     """Largest difference of states in sigma and of variances relative."""
     off = np.max(np.abs(ended.x - x) / np.sqrt(variances)), np.max(np.abs(ended.variances / variances - 1.0))
     return float(max(off))

@@ -16,12 +16,12 @@ from accelcal.diagnosis.local_spread import local_spread
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_trend_test
 from accelcal.diagnosis.noise_tests.contamination import contamination_test
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
-from accelcal.diagnosis.noise_tests.noise_test import ALARM
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.noise_tests.tones import driven, lines_of, stands_alone
 from accelcal.diagnosis.noise_tests.whiteness import portmanteau
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 from tests.diagnosis.noise_tests import disturbed as world
 
@@ -38,7 +38,7 @@ def test_nothing_is_found_where_there_is_nothing(motion, rig):
     for seed in range(4):
         for one in run_noise_tests(world.fitted(world.good(motion, RIGS[rig], 100 + seed).recording)):
             least[one.effect] = min(least.get(one.effect, 1.0), one.p_value)
-            alarms += [(seed, one.effect, one.p_value)] if one.p_value < ALARM else []
+            alarms += [(seed, one.effect, one.p_value)] if one.p_value < NOISE_TEST_ALPHA else []
     print(f"{motion} {rig}: {len(alarms)} alarms in 4 records; least p", {k: f"{p:.2g}" for k, p in least.items()})
     assert alarms == []
 
@@ -52,7 +52,7 @@ def test_nothing_is_found_in_short_records(seconds, rig):
         rng = np.random.default_rng(seed)
         record = simulate("tones", seconds=seconds, rig=RIGS[rig], parameters={"bias": 0.1}, rng=rng, missing=0.1)
         found = run_noise_tests(world.fitted(record.recording))
-        alarms += [(seed, one.effect, one.p_value) for one in found if one.p_value < ALARM]
+        alarms += [(seed, one.effect, one.p_value) for one in found if one.p_value < NOISE_TEST_ALPHA]
     assert alarms == []
 
 
@@ -63,7 +63,7 @@ def test_motion_that_is_not_subtracted_alarms(rig):
     plain = np.interp(np.arange(seen.n), seen.place, seen.u) - np.mean(seen.u)
     spectra = BlockSpectra.of(plain, seen.taken, seen.rate, 0.0)
     _, p_value = power_trend_test(spectra.power.mean(axis=1), spectra.means(seen.motion[0] ** 2))
-    assert p_value < ALARM
+    assert p_value < NOISE_TEST_ALPHA
 
 
 NUISANCES = {
@@ -80,7 +80,7 @@ def test_one_disturbance_is_not_taken_for_another(motion, rig, nuisance):
     """30 records; false alarms as above, 8e-4 each."""
     more, allowed = NUISANCES[nuisance]
     found = world.findings(world.good(motion, RIGS[rig], 7, **more).recording)
-    assert {name for name, one in found.items() if one.p_value < ALARM} <= allowed
+    assert {name for name, one in found.items() if one.p_value < NOISE_TEST_ALPHA} <= allowed
 
 
 CASES = {
@@ -123,7 +123,7 @@ def test_disturbance_is_found_and_measured(case, motion, rig):
     print(
         f"{case}, {motion} {rig}: p {one.p_value:.1g}, {one.estimate:.4g} +- {one.std:.2g} {one.unit} (put in {size})"
     )
-    assert one.p_value < ALARM
+    assert one.p_value < NOISE_TEST_ALPHA
     # 4 standard deviations; 15 %: missed small outliers, harmonics of rounding, the RC's change over a vibration's line
     assert abs(one.estimate - size) < 4.0 * one.std + 0.15 * size
     if particular is not None:
@@ -132,7 +132,7 @@ def test_disturbance_is_found_and_measured(case, motion, rig):
 
 def test_jitter_of_30_us_is_found_where_jerk_is_large():
     one = world.findings(world.jitter("fast", ADXL105_RIG, 7, std=30e-6))["timing_jitter"]
-    assert one.p_value < ALARM
+    assert one.p_value < NOISE_TEST_ALPHA
     assert one.estimate == pytest.approx(30e-6, abs=4.0 * one.std)
 
 
@@ -161,7 +161,7 @@ def test_p_values_are_no_smaller_than_they_say(name):
 def test_portmanteau_sees_colour():
     """The sister that must fail: a correlation of 0.3."""
     e = np.random.default_rng(12).standard_normal(2048)
-    assert portmanteau(e[1:] + 0.3 * e[:-1])[1] < ALARM
+    assert portmanteau(e[1:] + 0.3 * e[:-1])[1] < NOISE_TEST_ALPHA
 
 
 def _order(spread, dof, n):
@@ -179,7 +179,7 @@ def test_contamination_is_seen_where_no_sample_stands_out(share, size):
         y = rng.standard_normal(len(wrong)) + wrong * size * rng.standard_normal(len(wrong))
         least.append(contamination_test(y, 200.0)[1])
     print(f"share {share}, size {size}: largest p of 20: {max(least):.2g}")
-    assert sum(p < ALARM for p in least) >= 19
+    assert sum(p < NOISE_TEST_ALPHA for p in least) >= 19
 
 
 def test_a_tooth_of_a_comb_is_no_line():
@@ -188,10 +188,10 @@ def test_a_tooth_of_a_comb_is_no_line():
     noise = np.random.default_rng(6).standard_normal(len(t))
     wandering = np.cos(2.0 * np.pi * 250.0 * t + 45.0 * np.sin(2.0 * np.pi * t))
     peaks, _ = lines_of(noise + wandering, 1667.0, 100.0, 833.0)
-    assert all(chance > ALARM / 50_000 for _, _, chance in peaks)
+    assert all(chance > NOISE_TEST_ALPHA / 50_000 for _, _, chance in peaks)
     peaks, _ = lines_of(noise + 0.1 * np.cos(2.0 * np.pi * 250.0 * t), 1667.0, 100.0, 833.0)
     assert peaks[0][0] == pytest.approx(250.0, abs=0.01)
-    assert peaks[0][2] < ALARM / 50_000
+    assert peaks[0][2] < NOISE_TEST_ALPHA / 50_000
     assert stands_alone(np.ones(200) + 99.0 * (np.arange(200) == 100), np.ones(200), 100, 50)
 
 
@@ -223,6 +223,6 @@ def test_a_cyclic_error_is_found_on_a_motion_that_rests_at_few_places(size):
         next(one for one in run_noise_tests(world.fitted(record)) if one.effect == "encoder_cyclic")
         for record in (spoiled, made.recording)
     )
-    assert found.p_value < ALARM
+    assert found.p_value < NOISE_TEST_ALPHA
     assert found.parts["wavelength"] == pytest.approx(2e-5, rel=1e-3)
-    assert good.p_value > ALARM
+    assert good.p_value > NOISE_TEST_ALPHA

@@ -1,0 +1,277 @@
+"""Every threshold that decides a verdict: its value, unit and reason, and the test or bench that guards it.
+
+One name has one value, so that the whole policy of diagnosis, selection and experiment design can be read on one page;
+`python -m accelcal.diagnosis.policy` prints it as Markdown, and docs/method.md holds that text. Numerical constants
+(ridges, grids, numbers of iterations) stay beside the code that they serve.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+# ---- search: which effects enter ----
+
+FAMILYWISE_ALPHA = 0.005
+"""False-alarm rate of a record, over all alternatives examined. One adequate record in 200 may be given an effect
+that it does not need. [probability; benches/hidden.py]"""
+DETECTION_PROBABILITY = 0.95
+"""Probability with which an effect of the reported detection limit is found. The customary complement of a 5 % miss
+rate. [probability; tests/experiment/test_detectability.py]"""
+VERDICT_LEAST_BLOCKS = 20
+"""Effective blocks below which a record gives no verdict. Fewer blocks do not determine the scatter of scores.
+[blocks; tests/hidden/test_hidden.py]"""
+BLOCK_SECONDS = 0.25
+"""Length of a block of scores, or two periods of the crossover if those last longer. Scores of neighbouring blocks
+must be independent. [s; tests/hidden/test_hidden.py]"""
+MODEL_NOISE_BLOCKS = 8.0
+"""Weight of the model's own noise against the scatter of a score from block to block. An effect that lives in a few
+blocks, such as a step, has little scatter to measure. [blocks; tests/diagnosis/search/test_beam.py]"""
+SEARCH_DEPTH = 3
+"""Largest number of effects that enter together. Further effects enter in the next round, after a fit. [effects;
+tests/hidden/test_hidden.py]"""
+BEAM_WIDTH = 5
+"""Sets that the beam search keeps at each depth. A strong effect may shadow the right pair at the first depth.
+[sets; tests/hidden/test_hidden.py]"""
+FINALISTS = 8
+"""Effects whose shape parameters are refined and whose scores are checked block by block. Refining costs a pass
+through the record each time. [effects; tests/diagnosis/search/test_cost.py]"""
+BETWEEN_TRIALS_GAIN_SHARE = 0.5
+"""Share of the largest gain above which an effect is also tried between its trial shapes. A sharp effect between two
+trials would otherwise lose to a smooth rival. [share; tests/diagnosis/search/test_beam.py]"""
+DEFERRED_GAIN_SHARE = 0.1
+"""Share of the strongest effect's gain below which an effect waits for the next round. What a strong effect leaves
+at a trial shape can pass for a weak one. [share; tests/hidden/test_hidden.py]"""
+FAMILY_DISCOUNT = 0.95
+"""Share of its gain with which a nonparametric curve competes. A named effect that explains nearly as much is
+preferred. [share; tests/hidden/test_hidden.py]"""
+RANDOM_BIAS_DISCOUNT = 0.9
+"""Share of its gain with which a random-walk or Gauss-Markov bias competes. It follows any function of time, which a
+function of a recorded variable does not. [share; tests/hidden/test_hidden.py]"""
+RANDOM_BIAS_COMPARISONS = 100
+"""Comparisons that a function of time pays for once the model has a random bias. What is left of any
+random bias drifts and steps a little. [comparisons; tests/diagnosis/search/test_hypotheses.py]"""
+FREE_SHAPE_PARAMETERS = 1
+"""Shape parameters that the trials of an effect have paid for already. Each further one costs as much as a
+coefficient. [parameters; tests/experiment/test_detectability.py]"""
+SHAPE_FORMS = 2
+"""Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
+choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
+
+# ---- confounding: which effects one record does not separate ----
+
+CONFOUNDED_LOG_EVIDENCE = 4.5
+"""Log-evidence within which a rival is confounded with an effect. Odds of 90 to 1 for the better of two. [nat;
+benches/hidden.py]"""
+CLEAR_LOG_EVIDENCE = 6.0
+"""Log-evidence below which an effect may have come first by chance. What is missing is added to the distance within
+which its rivals count. [nat; benches/hidden.py]"""
+CONFOUNDED_CORRELATION = 0.95
+"""Correlation of signatures above which two effects are confounded. Nine tenths of one effect's power are then the
+other's. [correlation; tests/experiment/test_detectability.py]"""
+PLAN_CORRELATION = CONFOUNDED_CORRELATION - 0.002
+"""Correlation below which a planned motion separates two effects. The noise of a real record must not confound what
+the plan separates. [correlation; tests/experiment/test_design.py]"""
+RESOLVED_WAVE_PERIODS = 2.0
+"""Periods on the travel from which a wave over position is known to repeat. A part of a wave is any smooth function
+of position. [periods; tests/hidden/test_hidden.py]"""
+COLLINEAR_CORRELATION = 0.9
+"""Correlation of two estimates above which both effects describe one curve of their variable. One of them then only
+bends the other's function. [correlation; tests/selection/test_collinearity.py]"""
+FAMILY_REMAINDER_ALPHA = 0.02
+"""False-alarm rate of a nonparametric curve that still explains something next to effects of its variable. It makes
+one effect uncertain and replaces several. [probability; tests/selection/test_collinearity.py]"""
+NAMED_ALTERNATIVES = 2
+"""Named effects that are tried in place of a nonparametric curve. Each costs a fit and a diagnosis. [effects;
+tests/hidden/test_hidden.py]"""
+
+# ---- verdict: noise and outliers ----
+
+DATA_SHEET_NOISE_RATIO = 1.5
+"""Fitted over declared noise density above which no model is adequate. Data sheets state typical values; units
+scatter by less. [ratio; tests/hidden/test_hidden.py]"""
+REJECTION_ROUNDS = 3
+"""Rounds of outlier rejection, each followed by a fit. Smaller outliers show once the larger ones are gone. [rounds;
+tests/diagnosis/noise_tests/test_noise_tests.py]"""
+NOISE_TEST_ALPHA = 1e-4
+"""Significance at which one noise test changes what another one says. A line whose power follows speed is vibration.
+[probability; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+NOISE_TEST_LEAST_BLOCKS = 40
+"""Blocks below which no noise test looks for a correlation with the motion. Fewer show none that is significant at
+1e-4. [blocks; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+OUTLIER_SIGMA = 5.5
+"""Local standard deviations above which a sample may be an outlier. Normal noise exceeds it once in 26 million
+samples. [sigma; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+OUTLIER_MOST_SAMPLES = 3
+"""Length of the longest outlier. More samples in a row are an event of the motion. [samples;
+tests/diagnosis/noise_tests/test_noise_tests.py]"""
+STEADY_SCATTER_RATIO = 1.15
+"""Variance of the log scatter within a span, over that of neighbours, below which the scatter counts as steady. A
+longer span determines the noise level better. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+FAST_SCATTER_RATIO = 2.0
+"""Variance of the log scatter of neighbouring blocks, over that of white noise, above which no span is steady.
+Coloured noise explains less than this. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+SEPARATE_POWER_ALPHA = 1e-3
+"""Significance at which noise that follows speed is separate from noise that follows jerk, or the reverse. It is a
+choice of two, not a search. [probability; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+VIBRATION_BIN_SIGMA = 3.0
+"""Score against speed above which a frequency bin belongs to a vibration. Such bins are kept out of the test for
+jitter. [sigma; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+VIBRATION_LINE_SHARE = 0.25
+"""Distance from a vibration's frequency within which a line belongs to it, over that frequency. A resonance is broad
+and its estimate is rough. [share; tests/hidden/test_hidden.py]"""
+REPORTED_LINES = 5
+"""Most spectral lines that are reported. More are a comb, which is vibration of a machine. [lines;
+tests/diagnosis/noise_tests/test_noise_tests.py]"""
+COMB_HALF_WIDTH = 25.0
+"""Distance on either side of a line within which other lines count as its comb. Mains and its sidebands lie closer.
+[Hz; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+COMB_POWER_RATIO = 3.0
+"""Power of the neighbours over that of a line above which the line is a tooth of a comb. A band of noise or a comb
+of lines is vibration. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+CONVERTER_LINE_SHARE = 0.05
+"""Amplitude, over a coarse converter step, below which a line may be the converter's own. Steps crossed by a
+periodic motion make lines. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+MOTION_LINE_RATIO = 3.0
+"""Amplitude of a line in the motion, over that in the residual, above which the drive makes the line. The smoothed
+motion holds a part of any line. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+DRIVEN_LINE_RATIO = 20.0
+"""Power of a line of the motion's nonlinear functions, over its neighbours, above which the motion makes lines
+there. A missing nonlinearity would show as a tone. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+DRIVEN_LINE_SHARE = 1e-3
+"""Share of a function's power below which its line does not count. It would be lost among far stronger ones. [share;
+tests/diagnosis/noise_tests/test_noise_tests.py]"""
+COARSE_STEP_RATIO = 1.2
+"""Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the motion.
+[ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+HELD_SHARE = 0.02
+"""Share of repeated readings above which the logger is faster than the sensor. Readings off a grid hardly ever
+repeat by chance. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+WHOLE_BITS_TOLERANCE = 1e-4
+"""Error in bits within which a step is that of a converter of whole bits over the declared range. Such a step is
+known from the data sheet. [bit; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+
+# ---- data: change points and faults ----
+
+RELATION_LEAST_BLOCKS = 12
+"""Blocks that establish a relation of output and encoder. Four coefficients are fitted to them. [blocks;
+tests/diagnosis/test_change_points.py]"""
+RELATION_EXPLAINED = 0.95
+"""Share of the encoder's power that a relation explains where it holds. Bias, scale and delay alone explain more on
+a good record. [share; tests/diagnosis/test_change_points.py]"""
+BREAK_EXPLAINED = 0.80
+"""Share of the encoder's power that no relation may explain after a break. A relation with another scale factor is
+no break. [share; tests/diagnosis/test_change_points.py]"""
+BREAK_POWER_RATIO = 9.0
+"""Residual power after a break over that before it. Effects, vibration and a change from rest to motion stay below.
+[ratio; tests/diagnosis/test_change_points.py]"""
+BREAK_LOG_LIKELIHOOD = 30.0
+"""Log-likelihood that a break must gain. The search over instants and bands is included. [nat;
+tests/diagnosis/test_change_points.py]"""
+BREAK_BAND_RATIO = 8.0
+"""Ratio of the widest to the narrowest band in which the beginning of a break is sought. A slow departure shows in a
+narrow band first. [ratio; tests/diagnosis/test_change_points.py]"""
+IMPACT_COINCIDENCE = 0.1
+"""Time within which an impact must show on both channels. A mount rings for about as long. [s;
+tests/diagnosis/test_change_points.py]"""
+IMPACT_OUTPUT_RATIO = 50.0
+"""Height of an impact over the local spread of the output. Motion of the stage stays far below. [ratio;
+tests/diagnosis/test_change_points.py]"""
+IMPACT_PEAK_RATIO = 3.0
+"""Height of an impact over the next highest peak of the record. Vibration has many peaks of one height. [ratio;
+tests/diagnosis/test_change_points.py]"""
+IMPACT_ENCODER_RATIO = 20.0
+"""Second difference of the encoder at an impact over its usual one. The impact must throw the encoder off too.
+[ratio; tests/diagnosis/test_change_points.py]"""
+FAULT_ALPHA = 1e-6
+"""Family-wise false-alarm rate of a position step. A fault discredits the record, so it must be certain.
+[probability; tests/diagnosis/test_change_points.py]"""
+DROPOUT_ALPHA = 1e-6
+"""Probability, per record, below which so many consecutive samples are not lost one by one. Loggers lose single
+samples at random. [probability; tests/diagnosis/test_change_points.py]"""
+RAIL_SAMPLES = 4
+"""Equal readings in a row at the extreme of a record, after a jump, that are a saturated output. Three can be
+quantisation. [samples; tests/diagnosis/test_change_points.py]"""
+RAIL_TOLERANCE = 1e-3
+"""Distance from the declared range, over that range, within which an output is at its limit. Readings beyond it mean
+that the range is another. [share; tests/diagnosis/test_change_points.py]"""
+STUCK_SAMPLES = 32
+"""Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
+[samples; tests/diagnosis/test_change_points.py]"""
+STEP_PULSE_SHARE = 0.6
+"""Share of the excess residual around a position step that the filter's pulse must explain. A misfit of the model is
+wider than a pulse. [share; tests/diagnosis/test_change_points.py]"""
+STEP_LEAST_COUNTS = 3.0
+"""Least height of a position step, in steps of the encoder. A smaller jump is quantisation. [counts;
+tests/diagnosis/test_change_points.py]"""
+DELAY_CHANGE_SIGMA = 6.5
+"""Standard deviations by which the delay must change where samples were dropped. The search over instants is
+included. [sigma; tests/diagnosis/test_change_points.py]"""
+WHOLE_SAMPLE_TOLERANCE = 0.15
+"""Distance of a change of delay from a whole number of samples, and between bands. Only whole samples can be
+dropped. [samples; tests/diagnosis/test_change_points.py]"""
+
+# ---- the page ----
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """One constant of this module as its docstring describes it."""
+
+    name: str
+    value: float
+    decides: str
+    reason: str
+    unit: str
+    guard: str
+    """Path of the test or bench that fails when the value is wrong."""
+    group: str
+    """Heading above it."""
+
+
+def thresholds() -> tuple[Threshold, ...]:
+    """Read every constant of this module with its docstring, in their order.
+
+    Raises
+    ------
+    ValueError
+        If a docstring is not "What it decides. The reason. [unit; guard]".
+    """
+    source = Path(__file__).read_text(encoding="utf-8")
+    headings = {n: line.strip("# -") for n, line in enumerate(source.splitlines(), 1) if line.startswith("# ----")}
+    found = []
+    for node, after in pairwise(ast.parse(source).body):
+        if not (isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)):
+            continue
+        name = node.targets[0].id
+        value = after.value if isinstance(after, ast.Expr) else None
+        text = value.value if isinstance(value, ast.Constant) else ""
+        said = re.fullmatch(r"(.*?\.) (.*\.) \[([^;]*); (\S*)\]", " ".join(str(text).split()))
+        if said is None:
+            raise ValueError(f'{name}: its docstring must be "What it decides. The reason. [unit; guard]"')
+        decides, reason, unit, guard = said.groups()
+        group = headings[max(n for n in headings if n < node.lineno)]
+        found.append(Threshold(name, globals()[name], decides, reason, unit, guard, group))
+    return tuple(found)
+
+
+def markdown() -> str:
+    """All thresholds as Markdown tables, one for each group."""
+    parts: list[str] = []
+    group = ""
+    for entry in thresholds():
+        if entry.group != group:
+            group = entry.group
+            parts += ["", f"**{group[0].upper()}{group[1:]}**", "", "| threshold | value | decides | because | guard |"]
+            parts.append("|---|---|---|---|---|")
+        parts.append(
+            f"| `{entry.name}` | {entry.value:g} {entry.unit} | {entry.decides} | {entry.reason} | `{entry.guard}` |"
+        )
+    return "\n".join(parts).strip() + "\n"
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")

@@ -1,0 +1,136 @@
+"""What figures show: numbers and labels that static figures, interactive figures and the report share."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from accelcal import formatting
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.selection.nested_models import NestedModels
+from accelcal.validation.comparison import Comparison
+
+HEADLINE_HORIZON = 10.0
+"""Unaided drift that is quoted first, s."""
+TWO_SIDED_95 = 1.96
+LAGS = 40
+"""Of the autocorrelation; fewer on short records."""
+TRANSIENT = 1.5
+"""Predicted deviations beyond this many medians, as before the filter has settled, do not size the axis."""
+QUANTILES = 2000
+"""Points of a Q-Q plot; as many again at each end are all drawn."""
+CANDIDATES = 12
+"""Candidates that are drawn."""
+FULL_COLOUR = 8.0
+"""Standard deviations at which a tile has its full colour."""
+
+
+def normalised_residuals(comparison: Comparison) -> Array:
+    """One-step residuals over their predicted standard deviations, (n,)."""
+    return np.asarray(comparison.residual[1] / comparison.residual_std)
+
+
+def normal_quantiles(y: Array) -> tuple[Array, Array]:
+    """Normal quantiles and those of `y` (n,): all of them at the two ends, evenly chosen ones between."""
+    n = len(y)
+    rank = np.arange(n)
+    if n > 3 * QUANTILES:
+        between = np.linspace(QUANTILES, n - 1 - QUANTILES, QUANTILES).astype(np.intp)
+        rank = np.unique(np.concatenate([rank[:QUANTILES], between, rank[-QUANTILES:]]))
+    return np.asarray(special.ndtri((rank + 0.5) / n)), np.sort(y)[rank]
+
+
+def allowed_horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]:
+    """Horizons that the record allows, s, with their values, (n,) each."""
+    pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
+    return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
+
+
+def residual_band(comparison: Comparison) -> tuple[Array, float]:
+    """Half-width of the 95 % band of one-step residuals, (n,) m, and the half-height of an axis that holds both, m."""
+    reach = TWO_SIDED_95 * comparison.residual_std
+    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
+    return reach, 1.15 * float(max(np.abs(comparison.residual[1][settled]).max(), reach[settled].max()))
+
+
+def imposed_band_note(comparison: Comparison) -> str:
+    """What must be said when predicted deviations are not claimed."""
+    return "" if comparison.nis is not None else "; a band was imposed on the fit, so the prediction is not claimed"
+
+
+def model_names(nested: NestedModels) -> list[str]:
+    """Name of each model: the base, then the effect that is new, or the finer form of a curve that it holds already."""
+    found: list[str] = []
+    for member in nested.models:
+        name = f"+ {member.effect.replace('_', ' ')}" if member.effect else "base"
+        found.append(f"{name}, finer" if name in found else name)
+    return found
+
+
+def error_reduction_sentence(nested: NestedModels) -> str:
+    """The error of the first and of the last model in one sentence."""
+    errors = nested.errors
+    text = f"{formatting.length(errors[0])}"
+    if len(errors) > 1:
+        text += f" → {formatting.length(errors[-1])}"
+    measure = nested.measure[:1].upper() + nested.measure[1:]
+    return f"{measure}, on data that no fit has seen: {text}; noise alone {formatting.length(nested.floor)}"
+
+
+def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:
+    """The best candidates, each class of confounded ones together, best first."""
+    left = list(diagnosis.scan.candidates[:most])
+    found: list[list[Candidate]] = []
+    while left:
+        first = left[0]
+        sure = first.p_value < diagnosis.alpha
+        tied = [c for c in left[1:] if sure and c.effect in first.members and c.p_value < diagnosis.alpha]
+        group = [first, *tied]
+        found.append(group)
+        left = [c for c in left if c not in group]
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class Tiles:
+    """Scores of all bins."""
+
+    rows: tuple[str, ...]
+    """Variable with its range, most prominent first."""
+    sigma: Array
+    """(rows, bins) mean over its deviation under noise alone; NaN where a bin has too little data."""
+    ranges: tuple[tuple[str, ...], ...]
+    """What each tile covers, with unit."""
+
+
+def tiles_of(comparison: Comparison) -> Tiles:
+    """Scores of every variable, the one with the largest score first."""
+    chosen = sorted(comparison.bins, key=lambda b: -float(np.abs(b.score).max(initial=0.0)))
+    rows, sigma, ranges = [], [], []
+    for b in chosen:
+        factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else formatting.prefixed(b.unit, b.edges)
+        shown = formatting.label("", unit).strip(" ()")
+        edges = b.edges * factor
+        rows.append(f"{b.variable}, {edges[0]:.3g} to {edges[-1]:.3g} {shown}".replace(" -", " −"))
+        sigma.append(np.where(b.std > 0.0, b.score, np.nan))
+        ranges.append(tuple(f"{a:.3g} to {z:.3g} {shown}" for a, z in itertools.pairwise(edges)))
+    width = max((len(s) for s in sigma), default=0)
+    return Tiles(tuple(rows), np.array(sigma).reshape(len(rows), width), tuple(ranges))
+
+
+def signed(value: float) -> str:
+    """A score as a tile shows it: whole standard deviations with their sign.
+
+    Examples
+    --------
+    >>> signed(2.6), signed(-3.2), signed(-0.1)
+    ('+3', '−3', '0')
+    """
+    shown = f"{value:+.0f}".replace("-", "−")
+    return "0" if shown in ("+0", "−0") else shown

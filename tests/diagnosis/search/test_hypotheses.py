@@ -1,0 +1,84 @@
+"""Hypotheses: what is offered to a model, what it pays for, and how fine a curve is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.search.hypotheses import hypotheses_for
+from accelcal.diagnosis.search.scan import scan
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.effects import find
+from accelcal.model import Model
+from accelcal.simulation.sensor import Simulated
+from accelcal.workflow import add, diagnose
+from tests.diagnosis.search.records import fitted
+
+INNER = {f"shape_of_position.s{j}" for j in range(3, 9)}
+
+
+def test_a_second_wave_is_sought_beside_a_first_one_only(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    held = Model.linear().add("rail_wave", shapes={"rail_wave": {"period": 0.03}})
+    assert "rail_second_wave" not in {item.effect.name for item in hypotheses_for(one, Model.linear())}
+    assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(one, held)}
+    with pytest.raises(ValueError, match="add that first"):
+        add(ac.fit(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
+
+
+def test_a_course_of_time_beside_a_bias_that_wanders_has_been_looked_for_more_often(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    wandering = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
+    for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
+        alone, beside = (
+            next(item.comparisons for item in hypotheses_for(one, model) if item.effect.name == name)
+            for model in (Model.linear(), wandering)
+        )
+        assert (alone, beside) == (1, more)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "coarse"),
+    [
+        (lambda p: 20.0 * p**2, True),
+        (lambda p: 20.0 * p**3, True),
+        (lambda p: 0.01 * np.sin(2.0 * np.pi * p / 0.02), False),
+    ],
+    ids=["square", "cube", "wave"],
+)
+def test_a_curve_is_as_fine_as_the_record_pays_for(
+    plain: Simulated, hidden: Callable[[Array], Array], coarse: bool
+) -> None:
+    one = fitted(plain, lambda t: hidden(plain.truth.motion.position(t)))
+    (found,) = scan([one], Model.linear(), only=(find("shape_of_position"),)).entered
+    assert (set(found.fixed) >= INNER) == coarse
+
+
+def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:
+    one = fitted(plain, np.zeros_like)
+    offered = [item for item in hypotheses_for(one, Model.linear()) if item.effect.name == "shape_of_position"]
+    fine, coarse = offered
+    runs = [BaseProjection(one, Model.linear())]
+    both, alone = CandidateScores(runs, [coarse, fine]), CandidateScores(runs, [coarse])
+    assert [part.stop - part.start for part in both.columns] == [3, 9]
+    assert (len(both.terms), len(alone.terms)) == (9, 3)
+    assert both.gain(0)[:2] == pytest.approx(alone.gain(0)[:2], rel=1e-9)
+
+
+def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
+    one = fitted(plain, lambda t: 0.01 * np.sin(300.0 * plain.truth.motion.position(t)))
+    run, s = one.run.recording, one.signals
+    assert s is not None
+    ends = {"shape_of_position": {"low": float(np.min(s.p)), "high": float(np.max(s.p))}}
+    coarse = ac.fit(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)
+    missing = diagnose(coarse, run)
+    assert "shape_of_position" in missing.effects or "rail_wave" in missing.effects
+    fine = add(coarse, run, "shape_of_position")
+    assert len(fine.free) >= len(coarse.free) + len(INNER) - 1
+    assert fine.log_likelihood > coarse.log_likelihood + 100.0
+    with pytest.raises(ValueError, match="already in the model"):
+        add(fine, run, "shape_of_position")
