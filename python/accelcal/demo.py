@@ -66,7 +66,7 @@ def hide(name: str, seed: int) -> Hidden:
     if name == "none":
         return Hidden(train, holdout, None, 0.0, {})
     run = prepare(train)
-    one = iterate(Model.linear(), [run], [None]).passes[0]
+    one = iterate(Model.linear(), [run], [None]).states[0]
     limits = scan([one], Model.linear()).detection_limits
     possible = [
         n

@@ -23,9 +23,9 @@ def test_it_ends_where_a_fit_of_its_own_does_and_runs_the_filter_less_often(line
     filtered, run_filter = [], run_state.run_filter
     monkeypatch.setattr(run_state, "run_filter", lambda run, *more: (filtered.append(run), run_filter(run, *more))[1])
     model = linear.model.add("quadratic")
-    own = estimated(model, initial_states(model, [state.run for state in linear.passes], [None]))
+    own = estimated(model, initial_states(model, [state.run for state in linear.states], [None]))
     alone = len(filtered)
-    grown = estimated(model, [state.grown(model) for state in linear.passes], least=ROUNDS_OF_GROWN)
+    grown = estimated(model, [state.grown(model) for state in linear.states], least=ROUNDS_OF_GROWN)
     std = np.sqrt(np.diag(own.covariance))
     assert np.all(np.abs(grown.x - own.x) < 0.05 * std)  # both stop at a hundredth, the noise a little apart
     np.testing.assert_allclose(np.sqrt(np.diag(grown.covariance)), std, rtol=0.02)
@@ -35,7 +35,7 @@ def test_it_ends_where_a_fit_of_its_own_does_and_runs_the_filter_less_often(line
 
 def test_its_first_step_uses_filter_and_signals_of_the_other(linear):
     model = linear.model.add("quadratic")
-    state = linear.passes[0]
+    state = linear.states[0]
     grown = state.grown(model)
     assert grown.track is state.track
     assert grown.values.by_name == {**state.values.by_name, "quadratic": 0.0}

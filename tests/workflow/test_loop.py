@@ -59,7 +59,7 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
 def test_states_of_a_fit_are_restored():
     one = dataclasses.replace(record(6, cubic=1e-3), digest="six")
     found = ac.fit(ac.Model.cubic(), one)
-    left, restored = solve_runs(found.model, [one]).passes[0], restored_states(found, [one])[0]
+    left, restored = solve_runs(found.model, [one]).states[0], restored_states(found, [one])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
     again, before = (normal_equations(state, found.model.free) for state in (restored, left))
     assert np.allclose(again.gram, before.gram, rtol=1e-4)

@@ -27,8 +27,8 @@ def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit
     try:
         for finding in found.found:
             model = finding.enter(model)
-        states = [state.grown(model) for state in solution.passes]
-        solution.passes.clear()  # so that each step frees the track before it
+        states = [state.grown(model) for state in solution.states]
+        solution.states.clear()  # so that each step frees the track before it
         refined = estimated(model, states, least=ROUNDS_OF_GROWN)
         judge(refined.layout, refined.x, refined.covariance, [state.run for state in states])
         estimates = refined.layout.estimates(refined.x, refined.covariance, model)

@@ -23,7 +23,7 @@ def separate_lines(cleaned: CleanFit) -> list[Term]:
     them."""
     if LINE in cleaned.solution.model.effects:
         return []
-    fastest = 0.4 / max(state.signals.step for state in cleaned.solution.passes)
+    fastest = 0.4 / max(state.signals.step for state in cleaned.solution.states)
     lines = [test.parts for test in cleaned.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
     return [
         term

@@ -136,9 +136,9 @@ def verdict_on(
     report : called with the share of the work that is done, 0 to 1.
     """
     solution, tests = cleaned.solution, cleaned.tests
-    model, profiled, recording = solution.model, result(solution), solution.passes[0].run.recording
+    model, profiled, recording = solution.model, result(solution), solution.states[0].run.recording
     found = scan(
-        solution.passes,
+        solution.states,
         model,
         extra=extra,
         separate=separate_lines(cleaned),
@@ -151,11 +151,11 @@ def verdict_on(
     )
     largest, sizes = (
         contributions(profiled, solution),
-        sizes_of(profiled, solution.passes, found.candidates, significant),
+        sizes_of(profiled, solution.states, found.candidates, significant),
     )
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
-    solution.passes.clear()  # the comparison predicts anew: one set of signals at a time
+    solution.states.clear()  # the comparison predicts anew: one set of signals at a time
     if found.blocks < VERDICT_LEAST_BLOCKS:
         significant = ()
     groups = [
@@ -195,7 +195,7 @@ def verdict_on(
 def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
     """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
     maxima: dict[str, float] = {}
-    for number, state in enumerate(solution.passes):
+    for number, state in enumerate(solution.states):
         values = fit.values(number)
         for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
             size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))

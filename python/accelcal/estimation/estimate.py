@@ -164,7 +164,7 @@ def solve_runs(
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
-        bands = [choose_band(model, state) if state.coloured else None for state in solution.passes]
+        bands = [choose_band(model, state) if state.coloured else None for state in solution.states]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
     return refine_shapes(solution)
@@ -202,9 +202,9 @@ def result(solution: Solution) -> Fit:
     NotIdentifiable, RecordingError
         If the solution cannot be a sensor on the declared rig.
     """
-    model, layout, passes = solution.model, solution.layout, solution.passes
+    model, layout, states = solution.model, solution.layout, solution.states
     x, covariance = solution.x, solution.covariance
-    runs = [state.run for state in passes]
+    runs = [state.run for state in states]
     left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
     remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
     remarks += [
@@ -219,7 +219,7 @@ def result(solution: Solution) -> Fit:
         remarks.append(
             f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
         )
-    fits = tuple(run_fit(state, model) for state in passes)
+    fits = tuple(run_fit(state, model) for state in states)
     remarks += [f"{f.name or 'recording'}: {f.noise.remark}" for f in fits if f.noise.remark]
     return Fit(
         model=model,
@@ -228,7 +228,7 @@ def result(solution: Solution) -> Fit:
         runs=fits,
         origins=runs[0].origins,
         rig=runs[0].rig,
-        validity=validity(passes),
+        validity=validity(states),
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
     )
@@ -380,7 +380,7 @@ def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
     ]
 
 
-def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
+def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
     """Ranges of motion, frequency and side channels in the data of the fit, over all runs."""
     ranges: dict[str, list[float]] = {}
 
@@ -388,7 +388,7 @@ def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
         ranges.setdefault(key, [low, high])
         ranges[key] = [min(ranges[key][0], low), max(ranges[key][1], high)]
 
-    for state in passes:
+    for state in states:
         s, origins = state.signals, state.run.origins
         for key, y in (("a", s.a), ("v", s.v), ("p", s.p + origins.p)):
             widen(key, float(np.min(y)), float(np.max(y)))

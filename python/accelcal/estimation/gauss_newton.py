@@ -44,7 +44,7 @@ class Solution:
     layout: Layout
     x: Array
     covariance: Array
-    passes: list[RunState]
+    states: list[RunState]
     converged: bool
     chosen: tuple[float | None, ...] = ()
     """Band of each run that was chosen because its noise is not white, Hz."""
@@ -54,7 +54,7 @@ class Solution:
     @property
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs."""
-        return sum(state.log_likelihood for state in self.passes)
+        return sum(state.log_likelihood for state in self.states)
 
 
 def iterate(
@@ -71,7 +71,7 @@ def iterate(
         If the information matrix is singular.
     """
     solution = estimated(model, initial_states(model, runs, bands), report)
-    for index, state in enumerate(solution.passes):
+    for index, state in enumerate(solution.states):
         state.refresh(solution.layout.scatter(solution.x, model, index), search_noise=False)
     return solution
 

@@ -55,7 +55,7 @@ def track(
     record. Where a band was imposed, deviations are scaled to the robust ones at the end.
     """
     solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
-    state, model = solution.passes[0], solution.model
+    state, model = solution.states[0], solution.model
     run, counts = state.run, state.counts
     belief = solution.layout.prior_information(model)
     m = len(model.free)

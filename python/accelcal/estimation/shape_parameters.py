@@ -120,7 +120,7 @@ def refine_shapes(solution: Solution) -> Solution:
         moved = {shape.name: most_likely(solution, shape, float(std)) for shape, std in pairs}
         if all(abs(moved[shape.name] - shape.value) < CONVERGED * std for shape, std in pairs):
             break
-        runs, bands = [state.run for state in solution.passes], [state.band for state in solution.passes]
+        runs, bands = [state.run for state in solution.states], [state.band for state in solution.states]
         try:
             trial = replace(iterate(solution.model.reshaped(**moved), runs, bands), chosen=solution.chosen)
         except ValueError:
@@ -148,12 +148,12 @@ class ShapeEstimates:
     def of(cls, solution: Solution) -> ShapeEstimates | None:
         """Normal equations of coefficients and shapes together; None where no shape parameter is free."""
         layout, model = solution.layout, solution.model
-        linear = [linearised(model, state) for state in solution.passes]
+        linear = [linearised(model, state) for state in solution.states]
         if not linear[0]:
             return None
         m, b = len(layout.slots), len(linear[0])
         total = np.diag([*layout.prior_information(model), *(shape.prior_std**-2.0 for shape in linear[0])])
-        for index, (state, shapes) in enumerate(zip(solution.passes, linear, strict=True)):
+        for index, (state, shapes) in enumerate(zip(solution.states, linear, strict=True)):
             rows = [*layout.rows(index), *range(m, m + b)]
             terms = [*model.free, *(shape.term for shape in shapes)]
             total[np.ix_(rows, rows)] += normal_equations(state, terms).gram
@@ -199,7 +199,7 @@ def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
     score = belief[every] * mean[every]
     score[:m] -= belief * solution.x
     shapes = [{**given, shape.shape: float(value)} for value in values]
-    for index, state in enumerate(solution.passes):
+    for index, state in enumerate(solution.states):
         trials = [
             (m + number * len(own) + k, Term(effect, layout.slots[i][0].part, tried))
             for number, tried in enumerate(shapes)

@@ -30,7 +30,7 @@ def good(motion: str, rig: Rig, seed: int, **more: object) -> Simulated:
 
 def fitted(recording: Recording) -> RunState:
     """The base model at its fixed point."""
-    return iterate(Model.linear(), [prepare(recording)], [None]).passes[0]
+    return iterate(Model.linear(), [prepare(recording)], [None]).states[0]
 
 
 def findings(recording: Recording) -> dict[str, NoiseTest]:

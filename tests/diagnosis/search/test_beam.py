@@ -62,7 +62,7 @@ def test_what_hardly_entered_is_told_with_what_nearly_did(plain: Simulated) -> N
 
 def test_a_step_between_two_trials_is_not_left_to_a_smooth_rival(tmp_path: Path) -> None:
     world = at_d(World("long_rest", "ADXL105", (Hidden("scale_step", -0.02, {"instant": 30.42}),), seed=9), 30.0)
-    one = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).passes[0]
+    one = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).states[0]
     found = scan([one], Model.linear())
     assert [f.effect for f in found.found] == ["scale_step"]
     assert found.found[0].shape["instant"] + one.run.origins.t == pytest.approx(30.42, abs=0.3)

@@ -39,7 +39,7 @@ if sys.argv[2] == "unbounded":
 made = record(int(sys.argv[1]))
 solution = solve_runs(Model.linear(), [made])
 before = megabytes()
-scan(solution.passes, Model.linear())
+scan(solution.states, Model.linear())
 print(json.dumps({"before": before, "after": megabytes()}))
 """
 
@@ -57,7 +57,7 @@ def bent() -> Recording:
 
 @pytest.fixture(scope="module")
 def fitted(bent: Recording) -> RunState:
-    return solve_runs(Model.linear(), [bent]).passes[0]
+    return solve_runs(Model.linear(), [bent]).states[0]
 
 
 def plain_sums(one: RunState, terms: list[Term], group: int) -> Array:

@@ -59,7 +59,7 @@ def test_cosines_of_another_stretch_of_time_are_no_multiples():
 def test_the_gain_along_a_size_is_that_of_columns_carried_anew():
     recording = simulate("bursts", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(3)).recording
     model = Model.linear()
-    known = [BaseProjection(one, model) for one in solve_runs(model, [recording]).passes]
+    known = [BaseProjection(one, model) for one in solve_runs(model, [recording]).states]
     effect = find("bias_gauss_markov")
     shape = {n: sh.grid(known[0].column_filter.signals)[0] for n, sh in effect.shapes.items()}
     loss = profile_loss(known, Hypothesis(effect, shape), shape, "tau")
