@@ -18,7 +18,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.effects.building_blocks import lagged
 from accelcal.estimation.gauss_newton import iterate
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.signals.signals import Origins, Signals
 from accelcal.simulation.motion import Motion
@@ -65,8 +65,8 @@ def hide(name: str, seed: int) -> Hidden:
     train, holdout = (simulated.recording for simulated in made)
     if name == "none":
         return Hidden(train, holdout, None, 0.0, {})
-    run = PreparedRun(train)
-    state = iterate(Model.linear(), [run], [None]).passes[0]
+    run = prepare(train)
+    state = iterate(Model.linear(), [run], [None]).states[0]
     limits = scan([state], Model.linear()).detection_limits
     possible = [
         n
@@ -79,7 +79,6 @@ def hide(name: str, seed: int) -> Hidden:
     effect = find(possible[int(rng.integers(len(possible)))] if name == "random" else name)
     if effect.name not in possible:
         raise ValueError(f"{effect.name!r} cannot be hidden in this demo; choose one of {', '.join(possible)}")
-    assert state.signals is not None
     shape = {key: float(rng.choice(declared.grid(state.signals))) for key, declared in effect.shapes.items()}
     size = float(rng.choice([1.0] if effect.traits.positive else [-1.0, 1.0])) * STRENGTH * limits[effect.name]
     origins = run.origins

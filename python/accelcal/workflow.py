@@ -14,7 +14,7 @@ from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, estimate, result, solve_runs, taken_up
+from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
 from accelcal.selection.improvement import History, Improvement, Step
@@ -137,8 +137,8 @@ def fit_without_outliers(
     band: float | None = None,
 ) -> Fit:
     """The model fitted again without outliers; the fit itself where there are none."""
-    passes = taken_up(fit, recordings)
-    if passes is not None and not any(outliers_found(run_noise_tests(state)) for state in passes):
+    states = restored_states(fit, recordings)
+    if states is not None and not any(outliers_found(run_noise_tests(state)) for state in states):
         return fit
 
     def solve(these: Sequence[Recording]) -> Solution:
@@ -176,14 +176,14 @@ def add(
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
     several = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    model, passes = fit.model, taken_up(fit, several)
+    model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
-        if passes is None or model is not fit.model:
-            passes = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).passes
-        requested = scan(passes, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
+        if states is None or model is not fit.model:
+            states = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).states
+        requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
             why = "this record does not excite it; `accelcal power` says what the record can show"

@@ -15,7 +15,7 @@ from scipy import stats
 from accelcal.demo import TRUTH, with_effect
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.selection.collinearity import explained_gain
 from accelcal.simulation.sensor import CXL02_RIG, simulate
@@ -35,7 +35,7 @@ def errors() -> tuple[np.ndarray, np.ndarray]:
         for seed in range(RECORDS):
             rng = np.random.default_rng([17, seed])
             made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
-            recording = with_effect(made, find(name), size, shape, PreparedRun(made.recording).origins)
+            recording = with_effect(made, find(name), size, shape, prepare(made.recording).origins)
             found = estimate(Model.linear().add(name, shapes={name: STARTS[name]}), recording)
             ended = {f"{name}.{key}": found[f"{name}.{key}"].value for key in shape}
             held = estimate(found.model.freeze(**ended), recording)
@@ -67,7 +67,7 @@ def test_errors_are_as_large_as_they_say(errors):
 def test_a_held_shape_stays_and_says_so():
     rng = np.random.default_rng(5)
     made = simulate("interleaved", seconds=20.0, rig=CXL02_RIG, parameters=TRUTH, rng=rng)
-    recording = with_effect(made, find("creep"), 0.2, {"tau": 2.0, "start": 0.0}, PreparedRun(made.recording).origins)
+    recording = with_effect(made, find("creep"), 0.2, {"tau": 2.0, "start": 0.0}, prepare(made.recording).origins)
     model = Model.linear().add("creep", shapes={"creep": {"tau": 1.0, "start": 0.0}}).freeze(**{"creep.tau": 1.5})
     held = estimate(model, recording)
     assert held["creep.tau"].value == 1.5
@@ -82,7 +82,7 @@ def clipped(seed: int, softness: float, share: float) -> tuple[Fit, Fit]:
     """Fits of a clip at a share of the largest output: with what physics says of clips, and without."""
     made = simulate("interleaved", seconds=30.0, rig=CXL02_RIG, parameters=TRUTH, rng=np.random.default_rng([18, seed]))
     level = share * float(np.max(np.abs(made.recording.accel.y)))
-    recording = with_effect(made, find("saturation"), softness, {"level": level}, PreparedRun(made.recording).origins)
+    recording = with_effect(made, find("saturation"), softness, {"level": level}, prepare(made.recording).origins)
     believed = add(estimate(Model.linear(), recording), recording, "saturation")
     return believed, estimate(replace(believed.model, priors={}), recording)
 

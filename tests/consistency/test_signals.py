@@ -15,7 +15,7 @@ from accelcal.simulation.sensor import ADXL105_RIG, simulate
 
 def test_position_velocity_and_acceleration_scatter_as_they_say():
     made = simulate("bursts", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
-    one = solve_runs(Model.linear(), [made.recording]).passes[0]
+    one = solve_runs(Model.linear(), [made.recording]).states[0]
     s, true = one.signals, made.truth.motion
     assert s is not None
     t = s.t + one.run.origins.t
@@ -41,7 +41,7 @@ def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
         channel = getattr(made.recording, name)
         kept = (channel.t < begin) | (channel.t > end)
         cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
-    one = solve_runs(Model.linear(), [replace(made.recording, **cut)]).passes[0]
+    one = solve_runs(Model.linear(), [replace(made.recording, **cut)]).states[0]
     s = one.signals
     assert s is not None
     t = s.t + one.run.origins.t

@@ -13,7 +13,7 @@ from accelcal import io
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import faults
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
 
 RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
@@ -50,7 +50,7 @@ def test_good_records_are_used_whole(motion, rig):
         parameters = {"cubic": 1e-3, "quadratic": 3e-3} if seed >= 4 else {}
         recording = record(motion, RIGS[rig], 50 + seed, parameters=parameters, **VARIANTS[seed % 4])
         alarms += [(seed, "break", t) for t in usable(recording).breaks]
-        alarms += [(seed, fault.kind, fault.time) for fault in faults(recording, PreparedRun(recording))]
+        alarms += [(seed, fault.kind, fault.time) for fault in faults(recording, prepare(recording))]
     print(f"{motion} {rig}: {len(alarms)} alarms in 8 records")
     assert alarms == []
 
@@ -99,7 +99,7 @@ def test_each_fault_is_reported_with_time_and_size(kind, motion, rig):
         limit = 0.8 * float(np.max(np.abs(a.y)))
         at = float(a.t[np.argmax(np.abs(a.y) > limit)])
         bad, channel, time, size = output(good, np.clip(a.y, -limit, limit)), "accel", at, None
-    found = [f for f in faults(bad, PreparedRun(bad)) if f.kind == kind.split()[0] and f.channel == channel]
+    found = [f for f in faults(bad, prepare(bad)) if f.kind == kind.split()[0] and f.channel == channel]
     assert found, kind
     # 0.6 s: a change of delay shows only while the stage moves
     assert min(abs(f.time - time) for f in found) < (0.6 if kind == "dropped_samples" else 0.05)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accelcal.estimation.adjoint import asked_of_output, asked_of_readings
+from accelcal.estimation.adjoint import gradient_in_output, gradient_in_readings
 
 
 def run_with(gains, step, kept):
@@ -46,9 +46,9 @@ def test_what_is_asked_is_the_transpose_of_the_filter(side, seed, n, step):
 
     if side == "output":  # it pushes the prediction up, so its innovation goes down
         said = -innovations(gains, step, error, nothing)
-        asked = asked_of_output(run_with(gains, step, kept), y[kept])
+        asked = gradient_in_output(run_with(gains, step, kept), y[kept])
     else:
         said = innovations(gains, step, nothing, error)
-        asked = asked_of_readings(run_with(gains, step, kept), y[kept])
+        asked = gradient_in_readings(run_with(gains, step, kept), y[kept])
 
     assert asked @ error[kept] == pytest.approx(y @ said, rel=1e-9, abs=1e-9)  # both double, at most 60 steps

@@ -66,19 +66,12 @@ def by_replay(c: Case, *, restart: Array | None = None) -> tuple[Array, Array]:
     begins = np.zeros(n, dtype=np.bool_) if restart is None else restart
     begins[0] = True
     track = _core.ReplayTrack(c.t, c.z, c.first, c.second, begins, q=c.q, r=c.R, prior=c.prior)
-    X, state = np.empty((n, m)), np.zeros(2 * m)
-    track.carry(
-        c.t,
-        begins,
-        c.grid,
-        c.at_readings,
-        start=c.start,
-        step=c.step,
-        from_=0,
-        to=n,
-        state=state,
-        whitened=X,
-    )
+    grid = c.start, c.step, len(c.grid)
+    bank = _core.Bank(track, c.t, begins, np.ones(n, dtype=np.bool_), grid=grid, from_=0, to=n, group=1)
+    rows, response = np.empty((m, n)), np.zeros((m, 2))
+    bank.carry_inputs(list(np.ascontiguousarray(c.grid.T)), 1.0, response[:INPUTS], rows[:INPUTS])
+    bank.carry_readings(list(np.ascontiguousarray(c.at_readings.T)), response[INPUTS:], rows[INPUTS:])
+    X = rows.T
     y = track.series("e") / np.sqrt(track.series("S"))
     covariance = np.linalg.inv(X.T @ X + np.diag(c.precision))
     return covariance @ (X.T @ y), covariance

@@ -142,7 +142,7 @@ def fitted(world: World) -> RunState:
     """The linear model on a world's record, read from its file."""
     with tempfile.TemporaryDirectory() as folder:
         recording = io.load(world.record().write(folder))
-    return solve_runs(Model.linear(), [recording]).passes[0]
+    return solve_runs(Model.linear(), [recording]).states[0]
 
 
 def found(state: RunState) -> bool:

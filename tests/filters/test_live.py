@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from accelcal import filters
 from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, is_local
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
+from accelcal.filters.fixed_rate import fixed_rate
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate
@@ -116,7 +116,7 @@ def test_without_effects_it_is_the_forward_filter() -> None:
     choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4")
     P0 = np.diag([1e4 * READING**2, 1.0, 0.3**2, 3.0**2])
     given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [made.z[0], 0.0, 0.0, 0.0], "P0": P0}
-    same = filters.fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]
+    same = fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]
     same.run(made.u, made.z)
     deviation = np.sqrt(np.diag(same.covariance))[2:]
     assert (

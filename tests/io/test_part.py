@@ -39,7 +39,7 @@ def test_nothing_left_is_refused(whole):
 
 def test_smoothed_motion_stays_within_the_travel_across_a_hole(whole):
     cut = whole.without((12.0, 22.0))
-    state = solve_runs(ac.Model.linear(), [cut]).passes[0]
+    state = solve_runs(ac.Model.linear(), [cut]).states[0]
     travel = np.ptp(whole.position.y)
     assert np.ptp(state.signals.p) < 1.01 * travel  # an integral through 10 s of hole leaves it by metres
     inside = (state.signals.t > 12.1) & (state.signals.t < 21.9)

@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import workflow
 from accelcal.cli import write_recording
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain, variance_gain
-from accelcal.estimation.estimate import estimate, solve_runs, taken_up
+from accelcal.estimation.estimate import estimate, restored_states, solve_runs
 from accelcal.serialization import diagnosis_json, model_file
 from accelcal.workflow import add, diagnose, drop, improve
 
@@ -58,12 +58,12 @@ def test_nothing_is_added_where_nothing_is_missing(plain):
 def test_a_fit_is_resumed_as_it_ended():
     run = dataclasses.replace(record(6, cubic=1e-3), digest="six")
     found = estimate(ac.Model.cubic(), run)
-    left, resumed = solve_runs(found.model, [run]).passes[0], taken_up(found, [run])[0]
+    left, resumed = solve_runs(found.model, [run]).states[0], restored_states(found, [run])[0]
     # Rounds of a fit end when a hundredth of a standard deviation moves nothing; so far may the two be apart.
     assert np.allclose(resumed.normal.gram, left.normal.gram, rtol=1e-4)
     assert resumed.log_likelihood == pytest.approx(left.log_likelihood, abs=1e-3)
-    assert taken_up(found, [dataclasses.replace(run, digest="seven")]) is None
-    assert taken_up(found, [run.part(0.0, 20.0)]) is None
+    assert restored_states(found, [dataclasses.replace(run, digest="seven")]) is None
+    assert restored_states(found, [run.part(0.0, 20.0)]) is None
 
 
 def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():

@@ -31,7 +31,7 @@ from accelcal.diagnosis.relation import (
     _solve,
     _unexplained,
 )
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ def usable(recording: Recording) -> Usable:
     RecordingError
         If the channels do not overlap.
     """
-    run = PreparedRun(recording)
+    run = prepare(recording)
     columns = RelationColumns(run)
     breaks = find_breaks(columns)
     start, end = float(run.t[0]), float(run.t[-1])

@@ -65,7 +65,6 @@ def sizes_of(
     in_model: dict[str, Size] = {}
     for number, state in enumerate(states):
         values = fit.values(number)
-        assert state.signals is not None
         total: dict[str, np.ndarray] = {}
         for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
             contribution = values.by_name[term.name] * column
@@ -81,5 +80,5 @@ def contribution_of_test(test: NoiseTest, states: Sequence[RunState]) -> Size | 
     effect = CATALOGUE.get(test.effect)
     if effect is None or effect.traits.noise is None:
         return None
-    value = effect.traits.noise.size_of(test.estimate, test.parts, [s.signals for s in states if s.signals])
+    value = effect.traits.noise.size_of(test.estimate, test.parts, [state.signals for state in states])
     return None if value is None else Size(value, at_encoder=effect.owner == "encoder")

@@ -10,7 +10,7 @@ from scipy import special
 from accelcal.diagnosis.search.scan import Scan
 from accelcal.effects import HOUSE
 from accelcal.estimation.estimate import Fit, judge
-from accelcal.estimation.gauss_newton import Solution, estimated
+from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
 
 DELAY_CLASS = tuple(effect.name for effect in HOUSE if effect.traits.delay_class)
 DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
@@ -27,11 +27,10 @@ def with_detected_effects(solution: Solution, profiled: Fit, found: Scan) -> Fit
     try:
         for finding in found.found:
             model = finding.enter(model)
-        states = [state.grown(model) for state in solution.passes]
-        for state in solution.passes:
-            state.release()
-        refined = estimated(model, states, grown=True)
-        judge(refined.layout, refined.x, refined.covariance, [state.run for state in solution.passes])
+        states = [state.grown(model) for state in solution.states]
+        solution.states.clear()  # so that each step frees the track before it
+        refined = estimated(model, states, least=ROUNDS_OF_GROWN)
+        judge(refined.layout, refined.x, refined.covariance, [state.run for state in states])
         estimates = refined.layout.estimates(refined.x, refined.covariance, model)
         return replace(profiled, model=model, estimates=estimates, covariance=refined.covariance)
     except ValueError:

@@ -12,7 +12,6 @@ from accelcal.diagnosis.policy import (
     VIBRATION_LINE_SHARE,
 )
 from accelcal.effects import HOUSE, find
-from accelcal.estimation.shape_parameters import signals_of
 from accelcal.model import Term, terms_of
 
 ALSO_RAISED = {e.name: e.traits.noise.raises for e in HOUSE if e.traits.noise}
@@ -24,7 +23,7 @@ def separate_lines(cleaned: CleanFit) -> list[Term]:
     them."""
     if LINE in cleaned.solution.model.effects:
         return []
-    fastest = 0.4 / max(signals_of(state).step for state in cleaned.solution.passes)
+    fastest = 0.4 / max(state.signals.step for state in cleaned.solution.states)
     lines = [test.parts for test in cleaned.tests if test.effect == LINE and test.p_value < NOISE_TEST_ALPHA]
     return [
         term

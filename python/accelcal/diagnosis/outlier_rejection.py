@@ -83,7 +83,7 @@ def clean_fit(
     recordings, found_earlier = list(recordings), {test.effect: test for test in before}
     solution = solve(recordings)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
-        tests_of_runs = [run_noise_tests(state) for state in solution.passes]
+        tests_of_runs = [run_noise_tests(state) for state in solution.states]
         tests = [test for of_run in tests_of_runs for test in of_run]
         outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
         if not rounds_left or not any(outlier_tests):

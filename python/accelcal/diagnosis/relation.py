@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 
@@ -25,7 +25,7 @@ class RelationColumns:
     def __init__(self, run: PreparedRun) -> None:
         self.run = run
         shift = run.accel_step
-        late, plain, early = (run.drive(Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
+        late, plain, early = (drive(run, Values({"time_offset": d}), None) for d in (-shift, 0.0, shift))
         gone = late.restart | plain.restart | early.restart
         h: Array = np.where(gone, 0.0, np.diff(plain.t, prepend=plain.t[0]))
         zero = np.zeros_like(h)
@@ -47,7 +47,7 @@ class RelationColumns:
         r = run.reading_variance_guess
         noise = Noise((2.0 * np.pi * band) ** 4 * r * run.reading_step, r)
         settled = self.drives[0].settled(run.wait(noise))
-        drives = [drive.arrays for drive in self.drives]
+        drives = [column.arrays for column in self.drives]
         innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))
         rows = innovations[:, settled]
         size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / rows.shape[1])
@@ -67,8 +67,9 @@ class RelationColumns:
         begins = zero > 0.0
         begins[0] = True
         t: Array = np.arange(len(reading), dtype=np.float64) * run.reading_step
-        drive = DriveIntegrals(t, reading, zero, zero, begins)
-        return run.track(drive, noise).series("e")[before + len(z) // 2 :]
+        return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins), noise).series("e")[
+            before + len(z) // 2 :
+        ]
 
 
 @dataclass(frozen=True, slots=True)

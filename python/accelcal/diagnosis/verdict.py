@@ -27,7 +27,7 @@ from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.effects import HOUSE, Effect, find
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.model import Model, evaluate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
@@ -113,7 +113,7 @@ class TimeSpan:
             found = usable(recording)
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
-        run = PreparedRun(recording, start=start, end=end) if columns is None else columns.run
+        run = prepare(recording, start=start, end=end) if columns is None else columns.run
         suspect = tuple(fault.sentence for fault in faults(recording, run, columns))
         return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
 
@@ -136,9 +136,9 @@ def verdict_on(
     report : called with the share of the work that is done, 0 to 1.
     """
     solution, tests = cleaned.solution, cleaned.tests
-    model, profiled = solution.model, result(solution)
+    model, profiled, recording = solution.model, result(solution), solution.states[0].run.recording
     found = scan(
-        solution.passes,
+        solution.states,
         model,
         extra=extra,
         separate=separate_lines(cleaned),
@@ -150,11 +150,10 @@ def verdict_on(
         [t for t in tests if t.p_value < level and t.effect not in model.effects], no_effect_found=not found.found
     )
     largest = contributions(profiled, solution)
-    sizes = sizes_of(profiled, solution.passes, found.candidates, significant)
+    sizes = sizes_of(profiled, solution.states, found.candidates, significant)
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
-    for state in solution.passes:  # what follows predicts anew: one set of signals at a time
-        state.release()
+    solution.states.clear()  # the comparison predicts anew: one set of signals at a time
     if found.blocks < VERDICT_LEAST_BLOCKS:
         significant = ()
     groups = [
@@ -182,7 +181,7 @@ def verdict_on(
         fit=profiled,
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=significant,
-        where=compare(profiled, solution.passes[0].run.recording, start=stretch.start, end=stretch.end),
+        where=compare(profiled, recording, start=stretch.start, end=stretch.end),
         largest=largest,
         sizes=sizes,
         alpha=alpha,
@@ -194,9 +193,8 @@ def verdict_on(
 def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
     """Largest contribution of each coefficient over all runs, m/s² (m at the encoder)."""
     maxima: dict[str, float] = {}
-    for number, state in enumerate(solution.passes):
+    for number, state in enumerate(solution.states):
         values = fit.values(number)
-        assert state.signals is not None
         for term, column in zip(values.terms, evaluate(values.terms, state.signals), strict=True):
             size = abs(values.by_name[term.name]) * float(np.max(np.abs(column)))
             maxima[term.name] = max(size, maxima.get(term.name, 0.0))

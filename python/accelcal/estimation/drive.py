@@ -1,4 +1,4 @@
-"""Encoder readings, and the integrals of acceleration between them."""
+"""What drives the motion between encoder readings, and the two-state filter over them."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal import _core
 from accelcal.data.arrays import Array, Flags
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.values import Noise, Values
+from accelcal.signals.signals import Signals
 
 HOLE = 8.0
-"""A spacing of accelerometer samples beyond this many periods is a hole; the replay starts anew behind it."""
+"""A spacing of accelerometer samples beyond this many periods is a hole; the replay restarts behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +42,56 @@ class DriveIntegrals:
         return np.asarray(self.t > self.t[last] + wait)
 
     def part(self, rows: slice) -> DriveIntegrals:
-        """A stretch of it, starting anew."""
+        """The readings in `rows`, with a restart at the first."""
         restart = self.restart[rows].copy()
         restart[0] = True
         return DriveIntegrals(self.t[rows], self.z[rows], self.first[rows], self.second[rows], restart)
+
+
+def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveIntegrals:
+    """Integrals of the stage acceleration that output and model imply, interval by interval.
+
+    Parameters
+    ----------
+    run : readings and output.
+    values : coefficients at which the model is taken.
+    signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
+    """
+    begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
+    first, second, covered = _core.drive(
+        run.accel.t - begin,
+        run.accel.y,
+        run.t - begin,
+        how="cubic",
+        tau=run.tau(values),
+        delay=values.time_offset,
+        hole=HOLE * run.accel_step,
+    )
+    h = np.diff(run.t, prepend=run.t[0])
+    first -= values.bias * h
+    second -= values.bias * h**2 / 2.0
+    z = run.z
+    if signals is not None:
+        t_grid = signals.t + run.origins.t
+        total = values.total("output", signals)
+        if total is not None:
+            once, twice, _ = _core.drive(t_grid, total, run.t, how="cubic", tau=0.0, delay=0.0, hole=np.inf)
+            first -= once
+            second -= twice
+        if any(values.additive("position")):
+            read = values.total("position", signals.resampled(run.t - run.origins.t))
+            z = z if read is None else z - read
+    gain = run.rig.polarity / values.scale
+    restart = ~covered
+    restart[0] = True
+    first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
+    first -= run.rig.gravity * h
+    second *= gain
+    second -= run.rig.gravity * h**2 / 2.0
+    first[restart] = second[restart] = 0.0
+    return DriveIntegrals(run.t, z, first, second, restart)
+
+
+def run_filter(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:
+    """Track of the two-state filter over the readings."""
+    return _core.ReplayTrack(*integrals.arrays, q=noise.q, r=noise.r, prior=run.prior(noise.r))

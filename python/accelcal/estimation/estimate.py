@@ -14,16 +14,26 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import CATALOGUE, HOUSE, find
-from accelcal.estimation.gauss_newton import MAX_ROUNDS, Layout, NotIdentifiable, Solution, estimated, iterate
-from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import LEAST_BLOCKS, RunFit, RunState
+from accelcal.estimation.gauss_newton import (
+    MAX_ROUNDS,
+    Layout,
+    NotIdentifiable,
+    Solution,
+    estimated,
+    initial_states,
+    iterate,
+)
+from accelcal.estimation.normal_equations import LEAST_BLOCKS
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run_fit import RunFit, run_fit
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
 
 TRIAL_BANDS = 9
-"""Bands that are tried when it is not."""
+"""Bands that are tried where the noise is not white."""
 SEPARATED_BY_TURNING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "rolling")
 SCALE_STD_LIMIT = 0.5
@@ -46,11 +56,11 @@ class Fit:
     """Rig of the first recording."""
     method: str = "replay"
     validity: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) that the fit has seen."""
+    """Range of a (m/s²), v (m/s), p (m), temperature (degC), frequency (Hz) in the data of the fit."""
     remarks: tuple[str, ...] = ()
-    """Sentences a user must read beside the numbers."""
+    """Sentences a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
-    """Shape parameters that were estimated (creep.tau); their doubt stands in the covariance, they do not."""
+    """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
 
     def __repr__(self) -> str:
         each = (
@@ -101,9 +111,9 @@ def estimate(
     ----------
     model : base and effects.
     recordings : one or several runs. Each is whitened on its own; their information adds up. Parameters of the
-        sensor are shared, those of timing belong to each run. Runs with a reversed mount beside normal ones bring in
-        `tilt`, rolled beside normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance
-        brings in `lowpass_error` with that tolerance as its prior.
+        sensor are shared, those of timing belong to each run. Reversed mounts together with normal ones add `tilt`,
+        rolled with normal ones `misalignment` and `cross_axis_gravity`; a low-pass with a declared tolerance adds
+        `lowpass_error` with that tolerance as its prior.
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
@@ -142,46 +152,47 @@ def solve_runs(
     origins: Origins | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
-    """Complete the model, prepare the runs and iterate; where the noise is not white, in the band that determines the
-    scale best.
+    """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
 
     Parameters and errors are those of :func:`fit`.
     """
     require_distinct(recordings)
     model = complete(model, recordings)
-    first = PreparedRun(recordings[0], origins, start=start, end=end)
-    runs = [first, *(PreparedRun(r, first.origins, start=start, end=end) for r in recordings[1:])]
+    first = prepare(recordings[0], origins, start=start, end=end)
+    runs = [first, *(prepare(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
         require_motion(run)
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
-        bands = [choose_band(model, one) if one.coloured else None for one in solution.passes]
+        bands = [choose_band(model, state) if state.coloured else None for state in solution.states]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
     return refine_shapes(solution)
 
 
 SETTLING = 3
-"""Times that signals and nominal are made anew from each other when a fit with effects is taken up again."""
+"""Times that signals and nominal are made from each other when the states of a fit with effects are restored."""
 
 
-def taken_up(fit: Fit, recordings: Sequence[Recording]) -> list[RunState] | None:
-    """Runs as a fit left them, without solving for it again; None where it was made to other data, or in a band."""
-    if len(recordings) != len(fit.runs) or any(one.noise.band is not None for one in fit.runs):
+def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState] | None:
+    """States of the runs at the values of a fit; None where it was made to other data, or in a band."""
+    if len(recordings) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
-    passes = []
-    for index, (recording, seen) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = PreparedRun(recording, fit.origins)
+    states = []
+    for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
+        run = prepare(recording, fit.origins)
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
-        fitted = (seen.start, seen.end, seen.readings, seen.samples)
-        if not seen.digest or seen.digest != recording.digest or span != fitted:
+        if not fitted.digest or fitted.digest != recording.digest:
             return None
-        one = RunState(run, fit.values(index), fit.noise(index), fit.model.free, None)
-        for _ in range(1 if one.values.constant else SETTLING):
-            one.refresh(noise_too=False)
-        passes.append(one)
-    return passes
+        if span != (fitted.start, fitted.end, fitted.readings, fitted.samples):
+            return None
+        values = fit.values(index)
+        state = RunState.at(run, values, fit.noise(index), search_noise=False)
+        for _ in range(0 if values.constant else SETTLING - 1):
+            state.refresh(values, search_noise=False)
+        states.append(state)
+    return states
 
 
 def result(solution: Solution) -> Fit:
@@ -192,9 +203,9 @@ def result(solution: Solution) -> Fit:
     NotIdentifiable, RecordingError
         If the solution cannot be a sensor on the declared rig.
     """
-    model, layout, passes = solution.model, solution.layout, solution.passes
+    model, layout, states = solution.model, solution.layout, solution.states
     x, covariance = solution.x, solution.covariance
-    runs = [one.run for one in passes]
+    runs = [state.run for state in states]
     left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
     remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
     remarks += [
@@ -204,12 +215,12 @@ def result(solution: Solution) -> Fit:
         if b is not None
     ]
     remarks += judge(layout, x, covariance, runs)
-    remarks += hardly_told(layout, covariance, model)
+    remarks += mostly_prior(layout, covariance, model)
     if not solution.converged:
         remarks.append(
             f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
         )
-    fits = tuple(one.finish() for one in passes)
+    fits = tuple(run_fit(state, model) for state in states)
     remarks += [f"{f.name or 'recording'}: {f.noise.remark}" for f in fits if f.noise.remark]
     return Fit(
         model=model,
@@ -218,45 +229,45 @@ def result(solution: Solution) -> Fit:
         runs=fits,
         origins=runs[0].origins,
         rig=runs[0].rig,
-        validity=validity(passes),
+        validity=validity(states),
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
     )
 
 
-def choose_band(model: Model, one: RunState) -> float | None:
+def choose_band(model: Model, state: RunState) -> float | None:
     """Band in which this run determines the scale factor best by the scatter of its own blocks.
 
-    Where the noise is not white, a crossover from the likelihood follows the loudest part of the spectrum. Each
+    Where the noise is not white, a crossover from the likelihood follows the strongest part of the spectrum. Each
     trial band is fitted on its own; the relative standard deviation of 1 + k decides, measured, not modelled.
     """
-    crossover = one.run.crossover(one.noise)
-    least = LEAST_BLOCKS / float(one.run.t[-1] - one.run.t[0])
-    top = min(crossover, 0.2 / one.run.reading_step)
+    run = state.run
+    least = LEAST_BLOCKS / float(run.t[-1] - run.t[0])
+    top = min(run.crossover(state.noise), 0.2 / run.reading_step)
     if least >= top:
         return None
     best: tuple[float, float] | None = None
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
-            trial = estimated(model, [RunState.begin(one.run, model, float(band))])
+            trial = estimated(model, initial_states(model, [run], [float(band)]))
         except (NotIdentifiable, ValueError):
             continue
         slot = next((i for i, (e, _) in enumerate(trial.layout.slots) if e.name == "scale_factor"), None)
         if slot is None or not trial.converged:
             continue
-        doubt = math.sqrt(trial.covariance[slot, slot]) / abs(1.0 + float(trial.x[slot]))
-        if best is None or doubt < best[0]:
-            best = (doubt, float(band))
+        relative = math.sqrt(trial.covariance[slot, slot]) / abs(1.0 + float(trial.x[slot]))
+        if best is None or relative < best[0]:
+            best = (relative, float(band))
     return None if best is None else best[1]
 
 
 def name_of(run: PreparedRun) -> str:
-    """What messages call a run."""
+    """Name of a run in messages."""
     return run.recording.name or "recording"
 
 
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
-    """Add what turning or rolling the sensor between recordings makes visible, and the error of the low-pass.
+    """The model with the effects that turning or rolling the sensor separates, and the error of the low-pass.
 
     Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
     for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
@@ -301,7 +312,7 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
 
 
 def require_band(run: PreparedRun, band: float | None) -> None:
-    """Refuse a band that is none, or lies beyond what the readings can show.
+    """Refuse a band that is not positive, or beyond half the rate of the readings.
 
     Raises
     ------
@@ -317,7 +328,7 @@ def require_band(run: PreparedRun, band: float | None) -> None:
 
 
 def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
-    """Refuse what cannot be a sensor, and say what is strange.
+    """Refuse what cannot be a sensor; remarks on what is implausible.
 
     Raises
     ------
@@ -359,8 +370,8 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
     return remarks
 
 
-def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
-    """Coefficients of which the record says less than physics did before it, each a sentence."""
+def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
+    """A sentence for each coefficient that the prior determines more than the record."""
     return [
         f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
         for k, (term, _) in enumerate(layout.slots)
@@ -370,22 +381,21 @@ def hardly_told(layout: Layout, covariance: Array, model: Model) -> list[str]:
     ]
 
 
-def validity(passes: Sequence[RunState]) -> dict[str, tuple[float, float]]:
-    """Ranges that the fit has seen, over all runs."""
+def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
+    """Ranges of motion, frequency and side channels in the data of the fit, over all runs."""
     ranges: dict[str, list[float]] = {}
 
     def widen(key: str, low: float, high: float) -> None:
         ranges.setdefault(key, [low, high])
         ranges[key] = [min(ranges[key][0], low), max(ranges[key][1], high)]
 
-    for one in passes:
-        s = one.signals
-        assert s is not None
-        for key, y in (("a", s.a), ("v", s.v), ("p", s.p + one.run.origins.p)):
+    for state in states:
+        s, origins = state.signals, state.run.origins
+        for key, y in (("a", s.a), ("v", s.v), ("p", s.p + origins.p)):
             widen(key, float(np.min(y)), float(np.max(y)))
         widen("frequency", 0.0, s.cutoff)
         for key, y in s.side.items():
-            offset = one.run.origins.temperature if key == "temperature" else 0.0
+            offset = origins.temperature if key == "temperature" else 0.0
             widen(key, float(np.min(y)) + offset, float(np.max(y)) + offset)
     return {key: (low, high) for key, (low, high) in ranges.items()}
 

@@ -10,13 +10,15 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.estimation.initial import initial_estimate
+from accelcal.estimation.normal_equations import NormalEquations, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term
 
-LEAST_ROUNDS = 3
-"""Rounds of a fit that begins at a first guess."""
+LEAST_ROUNDS, ROUNDS_OF_GROWN = 3, 2
+"""Least rounds of a fit that begins at an initial estimate, and at the fit of a smaller model."""
 MAX_ROUNDS = 12
 """Rounds of linearisation; a start within a fifth of a period of the true delay needs four."""
 USUAL_ROUNDS = 6
@@ -35,14 +37,14 @@ class NotIdentifiable(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Where the iteration came to rest."""
+    """Estimates at the end of the iteration, and the states of the runs there."""
 
     model: Model
-    """What was fitted: what was asked for, and what the rigs of the runs add to it."""
+    """The model that was asked for, with what the rigs of the runs add to it."""
     layout: Layout
     x: Array
     covariance: Array
-    passes: list[RunState]
+    states: list[RunState]
     converged: bool
     chosen: tuple[float | None, ...] = ()
     """Band of each run that was chosen because its noise is not white, Hz."""
@@ -52,7 +54,7 @@ class Solution:
     @property
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs."""
-        return sum(one.log_likelihood for one in self.passes)
+        return sum(state.log_likelihood for state in self.states)
 
 
 def iterate(
@@ -61,75 +63,88 @@ def iterate(
     bands: Sequence[float | None],
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
-    """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors, all of it taken there.
+    """Gauss-Newton to the fixed point of nominal, noise and smoothed regressors, with the states of the runs there.
 
     Raises
     ------
     NotIdentifiable
         If the information matrix is singular.
     """
-    solution = estimated(
-        model, [RunState.begin(run, model, band) for run, band in zip(runs, bands, strict=True)], report
-    )
-    for index, one in enumerate(solution.passes):
-        one.values = solution.layout.scatter(solution.x, model, index)
-        one.refresh(noise_too=False)
+    solution = estimated(model, initial_states(model, runs, bands), report)
+    for index, state in enumerate(solution.states):
+        state.refresh(solution.layout.scatter(solution.x, model, index), search_noise=False)
     return solution
+
+
+def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[float | None]) -> list[RunState]:
+    """States of all runs at their initial estimates, parameters of the sensor shared."""
+    initial = [initial_estimate(run, model) for run in runs]
+    layout = Layout.of(model, len(runs))
+    x = layout.gather([values for values, _ in initial])
+    return [
+        RunState.at(run, layout.scatter(x, model, index), noise, band, search_noise=True)
+        for index, (run, band, (_, noise)) in enumerate(zip(runs, bands, initial, strict=True))
+    ]
 
 
 def estimated(
     model: Model,
-    passes: list[RunState],
+    states: list[RunState],
     report: Callable[[float], None] = lambda share: None,
     *,
-    grown: bool = False,
+    least: int = LEAST_ROUNDS,
 ) -> Solution:
-    """The same for who asks for estimates and covariance alone: the passes stay where the last step began.
+    """Iterate without the last re-linearisation, when only estimates and covariance are needed.
 
-    Passes that are `grown` from those of another fit have the normal equations of their first step.
+    Parameters
+    ----------
+    model : its free coefficients are estimated.
+    states : runs at which the first step is linearised; each moves with the steps that follow.
+    report : called with the share of the work that is done, 0 to 1.
+    least : rounds at least; two suffice where the states come from a fit of a smaller model.
 
     Raises
     ------
     NotIdentifiable
         If the information matrix is singular.
     """
-    layout = Layout.of(model, len(passes))
-    x = layout.gather([p.values for p in passes])
+    layout = Layout.of(model, len(states))
+    x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
-    converged, least = False, 2 if grown else LEAST_ROUNDS
+    converged = False
     for round_number in range(MAX_ROUNDS):
         information, score = np.diag(belief), belief * (mean - x)
-        for index, one in enumerate(passes):
-            one.values = layout.scatter(x, model, index)
-            if round_number > 0 or not grown:
-                one.refresh(noise_too=round_number < NOISE_ROUNDS)
+        normals = []
+        for index, state in enumerate(states):
+            if round_number > 0:
+                state.refresh(layout.scatter(x, model, index), search_noise=round_number < NOISE_ROUNDS)
+            normals.append(normal_equations(state, model.free))
             rows = layout.rows(index)
-            information[np.ix_(rows, rows)] += one.normal.gram
-            score[rows] += one.normal.score
+            information[np.ix_(rows, rows)] += normals[index].gram
+            score[rows] += normals[index].score
         step, covariance = solve(information, score, layout)
         x = x + step
         report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         converged = bool(np.all(np.abs(step) <= CONVERGED * np.sqrt(np.diag(covariance))))
         if round_number + 1 >= least and converged:
             break
-    if any(one.band is not None for one in passes):
-        covariance = robust(covariance, layout, passes, belief)
-    return Solution(model, layout, x, covariance, passes, converged)
+    if any(state.band is not None for state in states):
+        covariance = robust(covariance, layout, normals, belief)
+    return Solution(model, layout, x, covariance, states, converged)
 
 
-def robust(covariance: Array, layout: Layout, passes: Sequence[RunState], belief: Array) -> Array:
+def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations], belief: Array) -> Array:
     """Covariance from the scatter of block scores where the noise model does not hold (sandwich form)."""
     middle = np.diag(belief)
-    for index, one in enumerate(passes):
+    for index, normal in enumerate(normals):
         rows = layout.rows(index)
-        spread = one.normal.spread
-        middle[np.ix_(rows, rows)] += one.normal.gram if spread is None else spread
+        middle[np.ix_(rows, rows)] += normal.gram if normal.spread is None else normal.spread
     return np.asarray(covariance @ middle @ covariance)
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Which row of the joint solve belongs to which coefficient and run."""
+    """Rows of the joint solve by coefficient and run."""
 
     terms: tuple[Term, ...]
     runs: int
@@ -145,14 +160,14 @@ class Layout:
         return cls(model.free, runs, tuple(slots))
 
     def rows(self, run: int) -> list[int]:
-        """Row of each free coefficient as run `run` sees it."""
+        """Row of each free coefficient of run `run`."""
         return [
             next(i for i, (slot, r) in enumerate(self.slots) if slot.name == term.name and r in (None, run))
             for term in self.terms
         ]
 
     def gather(self, values: Sequence[Values]) -> Array:
-        """First guesses of all runs as one vector; shared ones are averaged over runs by median."""
+        """Coefficients of all runs as one vector; shared ones are averaged over runs by median."""
         x = np.empty(len(self.slots))
         for i, (term, run) in enumerate(self.slots):
             each = [v.by_name[term.name] for v in values]
@@ -160,7 +175,7 @@ class Layout:
         return x
 
     def scatter(self, x: Array, model: Model, run: int) -> Values:
-        """Coefficients as run `run` sees them."""
+        """Coefficients of run `run`."""
         own = {term.name: float(x[i]) for i, (term, r) in enumerate(self.slots) if r in (None, run)}
         terms = model.terms
         return Values({t.name: own.get(t.name, model.fixed.get(t.name, 0.0)) for t in terms}, terms)
@@ -192,15 +207,15 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
     Raises
     ------
     NotIdentifiable
-        If a column is empty or columns cannot be told apart.
+        If a column is empty or columns are collinear.
     """
     names = [term.name for term, _ in layout.slots]
     size = np.sqrt(np.diag(information))
     if not np.all(np.isfinite(information)):
         raise NotIdentifiable("the record is too violent for the model: the information matrix is not finite")
-    silent = [n for n, s in zip(names, size, strict=True) if s == 0.0]
-    if silent:
-        raise NotIdentifiable(f"{' and '.join(silent)} was not excited: the motion does not contain it")
+    unexcited = [n for n, s in zip(names, size, strict=True) if s == 0.0]
+    if unexcited:
+        raise NotIdentifiable(f"{' and '.join(unexcited)} was not excited: the motion does not contain it")
     correlation = information / np.outer(size, size)
     eigenvalues, vectors = scipy.linalg.eigh(correlation)
     if eigenvalues[0] < 1e-10:

@@ -7,13 +7,13 @@ import numpy as np
 from accelcal.data.arrays import Array, Flags
 
 MIN_READINGS = 16
-"""Fewer encoder readings than this are no record."""
+"""A record has at least this many encoder readings."""
 
 
 SPIKE_SPEED = 10.0
 """A step this many times faster than 98 % of all steps may not belong to the motion."""
 SPIKE_READINGS = 64
-"""And never longer than this many readings."""
+"""A spike is at most this many readings long."""
 SPIKE_JUMP = 0.25
 """A spike covers at least this share of its height in one step; motion takes many."""
 SPIKE_SHARE = 0.01

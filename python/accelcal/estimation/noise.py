@@ -1,4 +1,4 @@
-"""How loud the two channels are: q and R by innovation likelihood, at rest and in motion."""
+"""Process and reading noise (q, R) by innovation likelihood, at rest and in motion."""
 
 from __future__ import annotations
 
@@ -20,10 +20,12 @@ BLOCK_READINGS = 2048
 """Least number of readings in a block."""
 BLOCK_SPAN = 50.0
 """Least length of a block in time constants of the filter."""
+NEAR, GROWN = 0.05, 0.3
+"""First steps of a search in log q and log R: the least, and that of a model to which effects were added."""
 LEAST_COUNT = 256
-"""Fewer settled readings than this say nothing about noise."""
-SAID_BEYOND = 1.5
-"""A fitted density that differs from the declared one by more than this factor is said."""
+"""Fewer settled readings than this do not determine the noise."""
+REMARKED_BEYOND = 1.5
+"""A fitted density that differs from the declared one by more than this factor is remarked on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class NoiseReport:
-    """Noise of one recording: all of it, the rests, the motion, and what the data sheet says."""
+    """Noise of one recording: as a whole, at rest, in motion, and as declared on the data sheet."""
 
     noise: Noise
     all: Level
@@ -51,7 +53,7 @@ class NoiseReport:
     declared: float | None
     """Declared one-sided density, (m/s²)/sqrt(Hz)."""
     crossover: float
-    """Frequency above which the accelerometer knows more than the encoder, Hz."""
+    """Frequency above which the accelerometer determines the acceleration better than the encoder, Hz."""
     band: float | None = None
     """Band that was imposed because the noise is not white, Hz."""
 
@@ -62,8 +64,8 @@ class NoiseReport:
 
     @property
     def remark(self) -> str | None:
-        """What is said when fit and data sheet disagree by more than a factor 1.5."""
-        if self.ratio is None or 1.0 / SAID_BEYOND <= self.ratio <= SAID_BEYOND:
+        """A sentence when fit and data sheet disagree by more than a factor 1.5."""
+        if self.ratio is None or 1.0 / REMARKED_BEYOND <= self.ratio <= REMARKED_BEYOND:
             return None
         if self.ratio > 1.0:
             return (
@@ -76,17 +78,39 @@ class NoiseReport:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class NoiseSearch:
+    """Most likely noise so far, and the first step of the next search."""
+
+    noise: Noise
+    """By likelihood, no band imposed."""
+    width: float = 1.0
+    """First step of the next search, in log q and log R."""
+
+    def again(self, run: PreparedRun, integrals: DriveIntegrals) -> NoiseSearch:
+        """Search once more, from here; the next width is twice the distance moved."""
+        found = estimate_noise(run, integrals, self.noise, width=self.width)
+        moved = max(abs(math.log(found.q / self.noise.q)), abs(math.log(found.r / self.noise.r)))
+        return NoiseSearch(found, min(max(2.0 * moved, NEAR), 1.0))
+
+    def within(self, band: float | None, run: PreparedRun) -> Noise:
+        """The noise whose crossover lies at `band`, Hz, with the process density kept; without a band the noise."""
+        if band is None:
+            return self.noise
+        return Noise(self.noise.q, self.noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step))
+
+
 def estimate_noise(
-    run: PreparedRun, drive: DriveIntegrals, start: Noise, *, counts: Flags | None = None, reach: float = 1.0
+    run: PreparedRun, integrals: DriveIntegrals, start: Noise, *, counts: Flags | None = None, width: float = 1.0
 ) -> Noise:
     """Most likely q and R given the nominal motion (derivations 6.3).
 
     Parameters
     ----------
-    run, drive : a record and the acceleration between its readings.
+    run, integrals : a record and the acceleration between its readings.
     start : where to begin; ten times off is near enough.
     counts : (n,) optional; readings that are to count.
-    reach : first steps of the search in log q and log R; it goes further where it must.
+    width : first steps of the search in log q and log R; it goes further where it must.
 
     Returns
     -------
@@ -98,7 +122,7 @@ def estimate_noise(
     ValueError
         From the core, if the record is unusable.
     """
-    likelihood = Likelihood(run, drive, start, counts)
+    likelihood = Likelihood(run, integrals, start, counts)
     floor = math.log(max(run.least_step**2 / 12.0 / 20.0, 1e-30))
 
     def cost(x: Array) -> float:
@@ -106,7 +130,7 @@ def estimate_noise(
         return -likelihood(log_q, max(log_r, floor)) + 1e3 * max(0.0, floor - log_r)
 
     x0 = np.log([start.q, max(start.r, math.exp(floor) * 1.01)])
-    simplex = x0 + reach * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    simplex = x0 + width * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     best = scipy.optimize.minimize(
         cost,
         x0,
@@ -119,12 +143,12 @@ def estimate_noise(
 class Likelihood:
     """Innovation log-likelihood over blocks spread over a record, as a function of log q and log R."""
 
-    def __init__(self, run: PreparedRun, drive: DriveIntegrals, near: Noise, counts: Flags | None) -> None:
+    def __init__(self, run: PreparedRun, integrals: DriveIntegrals, near: Noise, counts: Flags | None) -> None:
         self.run = run
         span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
         parts: list[tuple[DriveIntegrals, Flags]] = []
         for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
-            part = drive.part(rows)
+            part = integrals.part(rows)
             count = part.settled(run.wait(near))
             if counts is not None:
                 count = count & counts[rows]
@@ -158,18 +182,20 @@ def blocks(n: int, length: int) -> list[slice]:
     return [slice(int(s), int(s) + length) for s in starts]
 
 
-def level_of(run: PreparedRun, drive: DriveIntegrals, noise: Noise, counts: Flags, sensor_scale: float) -> Level | None:
-    """Noise level of the readings that count, estimated anew; None when they are too few to tell."""
+def level_of(
+    run: PreparedRun, integrals: DriveIntegrals, noise: Noise, counts: Flags, sensor_scale: float
+) -> Level | None:
+    """Noise level of the readings that count, estimated anew; None when they are too few."""
     if int(counts.sum()) < LEAST_COUNT:
         return None
-    return level(run, drive, estimate_noise(run, drive, noise, counts=counts), sensor_scale, counts)
+    return level(run, integrals, estimate_noise(run, integrals, noise, counts=counts), sensor_scale, counts)
 
 
 def level(
-    run: PreparedRun, drive: DriveIntegrals, fitted: Noise, sensor_scale: float, counts: Flags | None = None
+    run: PreparedRun, integrals: DriveIntegrals, fitted: Noise, sensor_scale: float, counts: Flags | None = None
 ) -> Level:
     """Fitted noise in the user's units, with uncertainty from the curvature of the likelihood."""
-    likelihood = Likelihood(run, drive, fitted, counts)
+    likelihood = Likelihood(run, integrals, fitted, counts)
     log_q, log_r = likelihood.spread(fitted)
     density = abs(sensor_scale) * math.sqrt(2.0 * fitted.q)
     reading = math.sqrt(fitted.r)

@@ -1,4 +1,4 @@
-"""Estimates as readings come in: what the record had told by each instant, with its uncertainty."""
+"""Estimates as readings come in: the parameters and their uncertainty from the readings up to each instant."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
+from accelcal.estimation.columns import whitened_columns
 from accelcal.estimation.estimate import Fit, solve_runs
 
 POINTS = 240
 """Instants of a track."""
 SINGULAR = 1e-10
-"""Least eigenvalue of the scaled information below which nothing can be said yet."""
+"""Least eigenvalue of the scaled information at which a model is determined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,41 +55,41 @@ def track(
     record. Where a band was imposed, deviations are scaled to the robust ones at the end.
     """
     solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
-    one = solution.passes[0]
-    assert one.signals is not None
-    model = solution.model
+    state, model = solution.states[0], solution.model
+    run, counts = state.run, state.counts
     belief = solution.layout.prior_information(model)
-    m = len(one.terms)
+    m = len(model.free)
     gram, score = np.diag(belief), belief * (solution.layout.prior_mean(model) - solution.x)
-    at = np.linspace(one.run.t[0], one.run.t[-1], points + 1)[1:]
-    last = np.searchsorted(one.run.t, at, side="right")
+    at = np.linspace(run.t[0], run.t[-1], points + 1)[1:]
+    last = np.searchsorted(run.t, at, side="right")
     values, std = np.full((points, m), np.nan), np.full((points, m), np.nan)
     k = 0
-    for rows, columns in one.run.columns(one.track, one.drive, one.terms, one.signals):
-        columns = np.where(one.counts[rows][:, None], columns, 0.0)
-        parts = columns * one.whitened[rows][:, None]
+    for readings, counted in whitened_columns(state, model.free):
+        columns = np.zeros((readings.stop - readings.start, m))
+        columns[counts[readings]] = counted
+        parts = columns * state.whitened[readings][:, None]
         begin = 0
         while begin < len(columns):
-            stop = min(len(columns), int(last[k]) - rows.start) if k < points else len(columns)
+            stop = min(len(columns), int(last[k]) - readings.start) if k < points else len(columns)
             gram = gram + columns[begin:stop].T @ columns[begin:stop]
             score = score + np.nansum(parts[begin:stop], axis=0)
             begin = stop
-            while k < points and last[k] <= rows.start + stop:
-                values[k], std[k] = so_far(gram, score, solution.x)
+            while k < points and last[k] <= readings.start + stop:
+                values[k], std[k] = estimate_from(gram, score, solution.x)
                 k += 1
-    if one.band is not None:
+    if state.band is not None:
         std = std * (np.sqrt(np.diag(solution.covariance)) / std[-1])
     return Track(
-        names=tuple(term.name for term in one.terms),
-        units=tuple(term.unit for term in one.terms),
+        names=tuple(term.name for term in model.free),
+        units=tuple(term.unit for term in model.free),
         t=at,
         values=values,
         std=std,
     )
 
 
-def so_far(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
-    """Estimates and deviations from what has been added up, NaN while the information is singular."""
+def estimate_from(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
+    """Estimates and standard deviations from a Gram matrix and a score, NaN while the information is singular."""
     nothing = np.full(len(x), np.nan)
     size = np.sqrt(np.diag(gram))
     if not np.all(size > 0.0):

@@ -11,7 +11,8 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.filters.choice import FilterChoice
 from accelcal.filters.record import FilterRun, forward_parameters, run
 from accelcal.model import NOMINAL, Estimate, Model
@@ -53,7 +54,7 @@ def fit_recursive(
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = estimate(model, recording, start=start, end=end)
     offset = replayed["time_offset"]
-    prepared = PreparedRun(recording, replayed.origins, start=start, end=end)
+    prepared = prepare(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")
     position = Channel("position", prepared.t, prepared.z, "m")
     noise, scale, tau = replayed.noise(), replayed.values().scale, prepared.tau(replayed.values())
@@ -104,7 +105,7 @@ def smoothed_acceleration(prepared: PreparedRun, replayed: Fit) -> Array:
     """Acceleration of the stage at the accelerometer's rate, without most of the noise, (n,) m/s²."""
     cutoff = replayed.validity["frequency"][1]
     values = replayed.values()
-    return prepared.output_at(prepared.uniform_times(), cutoff, prepared.tau(values)) / values.scale
+    return output_at(prepared, uniform_times(prepared), cutoff, prepared.tau(values)) / values.scale
 
 
 def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
@@ -125,7 +126,7 @@ def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
         else Estimate(e.name, e.symbol, e.unit, e.value, 0.0, e.owner)
         for e in replayed.estimates
     )
-    said = (
+    remarks = (
         f"{' and '.join(f'{name} {value:.3g} s' for name, value in held.items())} and the noise are the replay's; "
         "the filter does not estimate them, and its standard deviations take them as known",
         *replayed.remarks,
@@ -144,5 +145,5 @@ def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
         estimates=estimates,
         covariance=covariance[np.ix_(rows, rows)],
         method=" ".join(parts),
-        remarks=said,
+        remarks=remarks,
     )

@@ -1,102 +1,76 @@
-"""One recording through the replay: nominal motion, noise, smoothed signals, whitened columns."""
+"""One recording prepared for the replay: the readings and samples that both channels cover, and its time scales."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
-from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording, RecordingError
-from accelcal.estimation.drive import HOLE, DriveIntegrals
+from accelcal.data.rig import Rig
 from accelcal.estimation.glitches import MIN_READINGS, spikes
-from accelcal.estimation.smoothing import SmoothedMotion, Thinning
 from accelcal.estimation.values import Noise, Values
-from accelcal.model import Term, evaluate
-from accelcal.signals.processing import derivative, integral, low_pass, motion_bandwidth, resample
-from accelcal.signals.signals import Origins, Signals
+from accelcal.signals.signals import Origins
 
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
-CHUNK = 4096
-"""Readings whose columns are held in memory at a time."""
+FAR_FROM_ZERO = 3.0
+"""An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
 
 
+@dataclass(frozen=True, eq=False)
 class PreparedRun:
-    """A recording made ready for the replay: the stretch that both channels cover, and its time scales.
+    """A recording prepared for the replay; `prepare` makes one. Nothing in it changes during a fit."""
 
-    Parameters
-    ----------
-    recording : what was measured.
-    origins : zero points of t, p and temperature.
-    start, end : s, optional; only readings in [start, end] on the position clock are used.
-    withheld : s; readings after this time are not looked at when glitches are sought.
+    recording: Recording
+    origins: Origins
+    t: Array
+    """Times of the readings, (n,) s."""
+    z: Array
+    """Readings, glitches left out, (n,) m."""
+    accel: Channel
+    """Output over the readings and a little beyond."""
+    accel_step: float
+    """Median spacing of the samples of the output, s."""
+    reading_step: float
+    """Median spacing of the readings, s."""
+    left_out: int
+    """Readings that jump away and come back."""
 
-    Raises
-    ------
-    RecordingError
-        If the channels do not overlap or fewer than 16 readings remain.
-    """
-
-    def __init__(
-        self,
-        recording: Recording,
-        origins: Origins | None = None,
-        *,
-        start: float | None = None,
-        end: float | None = None,
-        withheld: float = np.inf,
-    ) -> None:
-        self.recording = recording
-        self.rig = recording.rig
-        self.origins = origins if origins is not None else natural_origins(recording)
-        accel, position = recording.accel, recording.position
-        first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
-        last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
-        inside = slice(*np.searchsorted(position.t, [first, np.nextafter(last, np.inf)]))
-        kept = ~spikes(position.t[inside], np.where(position.t[inside] > withheld, np.nan, position.y[inside]))
-        self.left_out = int(np.sum(~kept))
-        rows = kept if self.left_out else slice(None)  # a view where there is nothing to leave out
-        self.t: Array = np.ascontiguousarray(position.t[inside][rows])
-        self.z: Array = np.ascontiguousarray(position.y[inside][rows])
-        if len(self.t) < MIN_READINGS:
-            raise RecordingError(
-                f"{recording.name or 'recording'}: {len(self.t)} encoder readings between {first:.6g} s and "
-                f"{last:.6g} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
-            )
-        margin = 64 * float(np.median(np.diff(accel.t[:4096])))
-        reach = slice(*np.searchsorted(accel.t, [self.t[0] - margin, self.t[-1] + margin]))
-        self.accel = Channel(accel.name, accel.t[reach], accel.y[reach], accel.unit)
-        self.accel_step = float(np.median(np.diff(self.accel.t)))
-        self.reading_step = float(np.median(np.diff(self.t)))
-        self.declared_tau = self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
+    @property
+    def rig(self) -> Rig:
+        """How the recording was made."""
+        return self.recording.rig
 
     def tau(self, values: Values) -> float:
         """Time constant of the low-pass at the values of a model, s; 0 where there is none."""
-        return max(0.0, self.declared_tau + values.lowpass_error)
+        declared = self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
+        return max(0.0, declared + values.lowpass_error)
 
     @cached_property
     def speed(self) -> float:
-        """A speed that the stage surely does not exceed, m/s: for the diffuse start, from its first ten readings
-        and what the output could add in a second; no later reading is looked at."""
-        begin = min(10, len(self.t) - 1)
-        at_first = abs(self.z[begin] - self.z[0]) / (self.t[begin] - self.t[0])
-        return float(3.0 * at_first + np.ptp(self.accel.y))
+        """Bound on the speed of the stage for the diffuse start, m/s.
+
+        Three times the speed of the first ten readings, and what the output could add in a second; later readings are
+        not used.
+        """
+        tenth = min(10, len(self.t) - 1)
+        initial = abs(self.z[tenth] - self.z[0]) / (self.t[tenth] - self.t[0])
+        return float(3.0 * initial + np.ptp(self.accel.y))
 
     @cached_property
     def least_step(self) -> float:
         """Smallest step the encoder shows, or its declared resolution, m; 0 when neither is known."""
         steps = np.abs(np.diff(self.z))
-        seen = float(np.min(steps[steps > 0.0], initial=np.inf))
+        smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
         declared = self.rig.resolution
         if declared is not None:
             return declared
-        on_grid = np.isfinite(seen) and float(np.max(np.abs(np.rint(steps / seen) - steps / seen))) < 0.05
-        return seen if on_grid else 0.0
+        counts = steps / smallest
+        quantised = np.isfinite(smallest) and float(np.max(np.abs(np.rint(counts) - counts))) < 0.05
+        return smallest if quantised else 0.0
 
     @cached_property
     def reading_variance_guess(self) -> float:
@@ -109,259 +83,64 @@ class PreparedRun:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
         return 0.0, 1e4 * r, 0.0, self.speed**2 + r / self.reading_step**2
 
-    def drive(self, values: Values, signals: Signals | None) -> DriveIntegrals:
-        """Integrals of the stage acceleration that output and model imply, interval by interval.
-
-        Parameters
-        ----------
-        values : coefficients at which the model is taken.
-        signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
-        """
-        begin = self.t[0]  # a small offset would drown in the last digits of a clock that counts from 1970
-        first, second, covered = _core.drive(
-            self.accel.t - begin,
-            self.accel.y,
-            self.t - begin,
-            how="cubic",
-            tau=self.tau(values),
-            delay=values.time_offset,
-            hole=HOLE * self.accel_step,
-        )
-        h = np.diff(self.t, prepend=self.t[0])
-        first -= values.bias * h
-        second -= values.bias * h**2 / 2.0
-        z = self.z
-        if signals is not None:
-            t_grid = signals.t + self.origins.t
-            total = values.total("output", signals)
-            if total is not None:
-                once, twice, _ = _core.drive(t_grid, total, self.t, how="cubic", tau=0.0, delay=0.0, hole=np.inf)
-                first -= once
-                second -= twice
-            if any(values.additive("position")):
-                read = values.total("position", signals.resampled(self.t - self.origins.t))
-                z = z if read is None else z - read
-        gain = self.rig.polarity / values.scale
-        restart = ~covered
-        restart[0] = True
-        first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
-        first -= self.rig.gravity * h
-        second *= gain
-        second -= self.rig.gravity * h**2 / 2.0
-        first[restart] = second[restart] = 0.0
-        return DriveIntegrals(self.t, z, first, second, restart)
-
     def crossover(self, noise: Noise) -> float:
-        """Frequency at which both channels know the acceleration equally well, Hz (derivations 3.4)."""
+        """Frequency at which both channels determine the acceleration equally well, Hz (derivations 3.4)."""
         return float((noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi))
 
     def wait(self, noise: Noise) -> float:
-        """How long after a start innovations are not used, s: five time constants of the filter."""
+        """Time after a start during which innovations are not used, s: five time constants of the filter."""
         return SETTLE / (2.0 * np.pi * self.crossover(noise))
 
-    def track(self, drive: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:
-        """Run the two-state filter."""
-        return _core.ReplayTrack(*drive.arrays, q=noise.q, r=noise.r, prior=self.prior(noise.r))
 
-    def signals(
-        self,
-        drive: DriveIntegrals,
-        track: _core.ReplayTrack,
-        noise: Noise,
-        values: Values,
-        before: Signals | None,
-        cutoff: float | None = None,
-    ) -> Signals:
-        """Smoothed motion: corrected output plus the process noise that the readings ask for.
+def prepare(
+    recording: Recording,
+    origins: Origins | None = None,
+    *,
+    start: float | None = None,
+    end: float | None = None,
+    withheld: float = np.inf,
+) -> PreparedRun:
+    """Prepare a recording for the replay.
 
-        The smoothed noise is the optimal share of either channel at each frequency, so that the error of the
-        signals is not correlated with what the replay regresses on them.
-        """
-        p_smooth, v_smooth, wanted = track.smooth(*drive.arrays)
-        rate = 1.0 / self.accel_step
-        t = self.uniform_times()
-        output = np.interp(t + values.time_offset, self.accel.t, self.accel.y)
-        self.subtract(output, t, values, before)
-        wanted = np.interp(t, self.t, wanted)
-        gain = self.rig.polarity / values.scale
-        crossover = self.crossover(noise)
-        if cutoff is None:
-            rough = gain * output - self.rig.gravity + wanted
-            density = noise.r * self.reading_step
-            cutoff = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
-            del rough
-        output = low_pass(output, rate, cutoff)
-        tau = self.tau(values)
-        if tau > 0.0:
-            output = output + tau * derivative(output, self.accel_step)
-        a = gain * output - self.rig.gravity + low_pass(wanted, rate, cutoff)
-        del output, wanted
-        # Each series is thinned as soon as it is used up: an hour of them would not fit side by side.
-        grid = Thinning.of(t, self.accel_step, cutoff)
-        jerk = grid.thin(derivative(a, self.accel_step))
-        v = integral(a, self.accel_step)
-        a = grid.thin(a)
-        unread = self.unread(drive, t)
-        wanting = np.interp(t, self.t, v_smooth - np.interp(self.t, t, v))
-        edge = int(rate / cutoff)  # beside a hole the acceleration itself is off, which readings mend quickest uncut
-        for begin, end in self.unbroken(drive, t):
-            if end - begin > 2 * edge:
-                inner = slice(edge, end - begin - edge)
-                wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, cutoff)[inner]
-        v += wanting
-        del wanting
-        for hole in unread:
-            v[hole] = np.interp(t[hole], self.t, v_smooth)
-        p = integral(v, self.accel_step)
-        v = grid.thin(v)
-        p += np.interp(t, self.t, p_smooth - np.interp(self.t, t, p))
-        for hole in unread:
-            p[hole] = np.interp(t[hole], self.t, p_smooth)
-        p_std, v_std, a_std = self.left_noise(noise, cutoff)
-        smooth = self.on_grid(grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
-        return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
+    Parameters
+    ----------
+    recording : what was measured.
+    origins : zero points of t, p and temperature; by default those that suit the recording.
+    start, end : s, optional; only readings in [start, end] on the position clock are used.
+    withheld : s; readings after this time are not looked at when glitches are sought.
 
-    def unread(self, drive: DriveIntegrals, t: Array) -> list[slice]:
-        """Stretches of times `t` in which neither channel was read; a straight line bridges them.
-
-        An integral over what nobody measured would carry the motion far outside its range.
-        """
-        long = np.diff(self.t, prepend=self.t[0]) > HOLE * self.reading_step
-        rows = np.flatnonzero(drive.restart & long)
-        return [slice(*np.searchsorted(t, self.t[[k - 1, k]])) for k in rows if k > 0]
-
-    def unbroken(self, drive: DriveIntegrals, t: Array) -> list[tuple[int, int]]:
-        """Stretches of times `t` between which a channel was not read: nothing may leak from one into the next."""
-        rows = np.flatnonzero(drive.restart[1:])
-        edges = np.unique([0, *np.searchsorted(t, self.t[rows]), *np.searchsorted(t, self.t[rows + 1]), len(t)])
-        return [(int(begin), int(end)) for begin, end in pairwise(edges)]
-
-    def left_noise(self, noise: Noise, cutoff: float) -> tuple[float, float, float]:
-        """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth (channels in parallel)."""
-        f = np.linspace(cutoff / 400.0, cutoff, 400)
-        w = 2.0 * np.pi * f
-        encoder = noise.r * self.reading_step * w**4
-        density = 2.0 * noise.q * encoder / (noise.q + encoder)
-        p_std, v_std, a_std = (float(np.sqrt(np.sum(density / w**power) * f[0])) for power in (4, 2, 0))
-        return p_std, v_std, a_std
-
-    def uniform_times(self) -> Array:
-        """Times at the accelerometer's rate over all readings, s."""
-        return np.arange(self.t[0], self.t[-1] + 0.5 * self.accel_step, self.accel_step)
-
-    def subtract(self, output: Array, t: Array, values: Values, signals: Signals | None) -> None:
-        """Take bias and additive effects off an output at times `t`, in place."""
-        output -= values.bias
-        total = None if signals is None else values.total("output", signals)
-        if signals is not None and total is not None:
-            output -= np.interp(t, signals.t + self.origins.t, total)
-
-    def output_at(self, t: Array, cutoff: float, tau: float) -> Array:
-        """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
-        own = np.arange(self.accel.t[0], self.accel.t[-1], self.accel_step)
-        output = low_pass(np.interp(own, self.accel.t, self.accel.y), 1.0 / self.accel_step, cutoff)
-        if tau > 0.0:
-            output = output + tau * derivative(output, self.accel_step)
-        return np.asarray(np.interp(t, own, output))
-
-    def output_signals(self, values: Values, cutoff: float, motion: tuple[Array, Array]) -> Signals:
-        """Acceleration as the corrected output alone tells it, beside a given position and velocity.
-
-        Parameters
-        ----------
-        values : coefficients of the model.
-        cutoff : bandwidth, Hz.
-        motion : position (m) and velocity (m/s) at `uniform_times`.
-        """
-        t = self.uniform_times()
-        plain = self.output_at(t + values.time_offset, cutoff, self.tau(values))
-        grid = Thinning.of(t, self.accel_step, cutoff)
-        gain, (p, v) = self.rig.polarity / values.scale, (grid.thin(y) for y in motion)
-        signals: Signals | None = None
-        for _ in range(3):  # each pass gains the ratio of the effects to the acceleration, at most a few percent
-            output = plain.copy()
-            self.subtract(output, t, values, signals)
-            a = gain * output - self.rig.gravity
-            jerk = derivative(a, self.accel_step)
-            signals = self.on_grid(grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
-        assert signals is not None
-        return signals
-
-    def side_at(self, t: Array) -> dict[str, Array]:
-        """Side channels at times `t`; temperature from the model's origin."""
-        side = {name: resample(channel, t) for name, channel in self.recording.side.items()}
-        if "temperature" in side:
-            side["temperature"] = side["temperature"] - self.origins.temperature
-        return side
-
-    def on_grid(self, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
-        """Motion of the stage as the sensor feels it, with side channels."""
-        polarity = self.rig.polarity
-        return Signals(
-            t=t_grid - self.origins.t,
-            p=motion.p - self.origins.p,
-            v=motion.v,
-            a=polarity * (motion.a + self.rig.gravity),
-            jerk=polarity * motion.jerk,
-            scale=values.scale,
-            bias=values.bias,
-            rig=self.rig,
-            cutoff=cutoff,
-            side=self.side_at(t_grid),
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap or fewer than 16 readings remain.
+    """
+    accel, position = recording.accel, recording.position
+    first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
+    last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
+    inside = slice(*np.searchsorted(position.t, [first, np.nextafter(last, np.inf)]))
+    kept = ~spikes(position.t[inside], np.where(position.t[inside] > withheld, np.nan, position.y[inside]))
+    left_out = int(np.sum(~kept))
+    rows = kept if left_out else slice(None)  # a view where there is nothing to leave out
+    t: Array = np.ascontiguousarray(position.t[inside][rows])
+    z: Array = np.ascontiguousarray(position.y[inside][rows])
+    if len(t) < MIN_READINGS:
+        raise RecordingError(
+            f"{recording.name or 'recording'}: {len(t)} encoder readings between {first:.6g} s and "
+            f"{last:.6g} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
         )
-
-    def columns(
-        self, track: _core.ReplayTrack, drive: DriveIntegrals, terms: Sequence[Term], signals: Signals
-    ) -> Iterator[tuple[slice, Array]]:
-        """Whitened response of the predicted reading to one unit of each coefficient, stretch by stretch.
-
-        Yields
-        ------
-        The readings of the stretch, and the columns (readings, terms).
-        """
-        inputs = [j for j, term in enumerate(terms) if term.port == "output"]
-        direct = [j for j, term in enumerate(terms) if term.port == "position"]
-        order = [*inputs, *direct]
-        gain = -self.rig.polarity / signals.scale
-        on_grid = list(evaluate([terms[j] for j in inputs], signals))
-        at_readings = signals.resampled(self.t - self.origins.t) if direct else signals
-        direct_columns = list(evaluate([terms[j] for j in direct], at_readings))
-        start, step = float(signals.t[0]) + self.origins.t, signals.step
-        state = np.zeros(2 * len(terms))
-        straight = order == sorted(order)
-        for begin in range(0, len(self.t), CHUNK):
-            end = min(begin + CHUNK, len(self.t))
-            # Two grid rows on either side shape the curve inside the cells that the stretch touches.
-            low = max(0, int((self.t[max(begin - 1, 0)] - start) / step) - 2)
-            high = min(len(signals.t), int((self.t[end - 1] - start) / step) + 4)
-            low = max(0, min(low, high - 4))
-            block = np.empty((high - low, len(inputs)))
-            for column, y in enumerate(on_grid):
-                np.multiply(y[low:high], gain, out=block[:, column])
-            readings = np.empty((end - begin, len(direct)))
-            for column, y in enumerate(direct_columns):
-                readings[:, column] = y[begin:end]
-            whitened = np.empty((end - begin, len(terms)))
-            track.carry(
-                self.t,
-                drive.restart,
-                block,
-                readings,
-                start=start + low * step,
-                step=step,
-                from_=begin,
-                to=end,
-                state=state,
-                whitened=whitened,
-            )
-            ordered = whitened if straight else np.empty_like(whitened)
-            if not straight:
-                ordered[:, order] = whitened
-            yield slice(begin, end), ordered
-
-
-FAR_FROM_ZERO = 3.0
-"""An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
+    margin = 64 * float(np.median(np.diff(accel.t[:4096])))
+    covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
+    part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
+    return PreparedRun(
+        recording=recording,
+        origins=origins if origins is not None else natural_origins(recording),
+        t=t,
+        z=z,
+        accel=part,
+        accel_step=float(np.median(np.diff(part.t))),
+        reading_step=float(np.median(np.diff(t))),
+        left_out=left_out,
+    )
 
 
 def natural_origins(recording: Recording) -> Origins:

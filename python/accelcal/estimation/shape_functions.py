@@ -1,4 +1,4 @@
-"""The shape of what has no name: a fitted family as a function of its variable, with its standard uncertainty."""
+"""Fitted families as functions of their variable, with pointwise standard uncertainty."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Shape:
 
     effect: str
     label: str
-    """Which branch; empty where there is one."""
+    """Branch of the function; empty where there is one."""
     variable: str
     variable_unit: str
     unit: str
@@ -63,15 +63,15 @@ def _over_variable(fit: Fit, name: str, variable: Variable) -> Shape:
     return _shape(fit, name, "", variable.name, variable.unit, s, x + origin, np.ones(POINTS, dtype=bool))
 
 
-def _since_reversal(fit: Fit, name: str, way: float) -> Shape:
-    """A stage that goes one way, turns, and goes on the other way at a steady speed."""
+def _since_reversal(fit: Fit, name: str, direction: float) -> Shape:
+    """Response to one reversal: the stage moves at a steady speed, turns, and moves back."""
     t = np.linspace(-AGES[-1], AGES[-1], 8 * POINTS)
-    p = way * STROKE * np.abs(t) / AGES[-1]
+    p = direction * STROKE * np.abs(t) / AGES[-1]
     zero = np.zeros(len(t))
     s = Signals(t=t, p=p, v=np.gradient(p, t), a=zero, jerk=zero, scale=fit.values().scale, rig=fit.rig)
     age = since_reversal(s)
     after = t > t[np.flatnonzero(age == 0.0)[-1]]
-    label = "after turning to forwards" if way > 0.0 else "after turning to backwards"
+    label = "after turning to forwards" if direction > 0.0 else "after turning to backwards"
     return _shape(fit, name, label, "time since reversal", "s", s, age, after)
 
 

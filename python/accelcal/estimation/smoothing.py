@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
+from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.signals.processing import GRID_PER_CUTOFF
+from accelcal.estimation.drive import HOLE, DriveIntegrals
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.values import Noise, Values
+from accelcal.signals.processing import GRID_PER_CUTOFF, derivative, integral, low_pass, motion_bandwidth, resample
+from accelcal.signals.signals import Signals
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,3 +44,169 @@ class SmoothedMotion:
     v: Array
     a: Array
     jerk: Array
+
+
+def smoothed_signals(
+    run: PreparedRun,
+    integrals: DriveIntegrals,
+    track: _core.ReplayTrack,
+    noise: Noise,
+    values: Values,
+    before: Signals | None,
+    cutoff: float | None = None,
+) -> Signals:
+    """Smoothed motion: corrected output plus the process noise that the readings ask for.
+
+    The smoothed noise is the optimal share of either channel at each frequency, so that the error of the signals is
+    not correlated with what the replay regresses on them.
+
+    Parameters
+    ----------
+    run, integrals, track : readings and output, what drives the motion between readings, and the filter over them.
+    noise, values : those that the filter was run with.
+    before : motion that non-constant effects are evaluated on; None while there is none yet.
+    cutoff : bandwidth, Hz; by default that of the motion itself.
+    """
+    p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
+    rate = 1.0 / run.accel_step
+    t = uniform_times(run)
+    output = np.interp(t + values.time_offset, run.accel.t, run.accel.y)
+    subtract_effects(output, run, t, values, before)
+    wanted = np.interp(t, run.t, wanted)
+    gain = run.rig.polarity / values.scale
+    crossover = run.crossover(noise)
+    if cutoff is None:
+        rough = gain * output - run.rig.gravity + wanted
+        density = noise.r * run.reading_step
+        cutoff = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
+        del rough
+    output = low_pass(output, rate, cutoff)
+    tau = run.tau(values)
+    if tau > 0.0:
+        output = output + tau * derivative(output, run.accel_step)
+    a = gain * output - run.rig.gravity + low_pass(wanted, rate, cutoff)
+    del output, wanted
+    # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
+    grid = Thinning.of(t, run.accel_step, cutoff)
+    jerk = grid.thin(derivative(a, run.accel_step))
+    v = integral(a, run.accel_step)
+    a = grid.thin(a)
+    unread = unread_spans(run, integrals, t)
+    wanting = np.interp(t, run.t, v_smooth - np.interp(run.t, t, v))
+    edge = int(rate / cutoff)  # next to a hole the acceleration itself is off; readings correct it best unfiltered
+    for begin, end in unbroken_spans(run, integrals, t):
+        if end - begin > 2 * edge:
+            inner = slice(edge, end - begin - edge)
+            wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, cutoff)[inner]
+    v += wanting
+    del wanting
+    for hole in unread:
+        v[hole] = np.interp(t[hole], run.t, v_smooth)
+    p = integral(v, run.accel_step)
+    v = grid.thin(v)
+    p += np.interp(t, run.t, p_smooth - np.interp(run.t, t, p))
+    for hole in unread:
+        p[hole] = np.interp(t[hole], run.t, p_smooth)
+    p_std, v_std, a_std = smoothed_std(run, noise, cutoff)
+    smooth = sensor_signals(run, grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
+    return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
+
+
+def unread_spans(run: PreparedRun, integrals: DriveIntegrals, t: Array) -> list[slice]:
+    """Spans of times `t` in which neither channel was read; a straight line bridges them.
+
+    An integral over what nobody measured would carry the motion far outside its range.
+    """
+    long = np.diff(run.t, prepend=run.t[0]) > HOLE * run.reading_step
+    rows = np.flatnonzero(integrals.restart & long)
+    return [slice(*np.searchsorted(t, run.t[[k - 1, k]])) for k in rows if k > 0]
+
+
+def unbroken_spans(run: PreparedRun, integrals: DriveIntegrals, t: Array) -> list[tuple[int, int]]:
+    """Spans of times `t` between which a channel was not read: a filter must not leak from one into the next."""
+    rows = np.flatnonzero(integrals.restart[1:])
+    edges = np.unique([0, *np.searchsorted(t, run.t[rows]), *np.searchsorted(t, run.t[rows + 1]), len(t)])
+    return [(int(begin), int(end)) for begin, end in pairwise(edges)]
+
+
+def smoothed_std(run: PreparedRun, noise: Noise, cutoff: float) -> tuple[float, float, float]:
+    """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth (channels in parallel)."""
+    f = np.linspace(cutoff / 400.0, cutoff, 400)
+    w = 2.0 * np.pi * f
+    encoder = noise.r * run.reading_step * w**4
+    density = 2.0 * noise.q * encoder / (noise.q + encoder)
+    p_std, v_std, a_std = (float(np.sqrt(np.sum(density / w**power) * f[0])) for power in (4, 2, 0))
+    return p_std, v_std, a_std
+
+
+def uniform_times(run: PreparedRun) -> Array:
+    """Times at the accelerometer's rate over all readings, s."""
+    return np.arange(run.t[0], run.t[-1] + 0.5 * run.accel_step, run.accel_step)
+
+
+def subtract_effects(output: Array, run: PreparedRun, t: Array, values: Values, signals: Signals | None) -> None:
+    """Subtract bias and additive effects from an output at times `t`, in place."""
+    output -= values.bias
+    total = None if signals is None else values.total("output", signals)
+    if signals is not None and total is not None:
+        output -= np.interp(t, signals.t + run.origins.t, total)
+
+
+def output_at(run: PreparedRun, t: Array, cutoff: float, tau: float) -> Array:
+    """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
+    own = np.arange(run.accel.t[0], run.accel.t[-1], run.accel_step)
+    output = low_pass(np.interp(own, run.accel.t, run.accel.y), 1.0 / run.accel_step, cutoff)
+    if tau > 0.0:
+        output = output + tau * derivative(output, run.accel_step)
+    return np.asarray(np.interp(t, own, output))
+
+
+def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tuple[Array, Array]) -> Signals:
+    """Signals whose acceleration comes from the corrected output alone, with a given position and velocity.
+
+    Parameters
+    ----------
+    run : readings and output.
+    values : coefficients of the model.
+    cutoff : bandwidth, Hz.
+    motion : position (m) and velocity (m/s) at `uniform_times`.
+    """
+    t = uniform_times(run)
+    plain = output_at(run, t + values.time_offset, cutoff, run.tau(values))
+    grid = Thinning.of(t, run.accel_step, cutoff)
+    p, v = (grid.thin(y) for y in motion)
+
+    def corrected(signals: Signals | None) -> Signals:
+        output = plain.copy()
+        subtract_effects(output, run, t, values, signals)
+        a = run.rig.polarity / values.scale * output - run.rig.gravity
+        jerk = derivative(a, run.accel_step)
+        return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
+
+    # Each correction gains the ratio of the effects to the acceleration, at most a few percent.
+    return corrected(corrected(corrected(None)))
+
+
+def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
+    """Side channels at times `t`; temperature from the model's origin."""
+    side = {name: resample(channel, t) for name, channel in run.recording.side.items()}
+    if "temperature" in side:
+        side["temperature"] = side["temperature"] - run.origins.temperature
+    return side
+
+
+def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
+    """Motion of the stage as the sensor feels it, with side channels."""
+    polarity = run.rig.polarity
+    return Signals(
+        t=t_grid - run.origins.t,
+        p=motion.p - run.origins.p,
+        v=motion.v,
+        a=polarity * (motion.a + run.rig.gravity),
+        jerk=polarity * motion.jerk,
+        scale=values.scale,
+        bias=values.bias,
+        rig=run.rig,
+        cutoff=cutoff,
+        side=side_channels_at(run, t_grid),
+    )

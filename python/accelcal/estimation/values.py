@@ -1,4 +1,4 @@
-"""Noise intensities and coefficients at which a run is replayed."""
+"""Noise intensities and coefficients at which a run is filtered."""
 
 from __future__ import annotations
 
@@ -46,18 +46,18 @@ class Values:
 
     @property
     def lowpass_error(self) -> float:
-        """By how much the low-pass is slower than declared, s."""
+        """Excess of the time constant of the low-pass over the declared one, s."""
         return self.by_name.get("lowpass_error", 0.0)
 
     def additive(self, port: str) -> Iterator[tuple[Term, float]]:
-        """Coefficients that add to the output beyond the nominal, or to the reading, and are not zero."""
+        """Terms beyond the nominal that add to the output, or to the reading, with coefficients other than zero."""
         for term in self.terms:
             coefficient = self.by_name[term.name]
             if term.name not in NOMINAL and term.port == port and coefficient != 0.0:
                 yield term, coefficient
 
     def total(self, port: str, s: Signals) -> Array | None:
-        """What they add together at the times of `s`, (n,); None when there is nothing to add."""
+        """Sum of the additive contributions at the times of `s`, (n,); None when there is none."""
         pairs = list(self.additive(port))
         if not pairs:
             return None
@@ -68,5 +68,5 @@ class Values:
 
     @property
     def constant(self) -> bool:
-        """Whether nothing but the base acts on the output."""
+        """Whether the base alone acts on the output."""
         return next(self.additive("output"), None) is None and next(self.additive("position"), None) is None

@@ -14,12 +14,13 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.effects import Effect
-from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.drive import DriveIntegrals, run_filter
 from accelcal.estimation.estimate import require_motion
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.noise import NoiseSearch
+from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import SmoothedMotion as Sampled
-from accelcal.estimation.smoothing import Thinning
+from accelcal.estimation.smoothing import Thinning, sensor_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.experiment.detectability import Power
 from accelcal.experiment.power_analysis import detectability_of
@@ -177,7 +178,7 @@ def planned_state(
     """The fitted run that a planned motion would give, with exact signals and the gains of the declared noise.
 
     The coefficients are those of a perfect sensor: detection limits change by the scale error only, a percent or two.
-    Nothing measured enters, so the readings are the motion itself and the innovations are zero.
+    Nothing measured enters, so the filter is run over readings of zero and the innovations are zero.
     """
     t = np.arange(0.0, seconds, 1.0 / accel_rate)
     p, v, a, jerk = motion.derivatives(t)
@@ -188,18 +189,15 @@ def planned_state(
         rig=rig,
         name=motion.name,
     )
-    run = PreparedRun(recording)
+    run = prepare(recording)
     require_motion(run)
     values = Values({term.name: model.fixed.get(term.name, 0.0) for term in model.terms}, model.terms)
-    state = RunState(run, values, noise, model.free, None)
     still = np.zeros_like(run.t)
-    state.drive = DriveIntegrals(run.t, run.z, still, still, np.arange(len(run.t)) == 0)
-    state.track = run.track(state.drive, noise)
-    state.counts = state.drive.settled(run.wait(noise))
-    state.whitened = still
+    integrals = DriveIntegrals(run.t, still, still, still, np.arange(len(run.t)) == 0)
+    track = run_filter(run, integrals, noise)
     density, crossover = noise.r * run.reading_step, run.crossover(noise)
     cutoff = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
     grid = Thinning.of(t, run.accel_step, cutoff)
     a, jerk = (low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
-    state.signals = run.on_grid(grid.t, Sampled(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)
-    return state
+    signals = sensor_signals(run, grid.t, Sampled(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)
+    return RunState(run, values, noise, integrals, track, signals, None, NoiseSearch(noise))

@@ -74,7 +74,7 @@ def power(
         whole = usable(source)
         start, end = whole.start, whole.end
     solution = solve_runs(model, [source], start=start, end=end)
-    return detectability_of(solution.passes[0], model, extra, alpha)
+    return detectability_of(solution.states[0], model, extra, alpha)
 
 
 def detectability_of(

@@ -26,7 +26,7 @@ CUBIC = np.stack(
 
 
 class CausalSignals:
-    """Signals over one step from what a live filter knows then, in the words that `Run.signals` fills offline.
+    """Signals over one step from what a live filter knows then, with the fields that `smoothed_signals` fills offline.
 
     Position and velocity are predicted from the filter's state. The specific force is the output at the present
     estimates, a cubic through the last four samples, with all its noise and the low-pass undone; jerk is its

@@ -26,12 +26,12 @@ def fixed_rate(
     parameters: Mapping[str, GaussMarkov] | None = None,
     gate: float | None = None,
 ) -> _core.FixedRateFilter:
-    """A filter for a control loop: one sample per call, nothing allocated, the state read only when it is wanted.
+    """A filter for a control loop: one sample per call, no allocation, state copied on request only.
 
     `step(u)` or `step(u, z)` takes in the output (m/s²) and, where the encoder was read, the position (m) of the next
-    sample, and returns the innovation or None. `run(u, z)` takes a whole record in, (n,) each and NaN where position
-    was not read, to the same bits; it fills `states` (n, N), `variances` (n, N), `innovations` (n,) and
-    `innovation_variances` (n,) if the caller gives arrays for them. `x`, `covariance`, `innovation`,
+    sample, and returns the innovation or None. `run(u, z)` processes a whole record, (n,) each and NaN where position
+    was not read, with results equal to the last bit; it fills `states` (n, N), `variances` (n, N), `innovations` (n,)
+    and `innovation_variances` (n,) if the caller gives arrays for them. `x`, `covariance`, `innovation`,
     `innovation_variance`, `nis`, `log_likelihood`, `rejected` and `samples` are properties; `read` copies states and
     variances into arrays of the caller's.
 
@@ -66,7 +66,7 @@ def fixed_rate(
 
 
 MOST_EFFECTS = 14
-"""Effects that the compiled filter has room for beside k and K0."""
+"""Effects that the compiled filter has room for in addition to k and K0."""
 
 
 def fixed_rate_with_effects(
@@ -91,7 +91,7 @@ def fixed_rate_with_effects(
     Parameters
     ----------
     rest : float
-        Specific force while the stage stands still, m/s².
+        Specific force at rest, m/s².
     parameters : sequence of Wander or None
         How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
 

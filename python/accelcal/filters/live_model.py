@@ -31,7 +31,7 @@ MOTION = 2
 class LiveModel:
     """Bias, scale factor and every effect of a model, estimated from output and position as they arrive.
 
-    ACI at a fixed rate: u = K0 + (1 + k) f + sum c_j e_j, the effects e_j by the same functions as offline, on causal
+    ACI at a fixed rate: u = K0 + (1 + k) f + sum c_j e_j, the effects e_j by the functions that a fit uses, on causal
     signals (`CausalSignals`); how an effect leans on the state is left out of the gradient. `time_offset` is taken to
     first order, -(1 + k) t0 jerk, so it should be small against a period of the motion.
 
@@ -45,9 +45,9 @@ class LiveModel:
     rate : samples of the output per second, Hz.
     q : two-sided density of the output's noise, (m/s²)² s: N²/2 for a one-sided density N.
     r_position : variance of a position reading, m².
-    position : where the stage stands at the first sample, m: the first reading will do.
+    position : position of the stage at the first sample, m: the first reading will do.
     speed : a speed that the stage surely does not exceed there, m/s.
-    origins : zero points of time, position and temperature; the first sample stands at time zero.
+    origins : zero points of time, position and temperature; the first sample is at time zero.
     wander : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.
@@ -55,7 +55,7 @@ class LiveModel:
     Raises
     ------
     ValueError
-        For an effect that cannot be tracked live, by name, and for more than 14 coefficients beside bias and scale.
+        For an effect that cannot be tracked live, by name, and for more than 14 coefficients besides bias and scale.
 
     Examples
     --------

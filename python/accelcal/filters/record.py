@@ -17,7 +17,7 @@ from accelcal.filters.core_settings import core_prior, core_samples, core_setup
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
-    """What a filter made of one record: one row per event, n events, N states."""
+    """Result of a filter over one record: one row per event, n events, N states."""
 
     choice: FilterChoice
     names: tuple[str, ...]

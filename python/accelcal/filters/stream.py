@@ -15,11 +15,11 @@ from accelcal.filters.core_settings import core_prior, core_setup
 
 @dataclass(slots=True)
 class LiveFilter:
-    """The same filter as a stream: one sample per step, the same bits as `run`.
+    """The filter of `run` as a stream: one sample per step, results equal to the last bit.
 
     Give samples in time order, the accelerometer first at a tie. ACI with interpolation waits for the future it needs
-    (linear: one output sample, cubic: two) and lags by as much; `finish` processes what waits. Settings are those of
-    `run`.
+    (linear: one output sample, cubic: two) and lags by as much; `finish` processes what is queued. Settings are those
+    of `run`.
     """
 
     choice: FilterChoice
@@ -41,7 +41,7 @@ class LiveFilter:
         self._stream = _core.FilterStream(setup, *core_prior(self.names, self.x0, self.P0))
 
     def step(self, t: float, *, accel: float | None = None, position: float | None = None) -> float | None:
-        """Take in what was measured at `t` (s): accel in m/s², position in m, or both.
+        """Process a measurement at `t` (s): accel in m/s², position in m, or both.
 
         Returns the newest innovation this led to, or None if no reading could be processed yet.
         """
@@ -50,7 +50,7 @@ class LiveFilter:
         return e if later is None else later
 
     def finish(self) -> float | None:
-        """Process what still waits, as at the end of a record."""
+        """Process what is still queued, as at the end of a record."""
         return self._stream.finish()
 
     @property

@@ -19,7 +19,7 @@ from accelcal.data.rig import Rig
 from accelcal.demo import with_effect
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.paper.rows import SIGMAS, Item, Plan, Row, paired
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
@@ -125,7 +125,7 @@ def windage(plan: Plan, runs: int) -> Drifts:
             simulate(motion, seconds=SECONDS, rig=rig, parameters=BASE, rng=rng)
             for motion, rig in (("moves", CXL02_RIG), ("interleaved", noise_free(CXL02_RIG)))
         ]
-        origins = PreparedRun(made[0].recording).origins
+        origins = prepare(made[0].recording).origins
         train, test = (with_effect(record, effect, WINDAGE, {}, origins) for record in made)
         linear, cubic = estimate(Model.linear(), train), estimate(Model.cubic(), train)
         loop = improve(train, holdout=test)

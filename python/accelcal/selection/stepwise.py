@@ -225,7 +225,7 @@ class StepwiseSelection:
         leaving = dict.fromkeys((*replacement.replaced, replacement.effect.name))
         try:
             model = self.current.model.drop(*(name for name in leaving if name in self.current.model.effects))
-            requested = scan(self.refit(model).solution.passes, model, extra=self.extra, only=(replacement.effect,))
+            requested = scan(self.refit(model).solution.states, model, extra=self.extra, only=(replacement.effect,))
             if not requested.entered:
                 return None
             judged = self.judge(self.refit(requested.entered[0].enter(model)))

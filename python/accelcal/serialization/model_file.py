@@ -17,7 +17,7 @@ from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.effects import CATALOGUE, HOUSE, find, side_channel
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
-from accelcal.estimation.run_state import RunFit
+from accelcal.estimation.run_fit import RunFit
 from accelcal.estimation.values import Noise
 from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior

@@ -34,7 +34,7 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
 
 @lru_cache(maxsize=1)
 def low_pass_sections(rate: float, cutoff: float) -> Array:
-    """Second-order sections of that low-pass; a round of a fit asks for the same ones again."""
+    """Second-order sections of that low-pass, cached: each round of a fit needs them again."""
     return np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"), dtype=np.float64)
 
 
@@ -96,13 +96,13 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     a : (n,) smoothed acceleration at `rate`, m/s².
     q : two-sided density of the process noise, (m/s²)²/Hz.
     reading_density : two-sided density of the encoder noise, m²/Hz.
-    crossover : frequency at which both channels know the acceleration equally well, Hz.
+    crossover : frequency at which both channels determine the acceleration equally well, Hz.
 
     Notes
     -----
-    The noise that smoothing leaves has the density of the two channels in parallel. What stands above it, up to about
-    twice the crossover, is motion; what lies higher is vibration that the encoder cannot confirm. The band ends above
-    99.99 % of the motion, with a margin of 1.4.
+    The noise that smoothing leaves has the density of the two channels in parallel. Power above it up to
+    about twice the crossover is motion; power above it at higher frequencies is vibration that the encoder cannot
+    confirm. The band ends above 99.99 % of the motion, with a margin of 1.4.
     """
     lowest = 0.65 * crossover
     segment = int(min(len(a), max(256, 2 ** int(np.ceil(np.log2(8.0 * rate / lowest))))))

@@ -60,7 +60,7 @@ class Signals:
     """What this is a stretch of; spacing, length and widths are those of the whole."""
 
     def part(self, rows: slice) -> Signals:
-        """A stretch, on which an effect without memory has the values that it has there on the whole."""
+        """A stretch; effects without memory have the values on it that they have on the whole."""
         return replace(self.at(rows), whole=self.whole or self)
 
     def at(self, rows: NDArray[np.bool_] | slice) -> Signals:
@@ -93,7 +93,7 @@ class Signals:
         return made
 
     def _write(self, made: Signals) -> None:
-        """Fill the motion of other times in, where they lie in memory."""
+        """Write the motion at other times into the arrays of `made`."""
         h = self.step
         u = np.clip((made.t - self.t[0]) / h, 0.0, len(self.t) - 1.0)
         k = np.minimum(u.astype(np.intp), max(0, len(self.t) - 2))
@@ -141,7 +141,7 @@ class Signals:
 
     @property
     def rest(self) -> float:
-        """Specific force along the input axis while the stage stands still, m/s²."""
+        """Specific force along the input axis at rest, m/s²."""
         return self.rig.polarity * self.rig.gravity
 
     @property
@@ -163,11 +163,11 @@ class Signals:
 RESAMPLED = 1 << 16
 """Times at which the motion is worked out at once."""
 CORNER_NOISE = 4.0
-"""Corners are rounded over at least this many standard deviations, or noise would write its own shape into them."""
+"""Corners are rounded over at least this many standard deviations, or noise would determine their shape."""
 CORNER_SHARE = 0.002
 """And over at least this share of the largest value."""
 TINY = 1e-12
-"""Stands for zero where a width divides, SI."""
+"""Least width, so that a division by it is finite, SI."""
 
 
 def corner(y: Array, std: float) -> float:

@@ -72,7 +72,7 @@ class Spectrum:
     density: Array
     """(n,) one-sided, unit of the residual squared per Hz."""
     predicted: Array
-    """(n,) the same under noise alone."""
+    """(n,) density under noise alone, unit of the residual squared per Hz."""
     low: float
     high: float
     """95 % of the ratios of density to prediction lie between, each frequency on its own."""
@@ -80,7 +80,7 @@ class Spectrum:
 
 @dataclass(frozen=True, slots=True)
 class Outside:
-    """Readings outside the range of one variable that the fit has seen, and the errors inside and outside of it."""
+    """Readings outside the fitted range of one variable, and the errors inside and outside of it."""
 
     variable: str
     """a, v, p, temperature or another side channel; "any" for readings outside of any of these."""

@@ -68,7 +68,7 @@ class Whiteness:
 
 @dataclass(frozen=True, slots=True)
 class CumulativePeriodogram:
-    """Power below each frequency as a share of all, beside the straight line of white noise."""
+    """Power below each frequency as a share of all, to be compared with the straight line of white noise."""
 
     frequency: Array
     """(m,) cycles per sample, up to 1/2."""
@@ -85,7 +85,7 @@ class CumulativePeriodogram:
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """How often an interval held the truth, against the rate that it promised."""
+    """Share of intervals that contain the truth, compared with their nominal probability."""
 
     inside: int
     count: int
@@ -150,7 +150,7 @@ def nees(error: Array, covariance: Array) -> Array:
         Estimate minus truth, any units.
     covariance : (..., n, n)
         P, in the products of those units. States are scaled by their own sigma before the solve, so that metres and
-        (m/s²)⁻² may stand side by side.
+        (m/s²)⁻² may be mixed.
 
     Raises
     ------

@@ -11,6 +11,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, require_band
+from accelcal.estimation.smoothing import side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
@@ -143,7 +144,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     def smoothed(y: Array) -> Array:
         return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
 
-    # one spline at a time: each holds six series of its own
+    # one spline at a time: each holds six arrays of its own
     missed = smoothed(ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1])
     residual = -values.scale * rig.polarity * second_derivative(missed, step)
     del missed
@@ -160,7 +161,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         bias=values.bias,
         rig=rig,
         cutoff=band,
-        side=run.side_at(t),
+        side=side_channels_at(run, t),
     )
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)

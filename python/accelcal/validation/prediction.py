@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording
 from accelcal.effects import is_local
-from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.smoothing import output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import derivative, integral
 from accelcal.signals.signals import CORNER_NOISE, Signals
@@ -23,7 +24,7 @@ MOST_STARTS = 200
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 MEMORY = 10.0
-"""Seconds before a start that effects with memory are run up on; others see the time from the start on alone."""
+"""Seconds before a start over which effects with memory are evaluated; others need the time from the start on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,16 +56,16 @@ class Prediction:
     ) -> None:
         self.run, self.values, self.noise = run, values, noise
         self.crossover = run.crossover(noise)
-        plain = run.drive(values, None)
+        plain = drive(run, values, None)
         self.causal = None if values.constant else self._causal(plain, cutoff, withheld)
-        self.drive: DriveIntegrals = plain if self.causal is None else run.drive(values, self.causal)
-        track = run.track(self.drive, noise)
+        self.drive: DriveIntegrals = plain if self.causal is None else drive(run, values, self.causal)
+        track = run_filter(run, self.drive, noise)
         self.e, self.S = track.series("e"), track.series("S")
         gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
         self.p = track.series("p") + gain_p * self.e
         self.v = track.series("v") + gain_v * self.e
         self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r)
-        del track  # gone before the next is made: each holds nine series
+        del track  # free the old track before the next is made; each holds nine arrays
         self.counts: Flags = self.drive.settled(run.wait(noise))
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
@@ -72,7 +73,7 @@ class Prediction:
         unit = DriveIntegrals(
             d.t, np.zeros_like(d.z), np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0), d.restart
         )
-        response = run.track(unit, noise)
+        response = run_filter(run, unit, noise)
         g = -response.series("e")
         self.unit_p = response.series("p") - gain_p * g
         self.unit_v = response.series("v") - gain_v * g
@@ -85,22 +86,22 @@ class Prediction:
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
         run = self.run
-        track = run.track(plain, self.noise)
+        track = run_filter(run, plain, self.noise)
         e = track.series("e")
         p = track.series("p") + track.series("gain_p") * e
         v = track.series("v") + track.series("gain_v") * e
         known = max(1, int(np.searchsorted(run.t, withheld, side="right")))
         p[known:], v[known:] = p[known - 1], v[known - 1]
-        t = run.uniform_times()
+        t = uniform_times(run)
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
         spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
-        signals = replace(run.output_signals(self.values, cutoff, motion), v_std=spread)
+        signals = replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
         self.a_std = max(signals.a_std, signals.a_width / CORNER_NOISE)
         self.v_std = max(signals.v_std, signals.v_width / CORNER_NOISE)
         acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
         self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
         at = signals.t + run.origins.t + self.values.time_offset
-        at_grid = run.output_at(at, cutoff, run.tau(self.values)) - self.values.bias
+        at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias
         self.gain = run.rig.polarity / self.values.scale
         self.bare: Array = self.gain * at_grid - run.rig.gravity
         return signals
@@ -116,18 +117,18 @@ class Prediction:
         withheld: float = math.inf,
     ) -> Prediction:
         """Prepare a recording under a fit's parameters, noise and origins."""
-        run = PreparedRun(recording, fit.origins, start=start, end=end, withheld=withheld)
+        run = prepare(recording, fit.origins, start=start, end=end, withheld=withheld)
         return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
 
     def constant_at(self, k: int) -> tuple[float, float]:
-        """Extra constant acceleration that readings up to `k` ask for, with standard deviation, m/s²."""
+        """Constant acceleration estimated from the innovations up to reading `k`, with standard deviation, m/s²."""
         information = float(self.information[k])
         if information <= 0.0:
             return 0.0, math.inf
         return float(self.evidence[k]) / information, information**-0.5
 
     def predict(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Reading at `rows` from what was known at reading `k`: frozen and rezeroed, (n,) m each."""
+        """Readings at `rows` predicted from reading `k`: frozen and rezeroed, (n,) m each."""
         h = self.run.t[rows] - self.run.t[k]
         driven = self.moved[rows] - self.moved[k] - h * self.travelled[k]
         frozen = self.p[k] + h * self.v[k] + driven
@@ -139,7 +140,7 @@ class Prediction:
         return frozen, frozen + delta * (self.unit_p[k] + h * self.unit_v[k] + h**2 / 2.0)
 
     def effects_ahead(self, known: Signals, k: int, rows: NDArray[np.intp]) -> Array:
-        """What the model's effects add to the readings at `rows`, from output and simulated motion alone, (n,) m."""
+        """Contribution of the model's effects to the readings at `rows`, from output and simulated motion, (n,) m."""
         run, origin, step = self.run, self.run.origins, known.step
         begin = self.run.t[k] - origin.t
         past = np.searchsorted(known.t, [begin - self.memory, begin], side="right")
@@ -200,8 +201,8 @@ class Prediction:
         ends = np.minimum(np.searchsorted(t, t[starts] + horizon), len(t) - 1)
         errors = np.empty((len(starts), 3))
         for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
-            one, two = self.predict(int(k), np.array([row]))
-            errors[i] = self.run.z[row] - one[0], self.run.z[row] - two[0], self.floor(int(k), t[[row]])[0]
+            frozen, rezeroed = self.predict(int(k), np.array([row]))
+            errors[i] = self.run.z[row] - frozen[0], self.run.z[row] - rezeroed[0], self.floor(int(k), t[[row]])[0]
         return Coasting(starts, ends, *errors.T)
 
     def k_step(self, k: int) -> float | None:

@@ -55,38 +55,38 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
 
 
 def worst_of(bins: Sequence[Bins]) -> str:
-    """The region that stands out most, in words.
+    """A sentence on the region with the largest deviation.
 
-    Any error has a spectrum, so frequency is named only where no variable of the motion stands out.
+    Any error has a spectrum, so frequency is named only where no variable of the motion is notable.
     """
     found = [(float(np.max(np.abs(b.score))), b, int(np.argmax(np.abs(b.score)))) for b in bins]
-    explaining = [one for one in found if one[1].variable != "frequency" and one[0] >= NOTABLE]
-    best = max(explaining or found, key=lambda one: one[0], default=None)
+    of_motion = [entry for entry in found if entry[1].variable != "frequency" and entry[0] >= NOTABLE]
+    best = max(of_motion or found, key=lambda entry: entry[0], default=None)
     if best is None:
         return "the record is too short to say where the model fails"
-    score, one, i = best
+    score, worst, i = best
     if score < NOTABLE:
         return f"no region stands out: the largest of {sum(len(b.mean) for b in bins)} deviations is {score:.1f} sigma"
-    where = f"{one.variable} between {one.edges[i]:.4g} and {one.edges[i + 1]:.4g} {one.unit}".rstrip()
-    if one.variable == "frequency":
-        return f"{where}: the residual is {math.sqrt(one.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
-    return f"{where}: mean residual {one.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
+    where = f"{worst.variable} between {worst.edges[i]:.4g} and {worst.edges[i + 1]:.4g} {worst.unit}".rstrip()
+    if worst.variable == "frequency":
+        return f"{where}: the residual is {math.sqrt(worst.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
+    return f"{where}: mean residual {worst.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
 
 
 def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:
-    """Sentences on what this run does beyond the range that the fit has seen."""
-    said = []
-    for key, (y, unit) in seen_by(fit, motion).items():
+    """Sentences on variables of this run outside their fitted range."""
+    sentences = []
+    for key, (y, unit) in fitted_variables(fit, motion).items():
         low, high = fit.validity[key]
         share = float(np.mean((y < low) | (y > high)))
         if share > 0.001:
             span = f"[{low:.4g}, {high:.4g}] {unit}".rstrip()
-            said.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
-    return tuple(said)
+            sentences.append(f"{100 * share:.1f} % of this run lies outside the fitted range of {key} {span}")
+    return tuple(sentences)
 
 
-def seen_by(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
-    """Variables of the motion whose range the fit has kept, with their units."""
+def fitted_variables(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
+    """Variables of the motion that have a fitted range, with their units."""
     offsets = {"temperature": fit.origins.temperature}
     variables = {"a": (motion.a, "m/s²"), "v": (motion.v, "m/s"), "p": (motion.p + fit.origins.p, "m")}
     variables |= {
@@ -98,14 +98,14 @@ def seen_by(fit: Fit, motion: Signals) -> dict[str, tuple[Array, str]]:
 def outside(
     fit: Fit, ahead: Prediction, t: Array, motion: Signals, coasting: Mapping[float, Coasting]
 ) -> tuple[Outside, ...]:
-    """Count and score the readings beyond the range that the fit has seen; empty where no range is known.
+    """Count and errors of the readings outside the fitted ranges; empty where no range is known.
 
     Parameters
     ----------
     t : (n,) s, times of `motion`.
     coasting : drift by horizon. A window that leaves the range at any reading counts as outside.
     """
-    run, variables = ahead.run, seen_by(fit, motion)
+    run, variables = ahead.run, fitted_variables(fit, motion)
     if len(t) == 0 or not variables:
         return ()
     at = np.clip(np.searchsorted(t, run.t - 0.5 * run.reading_step), 0, len(t) - 1)
@@ -129,9 +129,9 @@ def scored(
     unit: str,
     span: tuple[float, float] | None,
 ) -> Outside:
-    """Errors of one side of a range and of the other."""
+    """Errors inside and outside of a range."""
     left = np.cumsum(out)
-    apart = {h: left[c.ends] > left[c.starts] for h, c in coasting.items()}
+    leaves = {h: left[c.ends] > left[c.starts] for h, c in coasting.items()}
     return Outside(
         variable=variable,
         unit=unit,
@@ -139,6 +139,6 @@ def scored(
         count=int(out.sum()),
         of=int(known.sum()),
         one_step=(rms(ahead.e[known & ~out]), rms(ahead.e[out])),
-        coast={h: (rms(c.rezeroed[~apart[h]]), rms(c.rezeroed[apart[h]])) for h, c in coasting.items()},
-        starts={h: (int(np.sum(~apart[h])), int(np.sum(apart[h]))) for h in coasting},
+        coast={h: (rms(c.rezeroed[~leaves[h]]), rms(c.rezeroed[leaves[h]])) for h, c in coasting.items()},
+        starts={h: (int(np.sum(~leaves[h])), int(np.sum(leaves[h]))) for h in coasting},
     )

@@ -1,4 +1,4 @@
-"""Spectra of residuals, beside those that the noise model predicts."""
+"""Spectra of residuals, and those that the noise model predicts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def predicted_density(f: Array, noise: Noise, scale: float, step: float, band: f
 
 
 def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
-    """Spectrum of the accelerometer-side residual beside the predicted noise; None where the record is too short."""
+    """Spectra of the accelerometer-side residual and of the predicted noise; None where the record is too short."""
     _t, residual = comparison.accel_residual
     step = float(np.median(np.diff(comparison.residual[0])))
     found = welch(residual, 1.0 / step)

@@ -13,7 +13,7 @@ from accelcal.data.rig import Rig
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.estimation.gauss_newton import iterate
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated, Vibration, simulate
@@ -30,7 +30,7 @@ def good(motion: str, rig: Rig, seed: int, **more: object) -> Simulated:
 
 def fitted(recording: Recording) -> RunState:
     """The base model at its fixed point."""
-    return iterate(Model.linear(), [PreparedRun(recording)], [None]).passes[0]
+    return iterate(Model.linear(), [prepare(recording)], [None]).states[0]
 
 
 def findings(recording: Recording) -> dict[str, NoiseTest]:

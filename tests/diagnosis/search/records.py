@@ -18,4 +18,4 @@ def fitted(run: Simulated, more: Callable[[Array], Array]) -> RunState:
     return solve_runs(
         Model.linear(),
         [dataclasses.replace(run.recording, accel=dataclasses.replace(accel, y=accel.y + more(accel.t)))],
-    ).passes[0]
+    ).states[0]

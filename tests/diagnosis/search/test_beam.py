@@ -66,7 +66,7 @@ def test_an_effect_of_little_evidence_is_confounded_with_more_rivals(plain: Simu
 
 def test_a_step_between_two_trials_does_not_lose_to_a_smooth_rival(tmp_path: Path) -> None:
     world = at_d(World("long_rest", "ADXL105", (Hidden("scale_step", -0.02, {"instant": 30.42}),), seed=9), 30.0)
-    state = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).passes[0]
+    state = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).states[0]
     found = scan([state], Model.linear())
     assert [f.effect for f in found.found] == ["scale_step"]
     assert found.found[0].shape["instant"] + state.run.origins.t == pytest.approx(30.42, abs=0.3)

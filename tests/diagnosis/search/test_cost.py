@@ -16,9 +16,8 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.effects import HOUSE, Effect, find, is_local
-from accelcal.estimation.column_filter import ColumnFilter
+from accelcal.estimation.columns import CHUNK, ColumnFilter, whitened_columns
 from accelcal.estimation.estimate import estimate, solve_runs
-from accelcal.estimation.run import CHUNK
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 from accelcal.signals.signals import Signals
@@ -30,17 +29,17 @@ PEAK = """
 import json, sys
 import numpy as np
 from accelcal.diagnosis.search.scan import scan
-from accelcal.estimation import column_filter
+from accelcal.estimation import columns
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from benches.fit import record
 from benches.peak import megabytes
 if sys.argv[2] == "unbounded":
-    column_filter.MOST_SUMS = column_filter.MOST_READINGS = 1 << 40
+    columns.MOST_SUMS = columns.MOST_READINGS = 1 << 40
 made = record(int(sys.argv[1]))
 solution = solve_runs(Model.linear(), [made])
 before = megabytes()
-scan(solution.passes, Model.linear())
+scan(solution.states, Model.linear())
 print(json.dumps({"before": before, "after": megabytes()}))
 """
 
@@ -58,14 +57,12 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def fitted(recording: Recording) -> RunState:
-    return solve_runs(Model.linear(), [recording]).passes[0]
+    return solve_runs(Model.linear(), [recording]).states[0]
 
 
 def plain_sums(state: RunState, terms: list[Term], group: int) -> Array:
     """The columns at the full rate, as a fit takes them, summed afterwards; (terms, rows)."""
-    assert state.signals is not None
-    parts = [columns for _, columns in state.run.columns(state.track, state.drive, terms, state.signals)]
-    counted = np.concatenate(parts)[state.counts]
+    counted = np.concatenate([columns for _, columns in whitened_columns(state, terms)])
     rows = len(counted) // group
     return counted[: rows * group].reshape(rows, group, len(terms)).sum(axis=1).T / np.sqrt(group)
 
@@ -74,7 +71,7 @@ def plain_sums(state: RunState, terms: list[Term], group: int) -> Array:
 def test_sums_are_those_of_columns_at_the_full_rate_for_any_stretches(
     fitted: RunState, readings: int, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", readings)
+    monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", readings)
     assert readings == 7001 or len(fitted.run.t) > 2 * CHUNK  # the reference is put together from stretches too
     items = hypotheses_for(fitted, Model.linear())
     terms = [term for item in items for term in item.terms]
@@ -90,7 +87,7 @@ def test_sums_are_those_of_columns_at_the_full_rate_for_any_stretches(
 
 def test_a_scan_says_the_same_in_one_stretch_and_in_many(fitted: RunState, monkeypatch: pytest.MonkeyPatch):
     whole = scan([fitted], Model.linear())
-    monkeypatch.setattr("accelcal.estimation.column_filter.MOST_READINGS", 7001)
+    monkeypatch.setattr("accelcal.estimation.columns.MOST_READINGS", 7001)
     parts = scan([fitted], Model.linear())
     assert whole.found
     assert [f.effect for f in whole.found] == [f.effect for f in parts.found]

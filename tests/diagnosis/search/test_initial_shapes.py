@@ -39,7 +39,7 @@ def test_a_jump_of_the_encoder_is_tried_at_the_reading_behind_it(plain: Simulate
     position = plain.recording.position
     jumped = position.y + np.where(np.arange(len(position.t)) >= reading, 1e-5, 0.0)
     recording = dataclasses.replace(plain.recording, position=dataclasses.replace(position, y=jumped))
-    state = solve_runs(Model.linear(), [recording]).passes[0]
+    state = solve_runs(Model.linear(), [recording]).states[0]
     instants = np.array([shape.value for shape in jumps(state)]) + state.run.origins.t
     assert np.any((position.t[reading - 1] < instants) & (instants < position.t[reading]))
 

@@ -9,8 +9,8 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.refine import profile_loss
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import HOUSE, Effect, find
+from accelcal.estimation.columns import multiples, sizes
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.proportional_columns import multiples, sizes
 from accelcal.model import Model, terms_of
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from tests.effects.motions import sines
@@ -60,7 +60,7 @@ def test_cosines_of_another_stretch_of_time_are_no_multiples():
 def test_the_gain_along_a_size_is_that_of_columns_filtered_anew():
     recording = simulate("bursts", seconds=20.0, rig=ADXL105_RIG, parameters={}, rng=np.random.default_rng(3)).recording
     model = Model.linear()
-    runs = [BaseProjection(state, model) for state in solve_runs(model, [recording]).passes]
+    runs = [BaseProjection(state, model) for state in solve_runs(model, [recording]).states]
     effect = find("bias_gauss_markov")
     shape = {n: sh.grid(runs[0].column_filter.signals)[0] for n, sh in effect.shapes.items()}
     loss = profile_loss(runs, Hypothesis(effect, shape), shape, "tau")

@@ -17,7 +17,7 @@ from accelcal.simulation.sensor import Simulated
 def test_a_column_that_the_model_contains_leaves_the_others_their_gain(plain: Simulated, known: str) -> None:
     """Of a shape's columns one is what `known` is already: nothing of it is left, and nothing else suffers."""
     model = Model.linear().add(known)
-    state = solve_runs(model, [plain.recording]).passes[0]
+    state = solve_runs(model, [plain.recording]).states[0]
     items = [item for item in hypotheses_for(state, model) if item.effect.family and item.leading is None]
     evidence = CandidateScores([BaseProjection(state, model)], items)
     for i, item in enumerate(items):

@@ -10,9 +10,10 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.noise_tests.tones import filtered_columns, local_level, pair_fit
+from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
-from accelcal.estimation.adjoint import asked_of_readings
+from accelcal.estimation.adjoint import gradient_in_readings
+from accelcal.estimation.columns import whitened_reading_errors
 
 SHORTEST, LONGEST = 2e-6, 5e-3
 """Periods that are tested, m; the shortest is at least three counts."""
@@ -69,7 +70,7 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
 def over_position(residuals: Residuals, cell: float, travel: float) -> Array:
     """Innovations, referred back through the filter, over cells of position and a quarter of the travel (m) more."""
     n = scipy.fft.next_fast_len(int(travel / cell) + 2 + int(0.25 * travel / cell), real=True)
-    reading_score = asked_of_readings(residuals.state, residuals.readings)
+    reading_score = gradient_in_readings(residuals.state, residuals.readings)
     p = residuals.smooth_position[residuals.state.counts]
     place = (p - p.min()) / cell
     low = place.astype(np.intp)
@@ -82,5 +83,5 @@ def over_position(residuals: Residuals, cell: float, travel: float) -> Array:
 def cyclic_fit(residuals: Residuals, kappa: float) -> tuple[float, float, float, float]:
     """Gain of twice the log-likelihood, amplitude, its standard deviation, and 1/period, by exact columns."""
     phase = 2.0 * np.pi * kappa * residuals.smooth_position
-    X = filtered_columns(residuals, np.zeros((4, 0)), np.column_stack([np.cos(phase), np.sin(phase)]), residuals.step)
+    X = whitened_reading_errors(residuals.state, [np.cos(phase), np.sin(phase)])
     return (*pair_fit(X, residuals.readings), kappa)

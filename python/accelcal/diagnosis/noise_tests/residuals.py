@@ -28,7 +28,6 @@ class Residuals:
     """Residuals of both channels beyond the fitted model, on uniform times."""
 
     def __init__(self, state: RunState) -> None:
-        assert state.signals is not None, "the fit has not been iterated"
         self.state, self.run = state, state.run
         self.signals: Signals = state.signals
         run, s = self.run, self.signals

@@ -23,6 +23,7 @@ from accelcal.diagnosis.policy import (
     NOISE_TEST_LEAST_BLOCKS,
     REPORTED_LINES,
 )
+from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
 
 FEWEST_BINS = 64
@@ -217,37 +218,12 @@ def motion_makes_lines(s: Signals, frequency: float, amplitude: float) -> bool:
 
 def fitted_amplitude(residuals: Residuals, frequency: float) -> tuple[float, float]:
     """Amplitude of a line at the output and its standard deviation, by exact columns of the replay, m/s²."""
-    phase = (
-        2.0
-        * np.pi
-        * frequency
-        * np.arange(int((residuals.run.t[-1] - residuals.run.t[0]) / residuals.step) + 4)
-        * residuals.step
-    )
-    grid = np.column_stack([np.cos(phase), np.sin(phase)]) / residuals.state.values.scale
-    X = filtered_columns(residuals, grid, np.zeros((len(residuals.run.t), 0)), residuals.step)
+    samples = int((residuals.run.t[-1] - residuals.run.t[0]) / residuals.step) + 4
+    phase = 2.0 * np.pi * frequency * np.arange(samples) * residuals.step
+    scale = residuals.state.values.scale
+    X = whitened_accelerations(residuals.state, [np.cos(phase) / scale, np.sin(phase) / scale], residuals.step)
     _, amplitude, std = pair_fit(X, residuals.readings)
     return amplitude, std
-
-
-def filtered_columns(residuals: Residuals, on_grid: Array, direct: Array, step: float) -> Array:
-    """Whitened columns of settled readings, either driven by accelerations on a grid or added to the readings."""
-    run, state = residuals.run, residuals.state
-    columns = on_grid.shape[1] + direct.shape[1]
-    whitened = np.empty((len(run.t), columns))
-    state.track.carry(
-        run.t,
-        state.drive.restart,
-        on_grid,
-        direct,
-        start=float(run.t[0]),
-        step=step,
-        from_=0,
-        to=len(run.t),
-        state=np.zeros(2 * columns),
-        whitened=whitened,
-    )
-    return np.asarray(whitened[state.counts])
 
 
 def pair_fit(X: Array, y: Array) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARI
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import HOUSE, Effect, find, side_channels, users_own
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.shape_parameters import linearised, signals_of
+from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
 
 
@@ -54,7 +54,6 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     extra : users' effects to consider besides the house catalogue; by default all that are registered.
     """
     s = state.signals
-    assert s is not None
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items()]
     offered = (*HOUSE, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
@@ -105,5 +104,4 @@ def nuisances(state: RunState, model: Model) -> list[tuple[Term, float]]:
     """
     tolerance = state.run.rig.lowpass_tolerance
     known = [(Term(find("lowpass_error")), tolerance)] if tolerance > 0.0 else []
-    linearised_shapes = linearised(model, state.values, signals_of(state), state.information)
-    return known + [(shape.term, shape.belief) for shape in linearised_shapes]
+    return known + [(shape.term, shape.prior_std) for shape in linearised(model, state)]

@@ -9,7 +9,7 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.effects.building_blocks import periods
-from accelcal.estimation.adjoint import asked_of_output
+from accelcal.estimation.adjoint import gradient_in_output
 from accelcal.estimation.run_state import RunState
 
 MOST_JUMPS = 8
@@ -54,7 +54,6 @@ def jumps(state: RunState) -> list[InitialShape]:
     instants are tried at which the innovations match the response to a jump best.
     """
     s = state.signals
-    assert s is not None
     crossover = 2.0 * np.pi * state.run.crossover(state.noise)
     y = np.where(state.counts, state.whitened, 0.0)
     response = jump_response(state)
@@ -90,7 +89,6 @@ def waves(state: RunState) -> list[InitialShape]:
     best.
     """
     s = state.signals
-    assert s is not None
     low, _ = periods(s)
     stroke = float(np.ptp(s.p))
     always = [stroke * share for share in LONG_WAVES if stroke * share > low]
@@ -127,11 +125,10 @@ def folded_spectrum(state: RunState, x: Array, lowest: float, highest: float) ->
     Wave numbers, and the power at each.
     """
     s = state.signals
-    assert s is not None
     low, span, cell = float(np.min(x)), float(np.ptp(x)), 1.0 / (CELLS_PER_PERIOD * highest)
     n = scipy.fft.next_fast_len(int(PADDED * span / cell) + 2, real=True)
     place = (np.interp(state.run.t[state.counts] - state.run.origins.t, s.t, x) - low) / cell
-    output_score = asked_of_output(state, state.whitened[state.counts])
+    output_score = gradient_in_output(state, state.whitened[state.counts])
     cells = np.bincount(np.rint(np.maximum(place, 0.0)).astype(np.intp), output_score, n)
     kappa = np.fft.rfftfreq(n, cell)
     rows = slice(*np.searchsorted(kappa, [lowest, highest]))
@@ -143,7 +140,6 @@ def ripples(state: RunState) -> list[InitialShape]:
     """Periods, m/s², at which the output may ripple over acceleration: 0 (none), and the one at which the innovations,
     folded over acceleration, agree best."""
     s = state.signals
-    assert s is not None
     span = float(np.ptp(s.a))
     shortest = max(LEAST_SIGMA_PERIODS * s.a_std, span / MOST_RIPPLES)
     if span < 2.0 * FEWEST_RIPPLES * shortest:

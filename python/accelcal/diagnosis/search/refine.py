@@ -15,7 +15,7 @@ from accelcal.diagnosis.search.beam import SearchRules, log_chance
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import variance_gain
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
-from accelcal.estimation.proportional_columns import sizes
+from accelcal.estimation.columns import sizes
 from accelcal.signals.signals import Signals
 
 EVALUATIONS = 14

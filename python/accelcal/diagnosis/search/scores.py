@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, project_out, score_gain, variance_gain
-from accelcal.estimation.column_filter import ColumnFilter
+from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 

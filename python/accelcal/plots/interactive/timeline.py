@@ -13,7 +13,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.summary import rest
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import Fault, faults
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import prepare
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
@@ -46,7 +46,7 @@ def marks(recording: Recording) -> Marks:
         If the channels do not overlap.
     """
     found = usable(recording)
-    seen = faults(recording, PreparedRun(recording, start=found.start, end=found.end))
+    seen = faults(recording, prepare(recording, start=found.start, end=found.end))
     return Marks(found.start, found.end, found.breaks, seen, tuple(rest(recording)))
 
 

@@ -1,0 +1,281 @@
+"""Whitened columns: the response of the predicted readings to one unit of each coefficient, through the gains."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container, Iterator, Mapping, Sequence
+from functools import cached_property
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from accelcal import _core
+from accelcal.data.arrays import Array
+from accelcal.effects import Effect, is_local
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Term, evaluate
+from accelcal.signals.signals import Signals
+
+CHUNK = 4096
+"""Readings whose columns are held in memory at a time, at the full rate."""
+OVERSAMPLING = 6.0
+"""Rate of the sums over the larger of crossover and bandwidth of the motion."""
+MOST_SUMS = 1 << 24
+"""Sums, all columns together, that are held at a time: 134 MB."""
+MOST_READINGS = 1 << 18
+"""Readings whose geometry on the grid is held at a time, where sums are taken over groups."""
+PARALLEL = 8
+"""Columns that pass the filter at a time."""
+TIMES = 256
+"""Times at which two columns are compared."""
+
+
+def whitened_columns(state: RunState, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
+    """Whitened columns of terms at the full rate, stretch by stretch.
+
+    Yields
+    ------
+    The readings of the stretch, and the columns of those among them that count, (counted readings, terms).
+    """
+    columns = evaluated(state, terms)
+    response, factor = np.zeros((len(terms), 2)), -state.run.rig.polarity / state.signals.scale
+    for readings in chunks(state):
+        grid = grid_rows(state, readings)
+        bank = bank_of(state, readings, grid_times(state, grid))
+        sums = np.empty((len(terms), bank.rows))
+        for port, places in groupby(range(len(terms)), key=lambda k: terms[k].port):
+            of_port = list(places)
+            here, rows = slice(of_port[0], of_port[-1] + 1), grid if port == "output" else readings
+            parts = [np.ascontiguousarray(columns[k][rows]) for k in of_port]
+            if port == "output":
+                bank.carry_inputs(parts, factor, response[here], sums[here])
+            else:
+                bank.carry_readings(parts, response[here], sums[here])
+        yield readings, np.ascontiguousarray(sums.T)
+
+
+def whitened_accelerations(state: RunState, columns: Sequence[Array], step: float) -> Array:
+    """Whitened responses to accelerations, (counted readings, columns).
+
+    Parameters
+    ----------
+    state : the run.
+    columns : accelerations from the first reading on, (rows,) each.
+    step : their spacing, s.
+    """
+    grid = float(state.run.t[0]), step, len(columns[0])
+    whitened, response = np.empty((int(np.sum(state.counts)), len(columns))), np.zeros((len(columns), 2))
+    begin = 0
+    for readings in chunks(state):
+        bank = bank_of(state, readings, grid)
+        sums = np.empty((len(columns), bank.rows))
+        bank.carry_inputs(list(columns), 1.0, response, sums)
+        whitened[begin : begin + bank.rows] = sums.T
+        begin += bank.rows
+    return whitened
+
+
+def whitened_reading_errors(state: RunState, columns: Sequence[Array]) -> Array:
+    """Whitened responses to errors of the readings, (n,) each, as (counted readings, columns)."""
+    whitened, response = np.empty((int(np.sum(state.counts)), len(columns))), np.zeros((len(columns), 2))
+    begin = 0
+    for readings in chunks(state):
+        bank = bank_of(state, readings, grid_times(state, grid_rows(state, readings)))
+        sums = np.empty((len(columns), bank.rows))
+        bank.carry_readings([column[readings] for column in columns], response, sums)
+        whitened[begin : begin + bank.rows] = sums.T
+        begin += bank.rows
+    return whitened
+
+
+def evaluated(state: RunState, terms: Sequence[Term]) -> list[Array]:
+    """Columns of terms over the whole run: of the output on the grid of the signals, of the encoder at the readings."""
+    inputs = [k for k, term in enumerate(terms) if term.port == "output"]
+    direct = [k for k, term in enumerate(terms) if term.port != "output"]
+    signals, run = state.signals, state.run
+    columns = dict(zip(inputs, evaluate([terms[k] for k in inputs], signals), strict=True))
+    at_readings = signals.resampled(run.t - run.origins.t) if direct else signals
+    columns |= dict(zip(direct, evaluate([terms[k] for k in direct], at_readings), strict=True))
+    return [columns[k] for k in range(len(terms))]
+
+
+def chunks(state: RunState) -> Iterator[slice]:
+    """All readings in stretches of `CHUNK`."""
+    n = len(state.run.t)
+    return (slice(begin, min(begin + CHUNK, n)) for begin in range(0, n, CHUNK))
+
+
+def grid_rows(state: RunState, readings: slice) -> slice:
+    """Rows of the signals that shape the motion over a stretch: two on either side of the cells that it touches."""
+    s, t = state.signals, state.run.t
+    start = float(s.t[0]) + state.run.origins.t
+    low = max(0, int((t[max(readings.start - 1, 0)] - start) / s.step) - 2)
+    high = min(len(s.t), int((t[readings.stop - 1] - start) / s.step) + 4)
+    return slice(max(0, min(low, high - 4)), high)
+
+
+def grid_times(state: RunState, rows: slice) -> tuple[float, float, int]:
+    """First time on the clock of the readings, spacing and number of some rows of the signals."""
+    s = state.signals
+    return float(s.t[0]) + state.run.origins.t + rows.start * s.step, s.step, rows.stop - rows.start
+
+
+def bank_of(state: RunState, readings: slice, grid: tuple[float, float, int], group: int = 1) -> _core.Bank:
+    """Gains of a stretch of readings, and their geometry on a grid, ready to filter columns."""
+    return _core.Bank(
+        state.track,
+        state.run.t,
+        state.drive.restart,
+        state.counts,
+        grid=grid,
+        from_=readings.start,
+        to=readings.stop,
+        group=group,
+    )
+
+
+class ColumnFilter:
+    """Many columns of one run, their whitened samples summed in groups, in bounded memory.
+
+    Sums are divided by the square root of their number: white stays white, and below a fraction of the rate nothing is
+    lost. The sums of a long run are yielded stretch by stretch; effects with a memory are evaluated over the whole run
+    for each stretch.
+    """
+
+    def __init__(self, state: RunState) -> None:
+        self.state = state
+        self.signals: Signals = state.signals
+        rate = 1.0 / state.run.reading_step
+        highest = max(self.signals.cutoff, state.run.crossover(state.noise))
+        self.group = max(1, int(rate / (OVERSAMPLING * highest)))
+        self.rows = int(np.sum(state.counts)) // self.group
+        self._last: tuple[slice, _core.Bank] | None = None
+
+    @property
+    def whitened(self) -> Array:
+        """Sums of the whitened innovations, (rows,)."""
+        y = self.state.whitened[self.state.counts][: self.rows * self.group]
+        return np.asarray(y.reshape(self.rows, self.group).sum(axis=1) / math.sqrt(self.group))
+
+    @property
+    def times(self) -> Array:
+        """Time of the first reading of each sum, (rows,) s."""
+        return self.state.run.t[self.state.counts][: self.rows * self.group : self.group]
+
+    @cached_property
+    def at_readings(self) -> Signals:
+        """The motion at the times of the readings, where effects of the encoder are evaluated."""
+        return self.signals.resampled(self.state.run.t - self.state.run.origins.t)
+
+    def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
+        """Sums of the whitened columns, stretch by stretch.
+
+        Yields
+        ------
+        The rows of the stretch, and the sums (terms, rows of the stretch) in the order of the terms; those of the next
+        stretch overwrite them.
+        """
+        response, copies = np.zeros((len(terms), 2)), multiples(terms, self.signals)
+        factor = -self.state.run.rig.polarity / self.signals.scale
+        begin, buffer = 0, np.empty(0)
+        for readings in self._stretches(len(terms)):
+            bank = self._bank(readings)
+            if buffer.size < len(terms) * bank.rows:
+                buffer = np.empty(len(terms) * bank.rows)
+            sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
+            for first, columns, port in self._columns(terms, readings, copies):
+                here = slice(first, first + len(columns))
+                if port == "output":
+                    bank.carry_inputs(columns, factor, response[here], sums[here])
+                else:
+                    bank.carry_readings(columns, response[here], sums[here])
+            for k, (source, times) in copies.items():
+                np.multiply(sums[source], times, out=sums[k])
+            yield slice(begin, begin + bank.rows), sums
+            begin += bank.rows
+
+    def whole(self, terms: Sequence[Term]) -> Array:
+        """Sums of a few whitened columns over the whole run, (terms, rows)."""
+        sums = np.empty((len(terms), self.rows))
+        for rows, part in self.stretches(terms):
+            sums[:, rows] = part
+        return sums
+
+    def _stretches(self, columns: int) -> list[slice]:
+        """Readings in stretches that each hold whole groups, few enough for their memory."""
+        rows = max(1, min(MOST_SUMS // max(1, columns), MOST_READINGS // self.group))
+        counted = np.flatnonzero(self.state.counts)
+        begins = counted[rows * self.group : self.rows * self.group : rows * self.group]
+        edges = [0, *(int(k) for k in begins), len(self.state.counts)]
+        return [slice(a, b) for a, b in pairwise(edges)]
+
+    def _bank(self, readings: slice) -> _core.Bank:
+        """Gains and geometry of a stretch; the last one is kept."""
+        if self._last is None or self._last[0] != readings:
+            self._last = None  # free the old geometry before the next is made
+            grid = grid_times(self.state, grid_rows(self.state, readings))
+            self._last = readings, bank_of(self.state, readings, grid, self.group)
+        return self._last[1]
+
+    def _columns(
+        self, terms: Sequence[Term], readings: slice, copies: Container[int]
+    ) -> Iterator[tuple[int, list[Array], str]]:
+        """Columns over a stretch, of one port at a time, without `copies`: index of the first, at most `PARALLEL` of
+        them, the port."""
+        first = 0
+
+        def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
+            k, term = place
+            return k in copies, term.port, is_local(term.effect)
+
+        for (copied, port, local), places in groupby(enumerate(terms), key=kind):
+            alike = [term for _, term in places]
+            if copied:
+                first += len(alike)
+                continue
+            s, rows = (
+                (self.signals, grid_rows(self.state, readings)) if port == "output" else (self.at_readings, readings)
+            )
+            if local:
+                s, rows = s.part(rows), slice(None)
+            waiting: list[Array] = []
+            for column in evaluate(alike, s):
+                waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
+                if len(waiting) == PARALLEL:
+                    yield first, waiting, port
+                    first, waiting = first + PARALLEL, []
+            if waiting:
+                yield first, waiting, port
+                first += len(waiting)
+
+
+def multiples(terms: Sequence[Term], s: Signals) -> dict[int, tuple[int, float]]:
+    """Terms whose column equals an earlier one's or a multiple of it: index of the first, and the factor.
+
+    Such a column is filtered once, whatever its sizes.
+    """
+    first: dict[tuple[object, ...], int] = {}
+    known: dict[tuple[object, ...], Array] = {}
+
+    def size(k: int) -> float:
+        effect, shape = terms[k].effect, terms[k].shape
+        key = (effect.name, *sorted(shape.items()))
+        if key not in known:
+            known[key] = sizes(effect, shape, s)
+        return float(known[key][terms[k].part])
+
+    found = {}
+    for k, term in enumerate(terms):
+        effect = term.effect
+        held = {n: value for n, value in term.shape.items() if not (effect.basis and effect.shapes[n].refined)}
+        key = (effect.basis or effect.name, term.port, term.part, *sorted(held.items()))
+        source = first.setdefault(key, k)
+        if source != k:
+            found[k] = source, size(k) / size(source) if effect.basis else 1.0
+    return found
+
+
+def sizes(effect: Effect, shape: Mapping[str, float], s: Signals) -> Array:
+    """Size of each column of an effect with a basis, in a unit that is the same for all shapes, (width,)."""
+    few = s.at(slice(None, None, max(1, len(s.t) // TIMES)))
+    return np.asarray(np.linalg.norm(effect.column(few, **shape).reshape(len(few.t), -1), axis=0))

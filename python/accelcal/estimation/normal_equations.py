@@ -1,0 +1,59 @@
+"""Normal equations of one run, summed over its whitened columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.estimation.columns import whitened_columns
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Term
+
+LEAST_BLOCKS = 8
+"""Fewer blocks than this do not measure a scatter."""
+MOST_BLOCKS = 40
+"""More blocks are not needed to measure one."""
+
+
+@dataclass(frozen=True, slots=True)
+class NormalEquations:
+    """Normal equations of one run."""
+
+    gram: Array
+    """X'X, (m, m)."""
+    score: Array
+    """X'y, (m,)."""
+    spread: Array | None
+    """Sum of outer products of block scores, (m, m); None without a band, or when there are fewer than 8 blocks."""
+
+
+def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
+    """X'X and X'y of a run, stretch by stretch; X itself is never held whole."""
+    m = len(terms)
+    gram, score = np.zeros((m, m)), np.zeros(m)
+    block = block_of_readings(state) if state.band is not None else None
+    sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
+    for readings, columns in whitened_columns(state, terms):
+        kept = state.counts[readings]
+        gram += columns.T @ columns
+        parts = columns * state.whitened[readings][kept][:, None]
+        score += parts.sum(axis=0)
+        if block is not None:
+            np.add.at(sums, block[readings][kept], parts)
+    return NormalEquations(gram, score, sums.T @ sums if len(sums) >= LEAST_BLOCKS else None)
+
+
+def information(state: RunState, term: Term) -> float:
+    """Information of a run on the coefficient of one more term, all others known."""
+    return float(normal_equations(state, [term]).gram[0, 0])
+
+
+def block_of_readings(state: RunState) -> NDArray[np.intp]:
+    """Block of each reading; blocks outlast the memory of the filter, (n,)."""
+    t = state.run.t
+    length = max(float(t[-1] - t[0]) / MOST_BLOCKS, 1.0 / state.run.crossover(state.noise))
+    return np.asarray((t - t[0]) / length, dtype=np.intp)

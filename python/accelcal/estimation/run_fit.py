@@ -1,0 +1,104 @@
+"""What a fit keeps of each recording: its span, its noise at rest and in motion, its likelihood."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Flags
+from accelcal.estimation.noise import Level, NoiseReport, level, level_of
+from accelcal.estimation.normal_equations import NormalEquations, block_of_readings, normal_equations
+from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import RunState
+from accelcal.estimation.values import Noise
+from accelcal.model import Model
+from accelcal.signals.signals import Signals
+
+
+@dataclass(frozen=True, slots=True)
+class RunFit:
+    """Span, noise and likelihood of one recording of a fit."""
+
+    name: str
+    digest: str
+    start: float
+    """s"""
+    end: float
+    """s"""
+    readings: int
+    samples: int
+    noise: NoiseReport
+    log_likelihood: float
+    nis: float | None
+    """Mean normalised innovation squared, 1 when noise and innovations agree; None when a band was imposed."""
+
+
+def run_fit(state: RunState, model: Model) -> RunFit:
+    """Noise report and fit statistics of a run at the final values."""
+    run = state.run
+    y = state.whitened[state.counts]
+    return RunFit(
+        name=run.recording.name,
+        digest=run.recording.digest,
+        start=float(run.t[0]),
+        end=float(run.t[-1]),
+        readings=len(run.t),
+        samples=len(run.accel.t),
+        noise=noise_report(state) if state.band is None else noise_report_in_band(state, model),
+        log_likelihood=state.log_likelihood,
+        nis=float(np.mean(y**2)) if state.band is None else None,
+    )
+
+
+def noise_report(state: RunState) -> NoiseReport:
+    """Noise by likelihood: of all readings, of those at rest and of those in motion."""
+    run, integrals, noise, scale = state.run, state.drive, state.noise, state.values.scale
+    whole = level(run, integrals, noise, scale)
+    moving = in_motion(run, state.signals)
+    return NoiseReport(
+        noise=noise,
+        all=whole,
+        rest=level_of(run, integrals, noise, ~moving, scale),
+        motion=level_of(run, integrals, noise, moving, scale),
+        declared=run.rig.sensor.noise,
+        crossover=run.crossover(noise),
+    )
+
+
+def noise_report_in_band(state: RunState, model: Model) -> NoiseReport:
+    """Noise where a band was imposed, by the scatter of block scores, not split into rest and motion."""
+    run, scale = state.run, state.values.scale
+    noise = noise_of_blocks(state.noise, normal_equations(state, model.free))
+    density, reading = abs(scale) * math.sqrt(2.0 * noise.q), math.sqrt(state.search.noise.r)
+    share = 1.0 / math.sqrt(2.0 * max(1, int(block_of_readings(state)[-1])))
+    return NoiseReport(
+        noise=noise,
+        all=Level(density, share * density, reading, math.nan, int(state.counts.sum())),
+        rest=None,
+        motion=None,
+        declared=run.rig.sensor.noise,
+        crossover=run.crossover(noise),
+        band=state.band,
+    )
+
+
+def noise_of_blocks(noise: Noise, normal: NormalEquations) -> Noise:
+    """Noise scaled so that the model's covariance equals the one that the blocks show."""
+    if normal.spread is None:
+        return noise
+    ratio = np.diag(normal.spread) / np.diag(normal.gram)
+    factor = float(np.exp(np.mean(np.log(ratio))))
+    return Noise(noise.q * factor, noise.r * factor)
+
+
+def in_motion(run: PreparedRun, signals: Signals) -> Flags:
+    """Readings at which the stage moves: speed or acceleration above 2 % of their largest, and a little around."""
+    v, a = np.abs(signals.v), np.abs(signals.a - np.median(signals.a))
+    busy = (v > 0.02 * np.quantile(v, 0.999)) | (a > 0.05 * np.quantile(a, 0.999))
+    step = float(signals.t[1] - signals.t[0])
+    margin = max(1, int(0.05 / step))
+    near = np.convolve(busy, np.ones(2 * margin + 1), mode="same") > 0 if len(busy) > 2 * margin else busy
+    index = np.clip(np.rint((run.t - run.origins.t - signals.t[0]) / step).astype(int), 0, len(near) - 1)
+    return np.asarray(near[index])
