@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
-SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs)
+SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml crates/*/src/*.rs crates/*/src/*/*.rs)
 export CARGO_INCREMENTAL ?= 0
 
 .PHONY: help demo docs test test-long embedded check bench bench-check bench-hidden bench-peers stubs format clean

@@ -1,11 +1,11 @@
 //! The filter as a device holds it: one call per output, with the encoder's reading where there is one.
 
 use ekf_core::Order;
-use ekf_core::aci_block::Push;
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::effect::{Effect, InverseCubic};
-use ekf_core::number::Real;
-use ekf_core::row::Plain;
+use ekf_core::structured::acceleration::{Effect, InverseCubic};
+use ekf_core::structured::aci::Push;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::number::Real;
+use ekf_core::structured::row::Plain;
 
 use crate::record::DT;
 

@@ -1,8 +1,8 @@
 //! A filter at a fixed rate for Python: a sample per call, or a record per call into the caller's arrays.
 
 use ekf_core::{RunError, Wander};
-use ekf_simd::fixed_rate::{self, FixedRate, Histories};
-use ekf_simd::paced::Arrival;
+use ekf_simd::fixed_rate::filter::{self, FixedRate, Histories};
+use ekf_simd::fixed_rate::step::Arrival;
 use numpy::{
     Element, IntoPyArray, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray,
     PyUntypedArrayMethods,
@@ -10,7 +10,7 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::filters::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
+use crate::run::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
 
 /// A filter fed sample by sample, `dt` apart.
 #[pyclass(module = "accelcal._core")]
@@ -45,10 +45,10 @@ impl FixedRateFilter {
         let filter = match (setup.system, effects) {
             (AnySystem::Aci(system), Some((rest, wander))) => {
                 let wander: Vec<Wander> = wander.into_iter().map(|(rate, q)| Wander { rate, q }).collect();
-                fixed_rate::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
+                filter::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
             }
-            (AnySystem::Aci(system), None) => fixed_rate::aci(&setup.with(system), dt, prior),
-            (AnySystem::Cwpa(system), _) => fixed_rate::cwpa(&setup.with(system), dt, prior),
+            (AnySystem::Aci(system), None) => filter::aci(&setup.with(system), dt, prior),
+            (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.with(system), dt, prior),
         };
         Ok(Self { filter: filter.map_err(|error| raise(py, error.into()))?, dt, effects: count })
     }

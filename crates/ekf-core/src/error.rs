@@ -3,7 +3,7 @@
 use core::error::Error;
 use core::fmt;
 
-use crate::timeline::Channel;
+use crate::signal::timeline::Channel;
 
 /// A sensor model was asked for a value where it has none.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,15 +4,17 @@
 mod common;
 
 use common::{DT, Draw, cases, distance, integrators, orders, prior, read, wanders};
-use ekf_core::aci_block::AciBlock;
-use ekf_core::aci_staged::Course;
-use ekf_core::cwpa_block::CwpaBlock;
-use ekf_core::effect::{Driven, Effect, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear, WithEffects};
-use ekf_core::output::{Output, ReadCubic, ReadInverse, ReadLinear};
-use ekf_core::row::Plain;
-use ekf_core::system::{Drive, Rates, System, Transition};
-use ekf_core::update::{Reading, correct, innovate};
-use ekf_core::wandering::Wandering;
+use ekf_core::dense::system::{Drive, Rates, System, Transition};
+use ekf_core::dense::update::{Reading, correct, innovate};
+use ekf_core::structured::acceleration::{
+    Driven, Effect, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear, WithEffects,
+};
+use ekf_core::structured::aci::AciBlock;
+use ekf_core::structured::aci_step::Course;
+use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::measurement::{Output, ReadCubic, ReadInverse, ReadLinear};
+use ekf_core::structured::row::Plain;
 use ekf_core::{Aci, Cwpa, Form, Integrator, Order, Segment, Sensor, SetupError, StepError, Wander};
 use nalgebra::{RowSVector, SMatrix, SVector};
 use proptest::prelude::*;

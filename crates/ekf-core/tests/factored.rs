@@ -4,15 +4,15 @@
 mod common;
 
 use common::{DT, Draw, cases, distance, orders, prior, read};
-use ekf_core::aci_block::{AciBlock, Push};
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::aci_staged::Course;
-use ekf_core::effect::{Driven, Effect, InverseCubic, WithEffects};
-use ekf_core::factored::factorise;
-use ekf_core::number::Real;
-use ekf_core::row::Plain;
-use ekf_core::system::Drive;
-use ekf_core::wandering::Wandering;
+use ekf_core::dense::system::Drive;
+use ekf_core::dense::ud::factorise;
+use ekf_core::structured::acceleration::{Driven, Effect, InverseCubic, WithEffects};
+use ekf_core::structured::aci::{AciBlock, Push};
+use ekf_core::structured::aci_step::Course;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::number::Real;
+use ekf_core::structured::row::Plain;
 use ekf_core::{Aci, Belief, Form, Integrator, Order, Segment, Sensor, Wander};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;

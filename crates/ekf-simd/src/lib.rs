@@ -7,23 +7,10 @@
 #![allow(clippy::inline_always)] // a kernel must be compiled into the run that calls it, with that run's instructions
 #![allow(clippy::float_cmp)] // 0.0 and 1.0 are written down, not computed
 
-pub mod abreast;
-pub mod bank;
-pub mod batch;
-pub mod block;
+pub mod arch;
 pub mod fixed_rate;
-pub mod fused;
-pub mod kernel;
-pub mod lanes;
-pub mod likelihood;
-pub mod paced;
-#[cfg(target_arch = "x86_64")]
-pub mod pair;
-pub mod path;
-#[cfg(target_arch = "x86_64")]
-pub mod quads;
 pub mod record;
-pub mod run;
+pub mod replay;
 
-pub use batch::{Batch, Final, Prior, run_aci, run_cwpa};
-pub use path::Path;
+pub use arch::instruction_set::Path;
+pub use record::batch::{Batch, Final, Prior, run_aci, run_cwpa};

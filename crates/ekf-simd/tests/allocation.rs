@@ -5,17 +5,17 @@ use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
 use std::hint::black_box;
 
-use ekf_core::aci_block::Push;
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::effect::{Effect, InverseCubic};
-use ekf_core::row::Plain;
+use ekf_core::structured::acceleration::{Effect, InverseCubic};
+use ekf_core::structured::aci::Push;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::row::Plain;
 use ekf_core::{
     Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, Form, InBlocks, Integrator, Interpolation, Live, Order,
     Sensor, Wander,
 };
 use ekf_simd::Prior;
-use ekf_simd::fixed_rate::{FixedRate, Histories, aci, aci_with_effects, cwpa};
-use ekf_simd::paced::Arrival;
+use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
+use ekf_simd::fixed_rate::step::Arrival;
 use nalgebra::{SMatrix, SVector};
 
 /// The system's allocator, counting what the present thread asks for.

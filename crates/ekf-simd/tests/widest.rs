@@ -1,8 +1,8 @@
 //! The replay's loops in wide registers give the bits of the plain ones.
 #![allow(non_snake_case)] // as in the crate
 
-use ekf_core::abreast::{Abreast, side_by_side};
-use ekf_core::bank::{Passage, Response, Stretch, prepare};
+use ekf_core::replay::columns::{Passage, Response, Stretch, prepare};
+use ekf_core::replay::parallel::{Abreast, side_by_side};
 use ekf_core::replay::{Cell, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track, filter};
 use proptest::prelude::*;
 
@@ -74,10 +74,10 @@ fn same_columns<const N: usize>(seed: f64) -> bool {
         let mut rows = rows.iter_mut();
         core::array::from_fn::<&mut [f64], N, _>(|_| rows.next().unwrap())
     });
-    ekf_simd::bank::carry_inputs(stretch, columns, -1.2, &mut states[0], wide).unwrap();
-    ekf_core::bank::carry_inputs(stretch, columns, -1.2, &mut states[1], plain).unwrap();
-    ekf_simd::bank::carry_readings(stretch, read, &mut states[2], wide_read).unwrap();
-    ekf_core::bank::carry_readings(stretch, read, &mut states[3], plain_read).unwrap();
+    ekf_simd::replay::columns::carry_inputs(stretch, columns, -1.2, &mut states[0], wide).unwrap();
+    ekf_core::replay::columns::carry_inputs(stretch, columns, -1.2, &mut states[1], plain).unwrap();
+    ekf_simd::replay::columns::carry_readings(stretch, read, &mut states[2], wide_read).unwrap();
+    ekf_core::replay::columns::carry_readings(stretch, read, &mut states[3], plain_read).unwrap();
     assert!(sums.iter().all(|rows| rows.iter().flatten().any(|x| x.abs() > 1e-3)));
     bits(&sums[0]) == bits(&sums[1])
         && bits(&sums[2]) == bits(&sums[3])
@@ -89,13 +89,13 @@ fn same_parts<const N: usize>(seed: f64) -> bool {
     let records: [Record; N] = core::array::from_fn(|j| Record::new(seed + j as f64));
     let parts = records.each_ref().map(|one| (one.readings(), one.counts.as_slice()));
     let packed: Vec<Abreast<N>> = side_by_side(parts).unwrap().collect();
-    let wide = ekf_simd::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
-    let plain = ekf_core::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let wide = ekf_simd::replay::parallel::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let plain = ekf_core::replay::parallel::log_likelihood(&packed, NOISE, PRIOR).unwrap();
 
     let (mut rows, mut expected) = (vec![0.0; N * READINGS], vec![0.0; N * READINGS]);
-    ekf_simd::abreast::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
+    ekf_simd::replay::parallel::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
     let mut k = 0;
-    ekf_core::abreast::innovations(side_by_side(parts).unwrap(), NOISE, PRIOR, |e| {
+    ekf_core::replay::parallel::innovations(side_by_side(parts).unwrap(), NOISE, PRIOR, |e| {
         for (j, value) in e.into_iter().enumerate() {
             expected[j * READINGS + k] = value;
         }

@@ -1,8 +1,8 @@
 //! What the comparisons share: drawn settings, priors, and the distance of two beliefs in standard deviations.
 #![allow(dead_code)] // every test binary uses a part of it
 
-use ekf_core::update::{correct, innovate};
-use ekf_core::{Belief, Integrator, Order, Wander, system::System};
+use ekf_core::dense::update::{correct, innovate};
+use ekf_core::{Belief, Integrator, Order, Wander, dense::system::System};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 

@@ -1,0 +1,215 @@
+//! Python's view of the replay: whole records in, whole arrays out, no mathematics.
+
+use ekf_core::replay::{self, Columns, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track};
+use ekf_core::signal::integrals::{self, Conditioning, Samples};
+use ekf_core::signal::interpolation::Interpolation;
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+type Floats<'py> = PyReadonlyArray1<'py, f64>;
+type Flags<'py> = PyReadonlyArray1<'py, bool>;
+type Out<'py> = Bound<'py, PyArray1<f64>>;
+
+/// Every error of the core reaches Python as a `ValueError` with its sentence.
+#[allow(clippy::needless_pass_by_value)] // the shape `map_err` asks for
+pub(crate) fn refuse(error: impl core::error::Error) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+fn interpolation(name: &str) -> PyResult<Interpolation> {
+    match name {
+        "hold" => Ok(Interpolation::Hold),
+        "linear" => Ok(Interpolation::Linear),
+        "cubic" => Ok(Interpolation::Cubic),
+        other => Err(PyValueError::new_err(format!("interpolation must be hold, linear or cubic, not {other:?}"))),
+    }
+}
+
+/// Integrals of a sampled signal between instants; see `ekf_core::signal::integrals::drive`.
+#[pyfunction]
+#[pyo3(signature = (t, u, at, *, how, tau, delay, hole))]
+#[allow(clippy::too_many_arguments, clippy::type_complexity)] // keyword arguments on the Python side
+pub fn drive<'py>(
+    py: Python<'py>,
+    t: Floats<'py>,
+    u: Floats<'py>,
+    at: Floats<'py>,
+    how: &str,
+    tau: f64,
+    delay: f64,
+    hole: f64,
+) -> PyResult<(Out<'py>, Out<'py>, Bound<'py, PyArray1<bool>>)> {
+    let conditioning = Conditioning { interpolation: interpolation(how)?, tau, delay, hole };
+    let (t, u, at) = (t.as_slice()?, u.as_slice()?, at.as_slice()?);
+    let n = at.len();
+    let (mut first, mut second, mut covered) = (vec![0.0; n], vec![0.0; n], vec![false; n]);
+    py.detach(|| integrals::drive(Samples { t, u }, conditioning, at, &mut first, &mut second, &mut covered))
+        .map_err(refuse)?;
+    Ok((PyArray1::from_vec(py, first), PyArray1::from_vec(py, second), PyArray1::from_vec(py, covered)))
+}
+
+/// Encoder readings with what drives the motion between them, kept as views.
+struct Views<'py> {
+    t: Floats<'py>,
+    z: Floats<'py>,
+    first: Floats<'py>,
+    second: Floats<'py>,
+    restart: Flags<'py>,
+}
+
+impl Views<'_> {
+    fn readings(&self) -> PyResult<Readings<'_>> {
+        Ok(Readings {
+            t: self.t.as_slice()?,
+            z: self.z.as_slice()?,
+            first: self.first.as_slice()?,
+            second: self.second.as_slice()?,
+            restart: self.restart.as_slice()?,
+        })
+    }
+}
+
+pub(crate) fn prior_of((v, pp, pv, vv): (f64, f64, f64, f64)) -> Prior {
+    Prior { v, P: MotionCovariance { pp, pv, vv } }
+}
+
+/// The record of the two-state filter, kept on the Rust side between filtering, smoothing and reading out.
+#[pyclass(frozen, module = "accelcal._core")]
+pub struct ReplayTrack {
+    noise: Noise,
+    /// `SERIES`, one behind the other in one piece of memory: an allocator keeps many smaller ones when they are freed.
+    data: Vec<f64>,
+}
+
+/// What a track holds of each reading.
+const SERIES: [&str; 9] = ["e", "S", "gain_p", "gain_v", "p", "v", "pp", "pv", "vv"];
+
+#[pymethods]
+impl ReplayTrack {
+    /// Runs the filter; see `ekf_core::replay::filter`.
+    #[new]
+    #[pyo3(signature = (t, z, first, second, restart, *, q, r, prior))]
+    #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
+    fn new(
+        py: Python<'_>,
+        t: Floats<'_>,
+        z: Floats<'_>,
+        first: Floats<'_>,
+        second: Floats<'_>,
+        restart: Flags<'_>,
+        q: f64,
+        r: f64,
+        prior: (f64, f64, f64, f64),
+    ) -> PyResult<Self> {
+        let views = Views { t, z, first, second, restart };
+        let readings = views.readings()?;
+        let noise = Noise { q, R: r };
+        let mut data = vec![0.0; SERIES.len() * readings.t.len()];
+        let mut left = data.as_mut_slice();
+        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = core::array::from_fn(|_| {
+            let (series, rest) = core::mem::take(&mut left).split_at_mut(readings.t.len());
+            left = rest;
+            series
+        });
+        let mut track = Track { e, S: s, gain_p, gain_v, p, v, pp, pv, vv };
+        py.detach(|| replay::filter(readings, noise, prior_of(prior), &mut track)).map_err(refuse)?;
+        Ok(Self { noise, data })
+    }
+
+    /// Smoothed position, velocity and process noise at the readings; see `ekf_core::replay::smooth`.
+    #[pyo3(signature = (t, z, first, second, restart))]
+    fn smooth<'py>(
+        &self,
+        py: Python<'py>,
+        t: Floats<'py>,
+        z: Floats<'py>,
+        first: Floats<'py>,
+        second: Floats<'py>,
+        restart: Flags<'py>,
+    ) -> PyResult<(Out<'py>, Out<'py>, Out<'py>)> {
+        let views = Views { t, z, first, second, restart };
+        let readings = views.readings()?;
+        let n = readings.t.len();
+        let mut out: [Vec<f64>; 3] = core::array::from_fn(|_| vec![0.0; n]);
+        let [position, velocity, wanted] = &mut out;
+        py.detach(|| replay::smooth(readings, self.noise, self.view(), position, velocity, wanted)).map_err(refuse)?;
+        let [position, velocity, wanted] = out.map(|values| PyArray1::from_vec(py, values));
+        Ok((position, velocity, wanted))
+    }
+
+    /// One series of the track by name: e, S, `gain_p`, `gain_v`, p, v, pp, pv or vv.
+    fn series<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Out<'py>> {
+        let index = SERIES
+            .iter()
+            .position(|&known| known == name)
+            .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; there are {SERIES:?}")))?;
+        Ok(PyArray1::from_slice(py, self.all()[index]))
+    }
+
+    /// Carries columns of readings `from..to` through the gains; see `ekf_core::replay::carry`.
+    #[pyo3(signature = (t, restart, on_grid, at_readings, *, start, step, from_, to, state, whitened))]
+    #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
+    fn carry(
+        &self,
+        py: Python<'_>,
+        t: Floats<'_>,
+        restart: Flags<'_>,
+        on_grid: PyReadonlyArray2<'_, f64>,
+        at_readings: PyReadonlyArray2<'_, f64>,
+        start: f64,
+        step: f64,
+        from_: usize,
+        to: usize,
+        mut state: PyReadwriteArray1<'_, f64>,
+        mut whitened: PyReadwriteArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let (t, restart) = (t.as_slice()?, restart.as_slice()?);
+        let gains = self.gains(t, restart, from_, to)?;
+        let columns = Columns {
+            inputs: on_grid.as_array().ncols(),
+            readings: at_readings.as_array().ncols(),
+            grid: Grid { start, step },
+            on_grid: on_grid.as_slice()?,
+            at_readings: at_readings.as_slice()?,
+        };
+        let before = from_.checked_sub(1).map(|k| t[k]);
+        let (state, whitened) = (state.as_slice_mut()?, whitened.as_slice_mut()?);
+        py.detach(|| replay::carry(gains, columns, before, state, whitened)).map_err(refuse)
+    }
+}
+
+impl ReplayTrack {
+    /// Every series.
+    fn all(&self) -> [&[f64]; SERIES.len()] {
+        let n = self.data.len() / SERIES.len();
+        core::array::from_fn(|k| &self.data[k * n..(k + 1) * n])
+    }
+
+    /// Gains of readings `from..to`.
+    pub(crate) fn gains<'a>(
+        &'a self,
+        t: &'a [f64],
+        restart: &'a [bool],
+        from: usize,
+        to: usize,
+    ) -> PyResult<Gains<'a>> {
+        let [_, s, gain_p, gain_v, ..] = self.all();
+        let n = s.len();
+        if t.len() != n || restart.len() != n || from > to || to > n {
+            return Err(PyValueError::new_err(format!("readings {from}..{to} of {}, track of {n}", t.len())));
+        }
+        Ok(Gains {
+            t: &t[from..to],
+            restart: &restart[from..to],
+            gain_p: &gain_p[from..to],
+            gain_v: &gain_v[from..to],
+            S: &s[from..to],
+        })
+    }
+
+    fn view(&self) -> replay::TrackView<'_> {
+        let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = self.all();
+        replay::TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }
+    }
+}

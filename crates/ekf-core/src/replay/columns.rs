@@ -1,0 +1,252 @@
+//! The replay of many columns at once: a few side by side through the same gains, whitened samples summed in groups.
+//!
+//! White stays white when equal numbers of samples are summed, and below a fraction of the rate nothing is lost. The
+//! geometry of the grid is worked out once for a stretch of readings and serves every column that follows.
+
+use crate::replay::{Cell, Gains, Grid, NODES, ReplayError, cells};
+use crate::signal::integrals::ConditionError;
+
+/// One reading, with the filter that the columns pass.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passage {
+    /// Time since the reading before, s.
+    pub h: f64,
+    /// Gain on position.
+    pub gain_p: f64,
+    /// Gain on velocity, 1/s.
+    pub gain_v: f64,
+    /// `1/sqrt(S)`, 1/m; 0 where the reading does not count.
+    pub weight: f64,
+    /// Cells of the grid between the reading before and this one.
+    pub cells: u32,
+    /// The filter starts anew here.
+    pub starts: bool,
+    /// The reading enters a sum.
+    pub counts: bool,
+}
+
+/// A stretch of readings.
+#[derive(Debug, Clone, Copy)]
+pub struct Stretch<'a> {
+    /// One entry for each reading.
+    pub passages: &'a [Passage],
+    /// The cells of all readings, one behind the other; empty when only position columns are carried.
+    pub cells: &'a [Cell],
+    /// Readings in a sum, at least 1; a remainder at the end is left out.
+    pub group: usize,
+}
+
+/// Works out a stretch: hands out each cell and each passage, in order of time.
+///
+/// `before` is the time of the reading before the stretch. The grid must reach over the stretch, `rows` rows of it.
+///
+/// # Errors
+/// [`ReplayError`] when lengths differ or the grid does not reach.
+pub fn prepare(
+    gains: Gains<'_>,
+    counts: &[bool],
+    (grid, rows): (Grid, usize),
+    before: Option<f64>,
+    mut take_cell: impl FnMut(Cell),
+    mut take: impl FnMut(Passage),
+) -> Result<(), ReplayError> {
+    let n = gains.t.len();
+    for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
+        if found != n {
+            return Err(ConditionError::Length { expected: n, found }.into());
+        }
+    }
+    let mut previous = before;
+    for (k, &counted) in counts.iter().enumerate() {
+        let now = gains.t[k];
+        let from = previous.filter(|_| !gains.restart[k]);
+        let mut passed = 0;
+        if let Some(earlier) = from {
+            cells(grid, rows, earlier, now, |cell| {
+                passed += 1;
+                take_cell(cell);
+            })
+            .ok_or(ReplayError::Grid { index: k, t: now })?;
+        }
+        take(Passage {
+            h: from.map_or(0.0, |earlier| now - earlier),
+            gain_p: gains.gain_p[k],
+            gain_v: gains.gain_v[k],
+            weight: if counted { 1.0 / libm::sqrt(gains.S[k]) } else { 0.0 },
+            cells: passed,
+            starts: from.is_none(),
+            counts: counted,
+        });
+        previous = Some(now);
+    }
+    Ok(())
+}
+
+/// Response of (p, v) to `N` columns; zero at the start of a record, handed on from stretch to stretch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response<const N: usize> {
+    /// Of position, m per unit.
+    pub p: [f64; N],
+    /// Of velocity, m/s per unit.
+    pub v: [f64; N],
+}
+
+/// Carries `N` columns that add to the acceleration, sampled on the grid, each times `factor`.
+///
+/// `sums` holds one row per column: sums over the groups of whitened responses, over the square root of the group.
+///
+/// # Errors
+/// [`ReplayError::Condition`] when a column is shorter than the grid that the stretch needs, or `sums` do not fit.
+#[inline(always)]
+pub fn carry_inputs<const N: usize>(
+    stretch: Stretch<'_>,
+    columns: [&[f64]; N],
+    factor: f64,
+    response: &mut Response<N>,
+    sums: [&mut [f64]; N],
+) -> Result<(), ReplayError> {
+    let rows = stretch.cells.last().map_or(0, |cell| cell.row as usize + NODES);
+    let shortest = columns.iter().map(|column| column.len()).min().unwrap_or(rows);
+    if shortest < rows {
+        return Err(ConditionError::Length { expected: rows, found: shortest }.into());
+    }
+    let mut packed = Packed { columns, factor, low: 0, rows: [[0.0; N]; PACKED], high: 0 };
+    let mut ahead = stretch.cells;
+    walk(
+        stretch,
+        response,
+        sums,
+        #[inline(always)]
+        |passage, p, v| {
+            let (now, later) = ahead.split_at(passage.cells as usize);
+            ahead = later;
+            for cell in now {
+                let [r0, r1, r2, r3] = packed.at(cell.row as usize);
+                let [w0, w1, w2, w3] = cell.first;
+                let [x0, x1, x2, x3] = cell.second;
+                for j in 0..N {
+                    p[j] += cell.h * v[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
+                    v[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
+                }
+            }
+            *p
+        },
+    )
+}
+
+/// Carries `N` columns that add to the reading, one value for each reading of the stretch.
+///
+/// `sums` are those of [`carry_inputs`].
+///
+/// # Errors
+/// [`ReplayError::Condition`] when a column or `sums` do not fit the stretch.
+#[inline(always)]
+pub fn carry_readings<const N: usize>(
+    stretch: Stretch<'_>,
+    columns: [&[f64]; N],
+    response: &mut Response<N>,
+    sums: [&mut [f64]; N],
+) -> Result<(), ReplayError> {
+    for column in columns {
+        if column.len() != stretch.passages.len() {
+            let (expected, found) = (stretch.passages.len(), column.len());
+            return Err(ConditionError::Length { expected, found }.into());
+        }
+    }
+    let mut k = 0;
+    walk(
+        stretch,
+        response,
+        sums,
+        #[inline(always)]
+        |passage, p, v| {
+            for j in 0..N {
+                p[j] += passage.h * v[j];
+            }
+            k += 1;
+            core::array::from_fn(|j| p[j] + columns[j][k - 1])
+        },
+    )
+}
+
+/// The filter of each reading in turn; `advance` moves the responses up to it and returns those of its prediction.
+#[inline(always)] // with the closure, or the columns do not stay side by side in registers
+fn walk<const N: usize>(
+    stretch: Stretch<'_>,
+    response: &mut Response<N>,
+    mut sums: [&mut [f64]; N],
+    mut advance: impl FnMut(&Passage, &mut [f64; N], &mut [f64; N]) -> [f64; N],
+) -> Result<(), ReplayError> {
+    let counted = stretch.passages.iter().filter(|passage| passage.counts).count();
+    let groups = counted / stretch.group.max(1);
+    for found in sums.iter().map(|sum| sum.len()) {
+        if found != groups {
+            return Err(ConditionError::Length { expected: groups, found }.into());
+        }
+    }
+    let mean = 1.0 / libm::sqrt(stretch.group as f64);
+    let Response { mut p, mut v } = *response;
+    let (mut sum, mut held, mut row) = ([0.0; N], 0, 0);
+    for passage in stretch.passages {
+        if passage.starts {
+            // The reading itself fixes the position, so a column teaches nothing here.
+            (p, v) = ([0.0; N], [0.0; N]);
+            p = advance(passage, &mut p, &mut v).map(|g| -g);
+            v = [0.0; N];
+        } else {
+            let g = advance(passage, &mut p, &mut v);
+            for j in 0..N {
+                p[j] -= passage.gain_p * g[j];
+                v[j] -= passage.gain_v * g[j];
+                sum[j] += passage.weight * g[j];
+            }
+        }
+        if passage.counts {
+            held += 1;
+            if held == stretch.group && row < groups {
+                for (filled, whole) in sums.iter_mut().zip(sum) {
+                    filled[row] = whole * mean;
+                }
+                (sum, held, row) = ([0.0; N], 0, row + 1);
+            }
+        }
+    }
+    *response = Response { p, v };
+    Ok(())
+}
+
+/// Grid rows that are laid side by side at a time.
+const PACKED: usize = 256;
+
+/// A window of the columns, row by row.
+struct Packed<'a, const N: usize> {
+    columns: [&'a [f64]; N],
+    factor: f64,
+    low: usize,
+    high: usize,
+    rows: [[f64; N]; PACKED],
+}
+
+impl<const N: usize> Packed<'_, N> {
+    /// The four rows from `row` on; rows are asked for in rising order.
+    #[inline(always)]
+    fn at(&mut self, row: usize) -> &[[f64; N]; NODES] {
+        if row + NODES > self.high {
+            self.fill(row);
+        }
+        let from = row - self.low;
+        // The window holds the rows from `low` to `high`, so the slice has this length.
+        self.rows[from..from + NODES].first_chunk().unwrap_or(&[[0.0; N]; NODES])
+    }
+
+    #[inline(never)]
+    fn fill(&mut self, row: usize) {
+        self.low = row;
+        self.high = row + PACKED;
+        for (j, column) in self.columns.iter().enumerate() {
+            for (packed, value) in self.rows.iter_mut().zip(&column[row..]) {
+                packed[j] = value * self.factor;
+            }
+        }
+    }
+}

@@ -1,0 +1,416 @@
+//! A filter fed one sample at a time at a fixed rate, or a record at once: the same steps, the same bits.
+//!
+//! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
+
+use ekf_core::dense::belief::plausible;
+use ekf_core::dense::update::Innovation;
+use ekf_core::error::{SetupError, StepError};
+use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
+use ekf_core::structured::number::Number;
+use ekf_core::structured::row::{Plain, Row};
+use ekf_core::{Aci, Cwpa, Filter, Form, Wander};
+use pulp::NullaryFnOnce;
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V3;
+
+#[cfg(target_arch = "x86_64")]
+use crate::arch::fma::Fused;
+use crate::arch::fma::One;
+#[cfg(target_arch = "x86_64")]
+use crate::arch::row4::Quads;
+use crate::fixed_rate::step::{AciWithEffects, Arrival, Paced, Past, Taking};
+use crate::record::batch::Prior;
+use crate::record::block::Block;
+use crate::record::kernel::{AciWith, CwpaWith};
+use crate::record::likelihood::{Likelihood, Score};
+use crate::record::runner::Settings;
+
+/// Steps between two looks at the whole covariance.
+const EVERY: u32 = 64;
+
+/// Effects that a filter can track beside `k, K0`.
+pub const EFFECTS: usize = 14;
+
+/// A filter at a fixed rate, whatever its system, size and arithmetic.
+pub trait FixedRate: Send + Sync {
+    /// Takes one sample in; the newest innovation.
+    ///
+    /// The first sample meets the prior, which belongs to its instant. The covariance as a whole is looked at every 64
+    /// steps; an innovation variance that is not positive is found at once.
+    ///
+    /// # Errors
+    /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] is a
+    /// filter whose numbers have failed, and every later step says so again.
+    fn step(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError>;
+
+    /// Takes a record of outputs `u` and positions `z` in, and writes what was asked for.
+    ///
+    /// # Errors
+    /// The sample that failed and [`StepError`], as in [`FixedRate::step`].
+    fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)>;
+
+    /// Number of states.
+    fn states(&self) -> usize;
+
+    /// State `i`.
+    fn x(&self, i: usize) -> f64;
+
+    /// Covariance of states `i` and `j`.
+    fn P(&self, i: usize, j: usize) -> f64;
+
+    /// The newest innovation of all.
+    fn innovation(&self) -> Option<Innovation>;
+
+    /// Samples taken in.
+    fn samples(&self) -> usize;
+
+    /// Readings that the gate rejected.
+    fn rejected(&self) -> usize;
+
+    /// Of the readings taken in.
+    fn log_likelihood(&self) -> f64;
+}
+
+/// Where a record's history goes: one row per sample, nothing where nothing is wanted.
+#[derive(Debug, Default)]
+pub struct Histories<'a> {
+    /// States, `N` a row.
+    pub states: Option<&'a mut [f64]>,
+    /// Diagonals of the covariance, `N` a row.
+    pub variances: Option<&'a mut [f64]>,
+    /// `e` of the newest reading of the sample; not a number where nothing was read.
+    pub innovations: Option<&'a mut [f64]>,
+    /// `S` likewise.
+    pub innovation_variances: Option<&'a mut [f64]>,
+}
+
+impl Histories<'_> {
+    /// Writes row `j`.
+    #[inline(always)]
+    fn keep(
+        &mut self,
+        j: usize,
+        N: usize,
+        found: Option<Innovation>,
+        x: impl Fn(usize) -> f64,
+        variance: impl Fn(usize) -> f64,
+    ) {
+        if let Some(states) = self.states.as_deref_mut() {
+            for (i, to) in states[N * j..N * (j + 1)].iter_mut().enumerate() {
+                *to = x(i);
+            }
+        }
+        if let Some(variances) = self.variances.as_deref_mut() {
+            for (i, to) in variances[N * j..N * (j + 1)].iter_mut().enumerate() {
+                *to = variance(i);
+            }
+        }
+        if let Some(e) = self.innovations.as_deref_mut() {
+            e[j] = found.map_or(f64::NAN, |innovation| innovation.e);
+        }
+        if let Some(s) = self.innovation_variances.as_deref_mut() {
+            s[j] = found.map_or(f64::NAN, |innovation| innovation.s);
+        }
+    }
+}
+
+/// What a step is compiled for.
+trait Way: Copy + Send + Sync {
+    type Number: One;
+
+    fn kind(self) -> Self::Number;
+
+    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output;
+}
+
+/// Plain numbers, nothing fused: any processor, the same bits on all.
+#[derive(Clone, Copy)]
+struct Portable;
+
+impl Way for Portable {
+    type Number = f64;
+
+    fn kind(self) -> f64 {
+        0.0
+    }
+
+    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output {
+        work.call()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Way for V3 {
+    type Number = Fused<V3>;
+
+    #[inline(always)]
+    fn kind(self) -> Fused<V3> {
+        Fused { x: 0.0, simd: self }
+    }
+
+    #[inline(always)]
+    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output {
+        self.vectorize(work)
+    }
+}
+
+struct Steps<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> {
+    way: W,
+    kernel: K,
+    settings: Settings<V, M>,
+    states: usize,
+    at: At<K::Block, W::Number>,
+}
+
+/// Where a filter is.
+struct At<B, T> {
+    block: B,
+    taking: Taking<T>,
+    past: Past,
+    innovation: Option<Innovation>,
+    unchecked: u32,
+    failed: Option<StepError>,
+}
+
+impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> Steps<W, K, V, M> {
+    /// One sample, in place.
+    #[inline(always)]
+    fn next(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError> {
+        let Self { kernel, settings, states, at, .. } = self;
+        if let Some(error) = at.failed {
+            return Err(error);
+        }
+        for reading in [arrival.u, arrival.z] {
+            if reading.is_infinite() || K::DRIVEN && arrival.u.is_nan() {
+                return Err(StepError::Innovation { e: reading });
+            }
+        }
+        let stepped = kernel.step(&mut at.block, settings, &mut at.taking, &at.past, arrival);
+        at.unchecked += 1;
+        let checked = if at.unchecked == EVERY {
+            at.unchecked = 0;
+            plausible(*states, |i, j| at.block.P(i, j).value())
+        } else {
+            Ok(())
+        };
+        let found = stepped.and_then(|found| checked.map(|()| found));
+        at.failed = found.err();
+        let found = found?;
+        at.past.push(arrival.u);
+        at.innovation = found.or(at.innovation);
+        Ok(found)
+    }
+}
+
+/// One step, to be compiled for the instructions of its way.
+struct Next<'a, 'b, S>(&'a mut S, &'a Arrival<'b>);
+
+impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> NullaryFnOnce
+    for Next<'_, '_, Steps<W, K, V, M>>
+{
+    type Output = Result<Option<Innovation>, StepError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.0.next(self.1)
+    }
+}
+
+impl<W, K, V, const M: usize> FixedRate for Steps<W, K, V, M>
+where
+    W: Way,
+    K: Paced<V, M>,
+    V: Row<Number = W::Number> + Send + Sync,
+{
+    fn step(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError> {
+        self.way.within(Next(self, arrival))
+    }
+
+    fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
+        for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
+            let found = self.step(&Arrival { u, z, ..Arrival::default() }).map_err(|error| (j, error))?;
+            let block = &self.at.block;
+            histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
+        }
+        Ok(())
+    }
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn x(&self, i: usize) -> f64 {
+        self.at.block.x(i).value()
+    }
+
+    fn P(&self, i: usize, j: usize) -> f64 {
+        self.at.block.P(i, j).value()
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.at.innovation
+    }
+
+    fn samples(&self) -> usize {
+        self.at.past.samples
+    }
+
+    fn rejected(&self) -> usize {
+        self.at.taking.rejected
+    }
+
+    fn log_likelihood(&self) -> f64 {
+        self.at.taking.likelihood.value().value()
+    }
+}
+
+/// What every kernel is made of.
+struct Plan<'a> {
+    filter: Filter<()>,
+    dt: f64,
+    q: f64,
+    tau: f64,
+    wander: &'a [Wander],
+    prior: Prior<'a>,
+}
+
+impl Plan<'_> {
+    fn made<W, K, V, const M: usize>(&self, way: W, kernel: K) -> Box<dyn FixedRate>
+    where
+        W: Way + 'static,
+        K: Paced<V, M> + 'static,
+        K::Block: 'static,
+        V: Row<Number = W::Number> + Send + Sync + 'static,
+    {
+        let kind = way.kind();
+        let Filter { interpolation, integrator, order, R_position, R_output, gate, .. } = self.filter;
+        let settings = Settings {
+            dt: self.dt,
+            samples: 2,
+            interpolation,
+            integrator,
+            order,
+            q: kind.like(self.q),
+            R_position: kind.like(R_position),
+            R_output: kind.like(R_output),
+            tau: self.tau,
+            wandering: Wandering::new(
+                kind,
+                std::array::from_fn(|i| self.wander.get(i).copied().unwrap_or(Wander::CONSTANT)),
+            ),
+        };
+        // Places beyond the states hold zeros: a row may be wider than the filter.
+        let N = self.prior.states;
+        let x = |i: usize| kind.like(if i < N { self.prior.x[i] } else { 0.0 });
+        let P = |i: usize, j: usize| kind.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
+        let taking = Taking { gate, likelihood: Likelihood::new(kind), rejected: 0 };
+        let at = At {
+            block: K::Block::new(x, P),
+            taking,
+            past: Past::default(),
+            innovation: None,
+            unchecked: 0,
+            failed: None,
+        };
+        Box::new(Steps { way, kernel, settings, states: N, at })
+    }
+}
+
+/// The kernel on the processor's own instructions where it has them, on plain numbers otherwise.
+macro_rules! fastest {
+    ($plan:expr, $kernel:expr, $row:ty, $M:literal) => {{
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = V3::try_new() {
+            return Ok($plan.made::<V3, _, $row, $M>(simd, $kernel));
+        }
+        Ok(portable::<_, $M>(&$plan, $kernel))
+    }};
+}
+
+fn portable<K, const M: usize>(plan: &Plan<'_>, kernel: K) -> Box<dyn FixedRate>
+where
+    K: Paced<Plain<f64, M>, M> + 'static,
+    K::Block: 'static,
+{
+    plan.made::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
+}
+
+fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Result<Filter<()>, SetupError> {
+    let Prior { states, x, P } = prior;
+    if x.len() != states || P.len() != states * states || states < least {
+        return Err(SetupError::Size { given: states });
+    }
+    if !(dt > 0.0 && dt.is_finite()) {
+        return Err(SetupError::Setting { name: "dt", value: dt });
+    }
+    if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
+        return Err(SetupError::Setting { name: "prior", value });
+    }
+    if let Err(error) = plausible(states, |i, j| P[i * states + j]) {
+        return Err(match error {
+            StepError::Variance { state, variance } => SetupError::Prior { state, pivot: variance },
+            _ => SetupError::Prior { state: states, pivot: f64::NAN },
+        });
+    }
+    let Filter { interpolation, integrator, order, carrier, R_position, R_output, gate, .. } = *filter;
+    Ok(Filter { system: (), interpolation, integrator, order, carrier, R_position, R_output, gate })
+}
+
+/// ACI at a fixed rate, samples `dt` apart.
+///
+/// # Errors
+/// [`SetupError`] for settings, sizes and a prior that cannot be used.
+pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Aci { sensor, q, tau } = filter.system;
+    let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander: &sensor.wander, prior };
+    match (sensor.form, prior.states) {
+        (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Quads<1>, 4),
+        (Form::Forward, 4) => fastest!(plan, AciWith { effect: ForwardLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 6) => Ok(portable::<_, 4>(&plan, AciWith { effect: ForwardCubic })),
+        (_, given) => Err(SetupError::Size { given }),
+    }
+}
+
+/// ACI with a forward linear sensor and effects given at every step, by RK4; `wander` is that of all parameters, `k` and `K0` first.
+///
+/// # Errors
+/// [`SetupError`] likewise; at most [`EFFECTS`] effects.
+pub fn aci_with_effects(
+    filter: &Filter<Aci>,
+    dt: f64,
+    rest: f64,
+    wander: &[Wander],
+    prior: Prior<'_>,
+) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Aci { q, tau, .. } = filter.system;
+    let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander, prior };
+    let kernel = AciWithEffects { rest };
+    match prior.states - 2 {
+        0..=4 => fastest!(plan, kernel, Quads<1>, 4),
+        5..=8 => fastest!(plan, kernel, Quads<2>, 8),
+        9..=16 => fastest!(plan, kernel, Quads<4>, 16),
+        _ => Err(SetupError::Size { given: prior.states }),
+    }
+}
+
+/// CWPA without a low-pass at a fixed rate.
+///
+/// # Errors
+/// [`SetupError`] likewise.
+pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Cwpa { sensor, q, low_pass } = filter.system;
+    if let Some(low_pass) = low_pass {
+        return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
+    }
+    let plan = Plan { filter: checked(filter, dt, prior, 5)?, dt, q, tau: 0.0, wander: &sensor.wander, prior };
+    match (sensor.form, prior.states) {
+        (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Quads<1>, 4),
+        (Form::Inverse, 5) => Ok(portable::<_, 2>(&plan, CwpaWith { sensor: ReadInverse })),
+        (Form::Inverse, 7) => Ok(portable::<_, 4>(&plan, CwpaWith { sensor: ReadInverse })),
+        (_, given) => Err(SetupError::Size { given }),
+    }
+}

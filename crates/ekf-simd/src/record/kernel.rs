@@ -1,0 +1,118 @@
+//! ACI and CWPA under one name for whoever drives them over a record, and the sensors that fit in lanes.
+
+use ekf_core::error::DomainError;
+use ekf_core::structured::acceleration::Effect;
+use ekf_core::structured::aci::AciBlock;
+use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::measurement::Output;
+use ekf_core::structured::row::Row;
+
+use crate::record::block::Block;
+use crate::record::likelihood::Score;
+use crate::record::runner::{Record, Runner, Settings};
+
+/// A filter with its sensor, over a uniform record.
+pub trait Kernel<V: Row, const M: usize>: Copy {
+    /// Mean and covariance.
+    type Block: Block<V, M>;
+
+    /// Reads what stands at sample 0.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn begin<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError>;
+
+    /// From one sample to a later one.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn follow<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError>;
+}
+
+/// The runner of a prior.
+#[inline(always)]
+pub fn runner<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
+    kind: V::Number,
+    x: impl Fn(usize) -> V::Number,
+    P: impl Fn(usize, usize) -> V::Number,
+) -> Runner<K::Block, L> {
+    Runner { block: K::Block::new(x, P), score: L::new(kind) }
+}
+
+/// ACI with a sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct AciWith<E> {
+    /// How acceleration follows from the output.
+    pub effect: E,
+}
+
+/// CWPA with a sensor.
+#[derive(Debug, Clone, Copy)]
+pub struct CwpaWith<O> {
+    /// What the output says of the acceleration.
+    pub sensor: O,
+}
+
+impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
+    type Block = AciBlock<V, M>;
+
+    #[inline(always)]
+    fn begin<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError> {
+        runner.read_position(settings, record.position(0));
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn follow<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError> {
+        runner.follow(&self.effect, settings, record, range)
+    }
+}
+
+impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
+    type Block = CwpaBlock<V, M>;
+
+    #[inline(always)]
+    fn begin<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+    ) -> Result<(), DomainError> {
+        runner.read_output(&self.sensor, settings.order, settings.R_output, record.reading(0))?;
+        runner.read_position(settings, record.position(0));
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn follow<L: Score<V::Number>>(
+        &self,
+        runner: &mut Runner<Self::Block, L>,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        range: (usize, usize),
+    ) -> Result<(), DomainError> {
+        runner.follow(&self.sensor, settings, record, range)
+    }
+}

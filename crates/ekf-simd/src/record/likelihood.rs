@@ -1,0 +1,121 @@
+//! The log-likelihood of a run, with one logarithm per eight readings.
+
+use ekf_core::structured::aci::Surprise;
+use ekf_core::structured::number::Number;
+use pulp::Simd;
+
+use crate::arch::fma::Fused;
+use crate::arch::lanes::Lanes;
+
+/// Readings between two logarithms.
+const EVERY: u32 = 8;
+
+/// `sum of -(e^2 / S + ln 2 pi S) / 2` on its way.
+///
+/// `S` is gathered as a product of eight, so every `S` must lie between `1e-38` and `1e38`.
+#[derive(Debug, Clone, Copy)]
+pub struct Likelihood<T> {
+    nis: T,
+    product: T,
+    logarithms: T,
+    waiting: u32,
+}
+
+/// A number whose logarithm can be taken, lane by lane.
+pub trait Logarithm: Number {
+    /// Natural logarithm.
+    #[must_use]
+    fn ln(self) -> Self;
+}
+
+impl Logarithm for f64 {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        f64::ln(self)
+    }
+}
+
+impl<S: Simd> Logarithm for Fused<S> {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self { x: self.x.ln(), simd: self.simd }
+    }
+}
+
+impl<S: Simd> Logarithm for Lanes<S> {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self::from_fn(self.simd(), |lane| self.lane(lane).ln())
+    }
+}
+
+/// What is kept of the readings: their log-likelihood, or nothing.
+pub trait Score<T>: Copy {
+    /// No reading yet.
+    #[must_use]
+    fn new(kind: T) -> Self;
+
+    /// One reading.
+    fn add(&mut self, taken: &Surprise<T>);
+
+    /// The log-likelihood of the readings so far; zero if it is not kept.
+    fn value(&self) -> T;
+}
+
+/// Nothing is kept.
+#[derive(Debug, Clone, Copy)]
+pub struct NotAsked<T>(T);
+
+impl<T: Number> Score<T> for NotAsked<T> {
+    #[inline(always)]
+    fn new(kind: T) -> Self {
+        Self(kind.like(0.0))
+    }
+
+    #[inline(always)]
+    fn add(&mut self, _: &Surprise<T>) {}
+
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.0
+    }
+}
+
+impl<T: Logarithm> Score<T> for Likelihood<T> {
+    #[inline(always)]
+    fn new(kind: T) -> Self {
+        let zero = kind.like(0.0);
+        Self { nis: zero, product: kind.like(1.0), logarithms: zero, waiting: 0 }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, taken: &Surprise<T>) {
+        let &Surprise { e, s, there } = taken;
+        let one = e.like(1.0);
+        let scaled = e.like(std::f64::consts::TAU) * s;
+        let (nis, s) = match there {
+            None => (e * e * (one / s), scaled),
+            Some(there) => (e * e * (there / s), there.times_plus(scaled, one - there)),
+        };
+        self.nis = self.nis + nis;
+        self.product = self.product * s;
+        self.waiting += 1;
+        if self.waiting == EVERY {
+            self.logarithms = self.total();
+            self.product = one;
+            self.waiting = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.nis.like(-0.5) * (self.nis + self.total())
+    }
+}
+
+impl<T: Logarithm> Likelihood<T> {
+    #[inline(always)]
+    fn total(&self) -> T {
+        self.logarithms + self.product.ln()
+    }
+}

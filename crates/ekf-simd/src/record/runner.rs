@@ -1,0 +1,294 @@
+//! One filter over a uniform record: predict, read, again; in any number type.
+//!
+//! Sample `j` stands at `j dt`. The prior belongs to sample 0, which is read like all others; at each instant the output
+//! comes first, as in [`ekf_core::Filter::run`].
+
+use ekf_core::error::DomainError;
+use ekf_core::structured::acceleration::Effect;
+use ekf_core::structured::aci::{AciBlock, Surprise};
+use ekf_core::structured::aci_step::Course;
+use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::measurement::Output;
+use ekf_core::structured::number::Number;
+use ekf_core::structured::row::Row;
+use ekf_core::{Integrator, Interpolation, Order};
+
+use crate::record::likelihood::Score;
+
+/// One sample of one channel, in every lane.
+#[derive(Debug, Clone, Copy)]
+pub enum Sample<T> {
+    /// Missing in all lanes.
+    None,
+    /// There in all lanes.
+    All(T),
+    /// There where the second number is one, missing where it is zero (the first is then any finite number).
+    Some(T, T),
+}
+
+impl<T> Sample<T> {
+    /// Whether any lane has it.
+    #[inline(always)]
+    fn is_there(&self) -> bool {
+        !matches!(self, Self::None)
+    }
+
+    /// The number and, unless it is there in all lanes, where it is; `None` if it is missing in all.
+    #[inline(always)]
+    fn given(self) -> Option<(T, Option<T>)> {
+        match self {
+            Self::None => None,
+            Self::All(z) => Some((z, None)),
+            Self::Some(z, there) => Some((z, Some(there))),
+        }
+    }
+}
+
+/// A uniform record as a run sees it.
+pub trait Record<T> {
+    /// Whether sample `j` and all before it can be asked for; asked once, so that the loops need not ask again.
+    fn reaches(&self, j: usize) -> bool;
+    /// The output at sample `j`; always there.
+    fn output(&self, j: usize) -> T;
+    /// The output at sample `j` as a reading.
+    fn reading(&self, j: usize) -> Sample<T>;
+    /// The position at sample `j`.
+    fn position(&self, j: usize) -> Sample<T>;
+}
+
+/// What all runs of a batch share.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings<V: Row, const M: usize> {
+    /// Time between samples, s.
+    pub dt: f64,
+    /// Samples of the whole record.
+    pub samples: usize,
+    /// How the output continues between samples.
+    pub interpolation: Interpolation,
+    /// How a step is integrated.
+    pub integrator: Integrator,
+    /// First or second order.
+    pub order: Order,
+    /// Density of the output's noise (ACI) or of the jerk (CWPA).
+    pub q: V::Number,
+    /// Variance of a position reading, m^2.
+    pub R_position: V::Number,
+    /// Variance of an output reading, (m/s^2)^2.
+    pub R_output: V::Number,
+    /// Time constant in front of the output, s (ACI).
+    pub tau: f64,
+    /// How the parameters move.
+    pub wandering: Wandering<V, M>,
+}
+
+/// A filter on its way through its record.
+#[derive(Debug, Clone, Copy)]
+pub struct Runner<B, L> {
+    /// Mean and covariance.
+    pub block: B,
+    /// What is kept of the readings so far.
+    pub score: L,
+}
+
+/// The output between samples `j` and `j + 1`, at `f` of the way.
+#[inline(always)]
+fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize, f: f64) -> T {
+    let (u0, u1) = (record.output(j), record.output(j + 1));
+    match how {
+        Interpolation::Hold => u0,
+        _ if f == 0.0 => u0,
+        _ if f == 1.0 => u1,
+        Interpolation::Cubic if samples >= 4 => {
+            let first = j.saturating_sub(1).min(samples - 4);
+            let x = (j - first) as f64 + f;
+            // Lagrange's weights on 0, 1, 2, 3.
+            let (a, b, c, d) = (x, x - 1.0, x - 2.0, x - 3.0);
+            let weights = [b * c * d / -6.0, a * c * d / 2.0, a * b * d / -2.0, a * b * c / 6.0];
+            let mut u = u0.like(weights[0]) * record.output(first);
+            for (k, weight) in weights.iter().enumerate().skip(1) {
+                u = u0.like(*weight).times_plus(record.output(first + k), u);
+            }
+            u
+        }
+        _ => u0.like(f).times_plus(u1 - u0, u0),
+    }
+}
+
+/// The output at start, middle and end of the step from sample `j`.
+#[inline(always)]
+fn during<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize) -> [T; 3] {
+    let (start, end) = (record.output(j), record.output(j + 1));
+    match how {
+        Interpolation::Hold => [start; 3],
+        Interpolation::Linear => [start, start.like(0.5).times_plus(end - start, start), end],
+        Interpolation::Cubic => [start, between(record, samples, how, j, 0.5), end],
+    }
+}
+
+impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
+    /// Goes from sample `from` to sample `to`, reading positions after `from` up to `to`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    #[inline(always)]
+    pub fn follow<E: Effect<V, M, Input = V::Number>>(
+        &mut self,
+        effect: &E,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        (from, to): (usize, usize),
+    ) -> Result<(), DomainError> {
+        let &Settings { dt, samples, interpolation, integrator, order, q, .. } = settings;
+        if !record.reaches(to) {
+            return Ok(());
+        }
+        if integrator == Integrator::Exact || !settings.wandering.still() {
+            for j in from..to {
+                let course = Course {
+                    effect: *effect,
+                    order,
+                    input: |s: f64| between(record, samples, interpolation, j, s / dt),
+                    dt,
+                };
+                self.block.step(integrator, q, &settings.wandering, &course)?;
+                self.read_position(settings, record.position(j + 1));
+            }
+            return Ok(());
+        }
+        // A copy that nobody else can see stays in registers.
+        let mut here = *self;
+        // Between two readings the parameters stand still, and so does all that follows from them.
+        let mut reached = from;
+        while reached < to {
+            let from = reached;
+            let table = effect.table(&here.block.theta, &here.block.spread, order);
+            let mut sample = Sample::None;
+            if integrator == Integrator::Rk2 {
+                for j in from..to {
+                    let [start, middle, _] = during(record, samples, interpolation, j);
+                    here.block.rk2(dt, q, &effect.at(&table, start)?, &effect.at(&table, middle)?);
+                    reached = j + 1;
+                    sample = record.position(reached);
+                    if sample.is_there() {
+                        break;
+                    }
+                }
+            } else {
+                let mut first = effect.at(&table, record.output(from))?;
+                for j in from..to {
+                    let [_, middle, end] = during(record, samples, interpolation, j);
+                    let end = effect.at(&table, end)?;
+                    here.block.rk4(dt, q, &first, &effect.at(&table, middle)?, &end);
+                    reached = j + 1;
+                    sample = record.position(reached);
+                    if sample.is_there() {
+                        break;
+                    }
+                    // Neighbouring steps share an instant, unless the output jumps.
+                    first = if interpolation == Interpolation::Hold {
+                        effect.at(&table, record.output(reached))?
+                    } else {
+                        end
+                    };
+                }
+            }
+            here.read_position(settings, sample);
+        }
+        *self = here;
+        Ok(())
+    }
+
+    /// Takes a position in, if there is one.
+    #[inline(always)]
+    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
+        let Some((z, there)) = sample.given() else { return };
+        let (R, block) = (settings.R_position, &mut self.block);
+        let taken = if settings.tau == 0.0 {
+            let taken = Surprise { there, ..block.innovate(z, R) };
+            block.correct(R, &taken);
+            taken
+        } else {
+            let tau = R.like(settings.tau);
+            let taken = Surprise { there, ..block.innovate_ahead(tau, z, R) };
+            block.correct_ahead(tau, &taken);
+            taken
+        };
+        self.score.add(&taken);
+    }
+}
+
+impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
+    /// Goes from sample `from` to sample `to`, reading both channels after `from` up to `to`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    #[inline(always)]
+    pub fn follow<O: Output<V>>(
+        &mut self,
+        sensor: &O,
+        settings: &Settings<V, M>,
+        record: &impl Record<V::Number>,
+        (from, to): (usize, usize),
+    ) -> Result<(), DomainError> {
+        if !record.reaches(to) {
+            return Ok(());
+        }
+        let &Settings { dt, integrator, order, q, R_output, .. } = settings;
+        if integrator != Integrator::Exact || !settings.wandering.still() {
+            for j in from..to {
+                self.block.step(integrator, dt, q, &settings.wandering);
+                self.read_output(sensor, order, R_output, record.reading(j + 1))?;
+                self.read_position(settings, record.position(j + 1));
+            }
+            return Ok(());
+        }
+        let mut here = *self;
+        let mut reached = from;
+        while reached < to {
+            let from = reached;
+            let mut sample = Sample::None;
+            for j in from..to {
+                here.block.exact(dt, q);
+                reached = j + 1;
+                here.read_output(sensor, order, R_output, record.reading(reached))?;
+                sample = record.position(reached);
+                if sample.is_there() {
+                    break;
+                }
+            }
+            here.read_position(settings, sample);
+        }
+        *self = here;
+        Ok(())
+    }
+
+    /// Takes an output in, if there is one.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    #[inline(always)]
+    pub fn read_output<O: Output<V>>(
+        &mut self,
+        sensor: &O,
+        order: Order,
+        R: V::Number,
+        sample: Sample<V::Number>,
+    ) -> Result<(), DomainError> {
+        let Some((z, there)) = sample.given() else { return Ok(()) };
+        let mut taken = self.block.innovate_output(sensor, order, z, R)?;
+        taken.surprise.there = there;
+        self.block.correct_output(&taken);
+        self.score.add(&taken.surprise);
+        Ok(())
+    }
+
+    /// Takes a position in, if there is one.
+    #[inline(always)]
+    pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
+        let Some((z, there)) = sample.given() else { return };
+        let taken = Surprise { there, ..self.block.innovate_position(z, settings.R_position) };
+        self.block.correct_position(settings.R_position, &taken);
+        self.score.add(&taken);
+    }
+}

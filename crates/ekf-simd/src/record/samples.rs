@@ -1,0 +1,115 @@
+//! Uniform records as kernels see them: one run's own rows, or rows of several runs turned into lanes.
+
+use ekf_core::structured::number::Number;
+use pulp::Simd;
+
+use crate::arch::lanes::Lanes;
+use crate::record::runner::{Record, Sample};
+
+/// Samples turned at a time: two channels of eight lanes stay in the first cache.
+pub const STRETCH: usize = 64;
+/// Samples on either side of a stretch that an interpolation may ask for.
+const HALO: usize = 3;
+
+/// The record of one run.
+#[derive(Debug, Clone, Copy)]
+pub struct Rows<'a, T> {
+    /// Output, m/s^2; not a number where missing.
+    pub output: &'a [f64],
+    /// Position, m; not a number where missing.
+    pub position: &'a [f64],
+    /// Lends its kind.
+    pub kind: T,
+}
+
+impl<T: Number> Rows<'_, T> {
+    #[inline(always)]
+    fn sample(&self, x: f64) -> Sample<T> {
+        if x.is_nan() { Sample::None } else { Sample::All(self.kind.like(x)) }
+    }
+}
+
+impl<T: Number> Record<T> for Rows<'_, T> {
+    #[inline(always)]
+    fn reaches(&self, j: usize) -> bool {
+        j < self.output.len() && j < self.position.len()
+    }
+
+    #[inline(always)]
+    fn output(&self, j: usize) -> T {
+        self.kind.like(self.output[j])
+    }
+
+    #[inline(always)]
+    fn reading(&self, j: usize) -> Sample<T> {
+        self.sample(self.output[j])
+    }
+
+    #[inline(always)]
+    fn position(&self, j: usize) -> Sample<T> {
+        self.sample(self.position[j])
+    }
+}
+
+/// A stretch of the records of several runs, samples of all runs side by side; not a number where missing.
+///
+/// Its alignment is that of the whole stack frame: vectors that registers cannot hold then never lie across two lines of
+/// the cache, which costs eight lanes a third of their speed.
+#[repr(C, align(64))]
+pub struct Stretch<S: Simd> {
+    output: [Lanes<S>; STRETCH + 1 + 2 * HALO],
+    position: [Lanes<S>; STRETCH + 1 + 2 * HALO],
+    first: usize,
+}
+
+/// Where the runs have a number.
+#[inline(always)]
+fn sample<S: Simd>(values: Lanes<S>) -> Sample<Lanes<S>> {
+    values.numbers().map_or(Sample::None, |(values, there)| Sample::Some(values, there))
+}
+
+impl<S: Simd> Stretch<S> {
+    /// Room for a stretch.
+    pub fn new(simd: S) -> Self {
+        let zero = Lanes::from_fn(simd, |_| 0.0);
+        Self { first: 0, output: [zero; STRETCH + 1 + 2 * HALO], position: [zero; STRETCH + 1 + 2 * HALO] }
+    }
+
+    /// Turns samples `from..=to` and their neighbours; one row per lane and channel.
+    ///
+    /// A function of its own: with the run's instructions the compiler scatters, which is slower than moving one by one.
+    #[inline(never)]
+    pub fn turn(&mut self, output: &[&[f64]], position: &[&[f64]], (from, to): (usize, usize)) {
+        self.first = from.saturating_sub(HALO);
+        let last = (to + HALO).min(output[0].len() - 1);
+        for (slots, rows) in [(&mut self.output, output), (&mut self.position, position)] {
+            for (lane, row) in rows.iter().enumerate() {
+                for (slot, x) in slots.iter_mut().zip(&row[self.first..=last]) {
+                    slot.set(lane, *x);
+                }
+            }
+        }
+    }
+}
+
+impl<S: Simd> Record<Lanes<S>> for Stretch<S> {
+    #[inline(always)]
+    fn reaches(&self, j: usize) -> bool {
+        self.first <= j && j - self.first < self.output.len()
+    }
+
+    #[inline(always)]
+    fn output(&self, j: usize) -> Lanes<S> {
+        self.output[j - self.first]
+    }
+
+    #[inline(always)]
+    fn reading(&self, j: usize) -> Sample<Lanes<S>> {
+        sample(self.output[j - self.first])
+    }
+
+    #[inline(always)]
+    fn position(&self, j: usize) -> Sample<Lanes<S>> {
+        sample(self.position[j - self.first])
+    }
+}
