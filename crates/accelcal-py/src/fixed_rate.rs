@@ -1,8 +1,8 @@
 //! A filter at a fixed rate for Python: a sample per call, or a record per call into the caller's arrays.
 
-use ekf_core::{RunError, Wander};
+use ekf_core::{GaussMarkov, RunError};
 use ekf_simd::fixed_rate::filter::{self, FixedRate, Histories};
-use ekf_simd::fixed_rate::step::Arrival;
+use ekf_simd::fixed_rate::step::SampleInput;
 use numpy::{
     Element, IntoPyArray, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray,
     PyUntypedArrayMethods,
@@ -44,7 +44,7 @@ impl FixedRateFilter {
         let count = effects.as_ref().map_or(0, |_| states.saturating_sub(4));
         let filter = match (setup.system, effects) {
             (AnySystem::Aci(system), Some((rest, wander))) => {
-                let wander: Vec<Wander> = wander.into_iter().map(|(rate, q)| Wander { rate, q }).collect();
+                let wander: Vec<GaussMarkov> = wander.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
                 filter::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
             }
             (AnySystem::Aci(system), None) => filter::aci(&setup.with(system), dt, prior),
@@ -64,8 +64,8 @@ impl FixedRateFilter {
                 self.effects
             )));
         }
-        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), ..Arrival::default() };
-        match self.filter.step(&arrival) {
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), ..SampleInput::default() };
+        match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
         }
@@ -92,8 +92,8 @@ impl FixedRateFilter {
         let (before, rest) = columns.as_slice()?.split_at(self.effects);
         let (middle, here) = rest.split_at(self.effects);
         let effects = [before, middle, here];
-        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), effects, leaning: leaning.as_slice()? };
-        match self.filter.step(&arrival) {
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns: leaning.as_slice()? };
+        match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
         }

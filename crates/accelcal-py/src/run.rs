@@ -2,8 +2,8 @@
 
 use ekf_core::sensor::polynomial::Form;
 use ekf_core::{
-    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, InBlocks, Integrator, Interpolation, Live, LowPass,
-    Order, Outcome, Parameters, RunError, Samples, Sensor, SetupError, Structured, Wander, dense::system::System,
+    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, GaussMarkov, InBlocks, Integrator, Interpolation, Live,
+    LowPass, Order, Outcome, Parameters, RunError, Samples, Sensor, SetupError, Structured, dense::system::System,
     smooth,
 };
 use nalgebra::{SMatrix, SVector};
@@ -88,7 +88,7 @@ impl FilterSetup {
         gate: f64,
         kernel: &str,
     ) -> PyResult<Self> {
-        let sensor = Sensor { form: form_named(form)?, wander: wander.map(|(rate, q)| Wander { rate, q }) };
+        let sensor = Sensor { form: form_named(form)?, gauss_markov: wander.map(|(rate, q)| GaussMarkov { rate, q }) };
         let low_pass = (tau != 0.0).then_some(LowPass { tau, q: q_output });
         let aci = AnySystem::Aci(Aci { sensor, q, tau });
         let cwpa = AnySystem::Cwpa(Cwpa { sensor, q, low_pass });
@@ -352,7 +352,7 @@ pub fn run_filter_batch(
     let prior = ekf_simd::Prior { states, x: x0.as_slice()?, P: P0.as_slice()? };
     let (output, position) = (output.as_slice()?, position.as_slice()?);
     let batch = ekf_simd::Batch { dt, samples, runs, output, position };
-    let path = ekf_simd::Path::best();
+    let path = ekf_simd::InstructionSet::best();
     let finals = py.detach(|| match setup.system {
         AnySystem::Aci(system) => ekf_simd::run_aci(&setup.with(system), prior, batch, true, path, threads),
         AnySystem::Cwpa(system) => ekf_simd::run_cwpa(&setup.with(system), prior, batch, true, path, threads),
@@ -389,28 +389,28 @@ fn innovation<const N: usize>(outcome: &Outcome<N>) -> Option<f64> {
 }
 
 /// What a stream tells of an engine's outcomes and tracks.
-trait Told<const N: usize>: Engine<N> {
+trait StreamView<const N: usize>: Engine<N> {
     fn innovation(outcome: &Self::Outcome) -> Option<f64>;
     fn state(&self, track: &Self::Track, waiting: usize) -> StreamState;
 }
 
-fn told<const N: usize>(belief: &Belief<N>, t: Option<f64>, log_likelihood: f64, rejected: usize) -> StreamState {
+fn state_of<const N: usize>(belief: &Belief<N>, t: Option<f64>, log_likelihood: f64, rejected: usize) -> StreamState {
     let (x, P) = (belief.x.as_slice().to_vec(), belief.P.as_slice().to_vec());
     StreamState { t, x, P, log_likelihood, rejected, waiting: 0 }
 }
 
-impl<S: System<N>, const N: usize> Told<N> for Filter<S> {
+impl<S: System<N>, const N: usize> StreamView<N> for Filter<S> {
     fn innovation(outcome: &Outcome<N>) -> Option<f64> {
         innovation(outcome)
     }
 
     fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
-        let state = told(&track.carried.belief(), track.t, track.log_likelihood, track.rejected);
+        let state = state_of(&track.carried.belief(), track.t, track.log_likelihood, track.rejected);
         StreamState { waiting, ..state }
     }
 }
 
-impl<S: System<N>, const N: usize> Told<N> for InBlocks<S>
+impl<S: System<N>, const N: usize> StreamView<N> for InBlocks<S>
 where
     Filter<S>: Structured<N>,
 {
@@ -419,12 +419,12 @@ where
     }
 
     fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
-        let state = told(&self.0.belief(&track.block), track.t, track.log_likelihood, track.rejected);
+        let state = state_of(&self.0.belief(&track.block), track.t, track.log_likelihood, track.rejected);
         StreamState { waiting, ..state }
     }
 }
 
-impl<E: Told<N> + Send + Sync, const N: usize> Stream for Live<E, N>
+impl<E: StreamView<N> + Send + Sync, const N: usize> Stream for Live<E, N>
 where
     E::Track: Send + Sync,
 {

@@ -22,7 +22,7 @@ mod tests {
     use super::play;
 
     #[test]
-    fn it_stands_still_inside_the_slack_and_follows_behind_it() {
+    fn output_is_constant_inside_the_slack_and_follows_at_its_edge() {
         let x = [0.0, 1.0, 3.0, 2.0, 1.5, -1.0, -0.5];
         let mut y = [0.0; 7];
         play(&x, 2.0, 0.0, &mut y);

@@ -25,7 +25,7 @@ pub use dense::cwpa::{Cwpa, LowPass};
 pub use dense::filter::{Filter, Outcome, Track};
 pub use dense::integrate::Integrator;
 pub use dense::smoother::smooth;
-pub use dense::system::{Order, Wander};
+pub use dense::system::{GaussMarkov, Order};
 pub use error::{DomainError, RunError, SetupError, StepError};
 pub use sensor::polynomial::{Form, Parameters};
 pub use sensor::states::Sensor;

@@ -12,5 +12,5 @@ pub mod fixed_rate;
 pub mod record;
 pub mod replay;
 
-pub use arch::instruction_set::Path;
+pub use arch::instruction_set::InstructionSet;
 pub use record::batch::{Batch, Final, Prior, run_aci, run_cwpa};

@@ -1,8 +1,8 @@
 //! Python's view of the bank: a prepared stretch, columns in, sums of whitened responses out.
 
-use ekf_core::replay::columns::{self, Passage, Response, Stretch};
+use ekf_core::replay::columns::{self, FilteredReading, ReadingSpan, Response};
 use ekf_core::replay::{Cell, Grid, ReplayError};
-use ekf_simd::replay::columns::{carry_inputs, carry_readings};
+use ekf_simd::replay::columns::{filter_input_columns, filter_reading_columns};
 use numpy::{PyReadonlyArray1, PyReadwriteArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -14,7 +14,7 @@ type Column<'py> = PyReadonlyArray1<'py, f64>;
 /// A stretch of readings, ready to carry columns; see `ekf_core::replay::columns`.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct Bank {
-    passages: Vec<Passage>,
+    readings: Vec<FilteredReading>,
     cells: Vec<Cell>,
     group: usize,
     /// Sums that each column gives.
@@ -48,14 +48,14 @@ impl Bank {
         let counts = &counts[from_..to];
         let before = from_.checked_sub(1).map(|k| t[k]);
         let (start, step, rows) = grid;
-        let (mut passages, mut cells) = (Vec::with_capacity(to - from_), Vec::new());
+        let (mut readings, mut cells) = (Vec::with_capacity(to - from_), Vec::new());
         py.detach(|| {
             let grid = (Grid { start, step }, rows);
-            columns::prepare(gains, counts, grid, before, |cell| cells.push(cell), |one| passages.push(one))
+            columns::prepare(gains, counts, grid, before, |cell| cells.push(cell), |one| readings.push(one))
         })
         .map_err(refuse)?;
         let rows = counts.iter().filter(|&&counted| counted).count() / group;
-        Ok(Self { passages, cells, group, rows })
+        Ok(Self { readings, cells, group, rows })
     }
 
     /// Columns on the grid, times `factor`; `state` (columns, 2) is handed on, `sums` (columns, rows) is filled.
@@ -139,14 +139,14 @@ impl Bank {
         state: &mut [f64],
         sums: &mut Rows<'_>,
     ) -> Result<(), ReplayError> {
-        let stretch = Stretch { passages: &self.passages, cells: &self.cells, group: self.group };
+        let span = ReadingSpan { readings: &self.readings, cells: &self.cells, group: self.group };
         let columns: [&[f64]; N] = core::array::from_fn(|j| columns[j]);
         let mut response =
             Response { p: core::array::from_fn(|j| state[2 * j]), v: core::array::from_fn(|j| state[2 * j + 1]) };
         let sums: [&mut [f64]; N] = core::array::from_fn(|_| sums.take());
         match port {
-            Port::Input { factor } => carry_inputs(stretch, columns, factor, &mut response, sums),
-            Port::Reading => carry_readings(stretch, columns, &mut response, sums),
+            Port::Input { factor } => filter_input_columns(span, columns, factor, &mut response, sums),
+            Port::Reading => filter_reading_columns(span, columns, &mut response, sums),
         }?;
         for (held, (p, v)) in state.chunks_exact_mut(2).zip(response.p.into_iter().zip(response.v)) {
             held.copy_from_slice(&[p, v]);

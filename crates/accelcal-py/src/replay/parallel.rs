@@ -1,6 +1,6 @@
 //! Python's view of parts of a record side by side; see `ekf_core::replay::parallel`.
 
-use ekf_core::replay::parallel::{self, Abreast};
+use ekf_core::replay::parallel::{self, InterleavedReading};
 use ekf_core::replay::{Noise, Readings, ReplayError};
 use ekf_simd::replay::parallel as wide;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
@@ -16,8 +16,8 @@ type Part<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>
 /// Parts of equal length, ready for filters of any noise.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct Parts {
-    eights: Vec<Vec<Abreast<8>>>,
-    singles: Vec<Vec<Abreast<1>>>,
+    eights: Vec<Vec<InterleavedReading<8>>>,
+    singles: Vec<Vec<InterleavedReading<1>>>,
 }
 
 #[pymethods]
@@ -104,6 +104,6 @@ fn readings_of<'a>(
     })
 }
 
-fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<Abreast<N>>> {
-    Ok(parallel::side_by_side(*parts).map_err(refuse)?.collect())
+fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<InterleavedReading<N>>> {
+    Ok(parallel::interleave(*parts).map_err(refuse)?.collect())
 }

@@ -143,7 +143,7 @@ impl ReplayTrack {
         let index = SERIES
             .iter()
             .position(|&known| known == name)
-            .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; there are {SERIES:?}")))?;
+            .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; present are {SERIES:?}")))?;
         Ok(PyArray1::from_slice(py, self.all()[index]))
     }
 

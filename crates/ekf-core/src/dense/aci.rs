@@ -47,11 +47,11 @@ impl<const N: usize> System<N> for Aci {
         }
         F[(POSITION, VELOCITY)] = 1.0;
         DQDt[(VELOCITY, VELOCITY)] = g.gradient[0] * g.gradient[0] * self.q;
-        for (i, j, wander) in self.sensor.each::<N>(FIRST) {
-            f[i] = -wander.rate * x[i];
+        for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+            f[i] = -gauss_markov.rate * x[i];
             F[(VELOCITY, i)] = g.gradient[j];
-            F[(i, i)] = -wander.rate;
-            DQDt[(i, i)] = wander.q;
+            F[(i, i)] = -gauss_markov.rate;
+            DQDt[(i, i)] = gauss_markov.q;
         }
         Ok(Rates { f, F, DQDt })
     }
@@ -73,20 +73,20 @@ impl<const N: usize> System<N> for Aci {
             Transition { x: self.sensor.decayed(FIRST, x, h), Phi: SMatrix::identity(), Q: SMatrix::zeros() };
         next.x[POSITION] += h * x[VELOCITY];
         next.Phi[(POSITION, VELOCITY)] = h;
-        for (i, _, wander) in self.sensor.each::<N>(FIRST) {
-            next.Phi[(i, i)] = wander.decay(h);
+        for (i, _, gauss_markov) in self.sensor.each::<N>(FIRST) {
+            next.Phi[(i, i)] = gauss_markov.decay(h);
         }
         for (s, weight) in nodes(0.0, h) {
             let at = self.sensor.decayed(FIRST, x, s);
             let g = self.sensor.acceleration(FIRST, &at, drive.segment.value(drive.from + s))?;
             let mut a = g.value;
             if order == Order::Second {
-                a += curvature(&g.hessian, &self.spread(P, s), None, FIRST).0;
+                a += curvature(&g.hessian, &self.curvature_variance(P, s), None, FIRST).0;
             }
             next.x[POSITION] += weight * (h - s) * a;
             next.x[VELOCITY] += weight * a;
-            for (i, j, wander) in self.sensor.each::<N>(FIRST) {
-                let slope = weight * g.gradient[j] * wander.decay(s);
+            for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+                let slope = weight * g.gradient[j] * gauss_markov.decay(s);
                 next.Phi[(POSITION, i)] += (h - s) * slope;
                 next.Phi[(VELOCITY, i)] += slope;
             }
@@ -96,11 +96,11 @@ impl<const N: usize> System<N> for Aci {
             next.Q[(VELOCITY, VELOCITY)] += pushed;
         }
         next.Q[(VELOCITY, POSITION)] = next.Q[(POSITION, VELOCITY)];
-        for (i, j, wander) in self.sensor.each::<N>(FIRST) {
-            if wander.q > 0.0 {
+        for (i, j, gauss_markov) in self.sensor.each::<N>(FIRST) {
+            if gauss_markov.q > 0.0 {
                 for (s, weight) in nodes(0.0, h) {
                     let b = self.influence(x, drive, s, (i, j))?;
-                    next.Q += b * b.transpose() * (weight * wander.q);
+                    next.Q += b * b.transpose() * (weight * gauss_markov.q);
                 }
             }
         }
@@ -111,7 +111,7 @@ impl<const N: usize> System<N> for Aci {
         let mut H = RowSVector::zeros();
         H[POSITION] = 1.0;
         H[VELOCITY] = self.tau;
-        Reading { expected: x[POSITION] + self.tau * x[VELOCITY], H, spread: 0.0 }
+        Reading { expected: x[POSITION] + self.tau * x[VELOCITY], H, curvature_variance: 0.0 }
     }
 
     fn output(&self, _: &SVector<f64, N>, _: &SMatrix<f64, N, N>, _: Order) -> Result<Option<Reading<N>>, StepError> {
@@ -121,15 +121,15 @@ impl<const N: usize> System<N> for Aci {
 
 impl Aci {
     /// The parameters' covariance `s` seconds into the step.
-    fn spread<const N: usize>(&self, P: &SMatrix<f64, N, N>, s: f64) -> SMatrix<f64, N, N> {
+    fn curvature_variance<const N: usize>(&self, P: &SMatrix<f64, N, N>, s: f64) -> SMatrix<f64, N, N> {
         let mut P = *P;
-        for (i, _, wander) in self.sensor.each::<N>(FIRST) {
-            let decay = wander.decay(s);
+        for (i, _, gauss_markov) in self.sensor.each::<N>(FIRST) {
+            let decay = gauss_markov.decay(s);
             for k in 0..N {
                 P[(i, k)] *= decay;
                 P[(k, i)] *= decay;
             }
-            P[(i, i)] += wander.variance(s);
+            P[(i, i)] += gauss_markov.variance(s);
         }
         P
     }
@@ -143,16 +143,16 @@ impl Aci {
         (i, j): (usize, usize),
     ) -> Result<SVector<f64, N>, StepError> {
         let h = drive.to - drive.from;
-        let wander = self.sensor.wander[i - FIRST];
+        let gauss_markov = self.sensor.gauss_markov[i - FIRST];
         let mut b = SVector::<f64, N>::zeros();
         for (r, weight) in nodes(s, h) {
             let at = self.sensor.decayed(FIRST, x, r);
             let g = self.sensor.acceleration(FIRST, &at, drive.segment.value(drive.from + r))?;
-            let dv = weight * g.gradient[j] * wander.decay(r - s);
+            let dv = weight * g.gradient[j] * gauss_markov.decay(r - s);
             b[POSITION] += (h - r) * dv;
             b[VELOCITY] += dv;
         }
-        b[i] = wander.decay(h - s);
+        b[i] = gauss_markov.decay(h - s);
         Ok(b)
     }
 }
@@ -160,12 +160,12 @@ impl Aci {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dense::system::Wander;
+    use crate::dense::system::GaussMarkov;
     use crate::sensor::polynomial::Form;
     use crate::signal::interpolation::Segment;
 
-    fn aci(wander: [Wander; 4]) -> Aci {
-        Aci { sensor: Sensor { form: Form::Inverse, wander }, q: 1e-4, tau: 0.0 }
+    fn aci(gauss_markov: [GaussMarkov; 4]) -> Aci {
+        Aci { sensor: Sensor { form: Form::Inverse, gauss_markov }, q: 1e-4, tau: 0.0 }
     }
 
     fn state() -> SVector<f64, 6> {
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn under_hold_the_step_has_its_closed_form() {
-        let system = aci([Wander::CONSTANT; 4]);
+        let system = aci([GaussMarkov::CONSTANT; 4]);
         let (x, h) = (state(), 6e-4);
         let step = system.transition(&x, &covariance(), &drive([9.0, 0.0, 0.0, 0.0], 0.0, h), Order::Second).unwrap();
         let rates = system.rates(&x, &covariance(), 9.0, Order::Second).unwrap();
@@ -199,9 +199,9 @@ mod tests {
     }
 
     #[test]
-    fn a_step_under_a_moving_output_and_wandering_parameters_splits() {
-        let drift = |rate, q| Wander { rate, q };
-        let system = aci([drift(0.5, 1e-3), drift(0.0, 2e-3), Wander::CONSTANT, drift(2.0, 1e-6)]);
+    fn a_step_under_a_moving_output_and_drifting_parameters_splits() {
+        let drift = |rate, q| GaussMarkov { rate, q };
+        let system = aci([drift(0.5, 1e-3), drift(0.0, 2e-3), GaussMarkov::CONSTANT, drift(2.0, 1e-6)]);
         let c = [9.0, -100.0, 0.0, 0.0];
         let run = |x: &SVector<f64, 6>, from, to| {
             system.transition(x, &covariance(), &drive(c, from, to), Order::First).unwrap()
@@ -223,7 +223,7 @@ mod tests {
 
     #[test]
     fn second_order_adds_its_published_term() {
-        let system = aci([Wander::CONSTANT; 4]);
+        let system = aci([GaussMarkov::CONSTANT; 4]);
         let (x, P) = (state(), covariance());
         let f = |order| system.rates(&x, &P, 9.0, order).unwrap().f[VELOCITY];
         let (K2, K3, w) = (x[4], x[5], 9.0 - x[3]);
@@ -233,7 +233,7 @@ mod tests {
 
     #[test]
     fn behind_a_low_pass_the_encoder_reads_ahead() {
-        let mut system = aci([Wander::CONSTANT; 4]);
+        let mut system = aci([GaussMarkov::CONSTANT; 4]);
         system.tau = 1e-3;
         let reading = system.position(&state());
         assert!((reading.expected - (0.01 - 0.3e-3)).abs() < 1e-17);

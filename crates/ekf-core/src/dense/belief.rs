@@ -35,7 +35,7 @@ impl<const N: usize> Belief<N> {
     /// [`StepError::Variance`], [`StepError::Correlation`]. Runge-Kutta raises them under diffuse priors and over long
     /// steps, because it leaves out high powers of the step in `Phi P Phi'` (RK2 the third and fourth) and in `Q_d`.
     pub fn checked(self) -> Result<Self, StepError> {
-        plausible(N, |i, j| self.P[(i, j)])?;
+        check_covariance(N, |i, j| self.P[(i, j)])?;
         Ok(self)
     }
 }
@@ -45,7 +45,7 @@ impl<const N: usize> Belief<N> {
 /// # Errors
 /// [`StepError::Variance`], [`StepError::Correlation`].
 #[inline(always)]
-pub fn plausible(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(), StepError> {
+pub fn check_covariance(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(), StepError> {
     for i in 0..n {
         let variance = P(i, i);
         if !(variance >= 0.0 && variance.is_finite()) {

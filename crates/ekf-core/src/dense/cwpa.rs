@@ -51,9 +51,9 @@ impl<const N: usize> System<N> for Cwpa {
         if let Some(LowPass { tau, q }) = self.low_pass {
             at_least("tau", tau, f64::MIN_POSITIVE)?;
             at_least("low-pass q", q, 0.0)?;
-            for wander in &self.sensor.wander {
+            for gauss_markov in &self.sensor.gauss_markov {
                 // A parameter as fast as the filter in front of it cannot be told from noise.
-                at_least("1/2 - rate tau", 0.5 - wander.rate * tau, 0.0)?;
+                at_least("1/2 - rate tau", 0.5 - gauss_markov.rate * tau, 0.0)?;
             }
         }
         Ok(())
@@ -69,10 +69,10 @@ impl<const N: usize> System<N> for Cwpa {
         F[(POSITION, VELOCITY)] = 1.0;
         F[(VELOCITY, ACCELERATION)] = 1.0;
         DQDt[(ACCELERATION, ACCELERATION)] = self.q;
-        for (i, _, wander) in self.sensor.each::<N>(first) {
-            f[i] = -wander.rate * x[i];
-            F[(i, i)] = -wander.rate;
-            DQDt[(i, i)] = wander.q;
+        for (i, _, gauss_markov) in self.sensor.each::<N>(first) {
+            f[i] = -gauss_markov.rate * x[i];
+            F[(i, i)] = -gauss_markov.rate;
+            DQDt[(i, i)] = gauss_markov.q;
         }
         if let Some(LowPass { tau, q }) = self.low_pass {
             let r = self.sensor.output(first, x, x[ACCELERATION])?;
@@ -116,9 +116,9 @@ impl<const N: usize> System<N> for Cwpa {
         set(&mut next.Q, VELOCITY, VELOCITY, self.q * T3 / 3.0);
         set(&mut next.Q, VELOCITY, ACCELERATION, self.q * T2 / 2.0);
         set(&mut next.Q, ACCELERATION, ACCELERATION, self.q * T);
-        for (i, _, wander) in self.sensor.each::<N>(first) {
-            next.Phi[(i, i)] = wander.decay(T);
-            next.Q[(i, i)] = wander.variance(T);
+        for (i, _, gauss_markov) in self.sensor.each::<N>(first) {
+            next.Phi[(i, i)] = gauss_markov.decay(T);
+            next.Q[(i, i)] = gauss_markov.variance(T);
         }
         match self.low_pass {
             Some(low_pass) => self.filter_output(&low_pass, x, P, T, order, next),
@@ -141,15 +141,15 @@ impl<const N: usize> System<N> for Cwpa {
         }
         let first = self.first();
         let r = self.sensor.output(first, x, x[ACCELERATION])?;
-        let mut reading = Reading { expected: r.value, H: RowSVector::zeros(), spread: 0.0 };
+        let mut reading = Reading { expected: r.value, H: RowSVector::zeros(), curvature_variance: 0.0 };
         reading.H[ACCELERATION] = r.gradient[0];
         for (i, j, _) in self.sensor.each::<N>(first) {
             reading.H[i] = r.gradient[j];
         }
         if order == Order::Second {
-            let (bend, spread) = curvature(&r.hessian, P, Some(ACCELERATION), first);
-            reading.expected += bend;
-            reading.spread = spread;
+            let (curvature_mean, curvature_variance) = curvature(&r.hessian, P, Some(ACCELERATION), first);
+            reading.expected += curvature_mean;
+            reading.curvature_variance = curvature_variance;
         }
         Ok(Some(reading))
     }
@@ -186,13 +186,13 @@ impl Cwpa {
         next.Q[(OUTPUT, OUTPUT)] =
             jerk * r.gradient[0] * lagged_moments(0.0, b).1 + q * T * mean_decay(2.0 * b) / (tau * tau);
 
-        for (i, j, wander) in self.sensor.each::<N>(first) {
-            let a = wander.rate * T;
+        for (i, j, gauss_markov) in self.sensor.each::<N>(first) {
+            let a = gauss_markov.rate * T;
             let kept = lagged(a, b, 1.0);
             next.x[OUTPUT] += r.gradient[j] * x[i] * (kept - rise);
             next.Phi[(OUTPUT, i)] = r.gradient[j] * kept;
             let (once, twice) = lagged_moments(a, b);
-            let pushed = wander.q * r.gradient[j] * T;
+            let pushed = gauss_markov.q * r.gradient[j] * T;
             set(&mut next.Q, OUTPUT, i, pushed * once);
             next.Q[(OUTPUT, OUTPUT)] += pushed * r.gradient[j] * twice;
         }
@@ -204,7 +204,7 @@ impl Cwpa {
 fn read<const N: usize>(x: &SVector<f64, N>, state: usize) -> Reading<N> {
     let mut H = RowSVector::zeros();
     H[state] = 1.0;
-    Reading { expected: x[state], H, spread: 0.0 }
+    Reading { expected: x[state], H, curvature_variance: 0.0 }
 }
 
 fn set<const N: usize>(Q: &mut SMatrix<f64, N, N>, i: usize, j: usize, value: f64) {
@@ -258,18 +258,18 @@ fn lagged_moments(a: f64, b: f64) -> (f64, f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dense::system::Wander;
+    use crate::dense::system::GaussMarkov;
     use crate::sensor::polynomial::Form;
     use crate::signal::interpolation::Segment;
 
     const TAU: f64 = 1e-3;
 
     fn cwpa(low_pass: Option<LowPass>) -> Cwpa {
-        let drift = |rate, q| Wander { rate, q };
+        let drift = |rate, q| GaussMarkov { rate, q };
         Cwpa {
             sensor: Sensor {
                 form: Form::Forward,
-                wander: [drift(0.5, 2.0), drift(0.0, 3.0), Wander::CONSTANT, Wander::CONSTANT],
+                gauss_markov: [drift(0.5, 2.0), drift(0.0, 3.0), GaussMarkov::CONSTANT, GaussMarkov::CONSTANT],
             },
             q: 7.0,
             low_pass,
@@ -316,7 +316,7 @@ mod tests {
         let system = cwpa(Some(low_pass));
         // Without k and wander in it, f(a) is the same at every start: the linearisation does not move.
         let mut fixed = system;
-        fixed.sensor.wander[0] = Wander::CONSTANT;
+        fixed.sensor.gauss_markov[0] = GaussMarkov::CONSTANT;
         let x = SVector::from([0.1, 0.2, 3.0, -1.0, 0.01, 0.05]);
         for (T1, T2) in [(0.1, 0.1), (0.2, 0.2), (0.2, 0.6), (1.0, 5.0)] {
             assert_semigroup(&fixed, &x, T1 * TAU, T2 * TAU);

@@ -35,14 +35,14 @@ pub struct Filter<S> {
 
 /// The belief in the form its carrier keeps it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Carried<const N: usize> {
+pub enum CarriedBelief<const N: usize> {
     /// `P`.
     Dense(Belief<N>),
     /// `U D U'`.
     Factored(Factored<N>),
 }
 
-impl<const N: usize> Carried<N> {
+impl<const N: usize> CarriedBelief<N> {
     /// Mean and covariance.
     #[must_use]
     pub fn belief(&self) -> Belief<N> {
@@ -83,7 +83,7 @@ pub struct Outcome<const N: usize> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Track<const N: usize> {
     /// The belief at the last event.
-    pub carried: Carried<N>,
+    pub carried: CarriedBelief<N>,
     /// Time of the last event, s; `None` before the first, to which the prior belongs.
     pub t: Option<f64>,
     /// Events processed.
@@ -119,8 +119,8 @@ impl<S> Filter<S> {
         }
         Ok(Track {
             carried: match self.carrier {
-                Carrier::Dense => Carried::Dense(*prior),
-                Carrier::Factored => Carried::Factored(factored),
+                Carrier::Dense => CarriedBelief::Dense(*prior),
+                Carrier::Factored => CarriedBelief::Factored(factored),
             },
             t: None,
             events: 0,
@@ -135,22 +135,22 @@ impl<S> Filter<S> {
     /// [`StepError`]; `carried` is untouched.
     pub fn predict<const N: usize>(
         &self,
-        carried: &Carried<N>,
+        carried: &CarriedBelief<N>,
         drive: &Drive,
-    ) -> Result<(Carried<N>, SMatrix<f64, N, N>), StepError>
+    ) -> Result<(CarriedBelief<N>, SMatrix<f64, N, N>), StepError>
     where
         S: System<N>,
     {
         match carried {
-            Carried::Dense(belief) => {
+            CarriedBelief::Dense(belief) => {
                 let (belief, Phi) = self.integrator.step(&self.system, belief, drive, self.order)?;
-                Ok((Carried::Dense(belief), Phi))
+                Ok((CarriedBelief::Dense(belief), Phi))
             }
-            Carried::Factored(factored) => {
+            CarriedBelief::Factored(factored) => {
                 let belief = factored.belief();
                 let step = self.integrator.transition(&self.system, &belief, drive, self.order)?;
                 let factored = factored.predict(step.x, &step.Phi, &step.Q)?;
-                Ok((Carried::Factored(factored), step.Phi))
+                Ok((CarriedBelief::Factored(factored), step.Phi))
             }
         }
     }
@@ -161,9 +161,9 @@ impl<S> Filter<S> {
     /// [`StepError`]; `carried` is untouched.
     pub fn update<const N: usize>(
         &self,
-        carried: &Carried<N>,
+        carried: &CarriedBelief<N>,
         event: &Event,
-    ) -> Result<(Carried<N>, Option<Correction<N>>), StepError>
+    ) -> Result<(CarriedBelief<N>, Option<Correction<N>>), StepError>
     where
         S: System<N>,
     {
@@ -176,14 +176,14 @@ impl<S> Filter<S> {
             return Ok((*carried, None));
         };
         let (updated, innovation, gain) = match carried {
-            Carried::Dense(prior) => {
+            CarriedBelief::Dense(prior) => {
                 let (innovation, gain) = innovate(prior, &reading, R, event.value)?;
                 let belief = correct(prior, &reading, R, &innovation, &gain).checked()?;
-                (Carried::Dense(belief), innovation, gain)
+                (CarriedBelief::Dense(belief), innovation, gain)
             }
-            Carried::Factored(prior) => {
+            CarriedBelief::Factored(prior) => {
                 let (factored, innovation, gain) = prior.update(&reading, R, event.value)?;
-                (Carried::Factored(factored), innovation, gain)
+                (CarriedBelief::Factored(factored), innovation, gain)
             }
         };
         let accepted = innovation.nis() <= self.gate;
@@ -250,7 +250,7 @@ mod tests {
     use super::*;
     use crate::dense::aci::Aci;
     use crate::dense::smoother::smooth;
-    use crate::dense::system::Wander;
+    use crate::dense::system::GaussMarkov;
     use crate::sensor::polynomial::Form;
     use crate::sensor::states::Sensor;
 
@@ -259,7 +259,11 @@ mod tests {
 
     fn filter(integrator: Integrator, carrier: Carrier) -> Filter<Aci> {
         Filter {
-            system: Aci { sensor: Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] }, q: 1e-6, tau: 0.0 },
+            system: Aci {
+                sensor: Sensor { form: Form::Inverse, gauss_markov: [GaussMarkov::CONSTANT; 4] },
+                q: 1e-6,
+                tau: 0.0,
+            },
             interpolation: Interpolation::Linear,
             integrator,
             order: Order::First,

@@ -17,14 +17,14 @@ pub enum Order {
 
 /// How one sensor parameter moves: `theta' = -rate theta + white noise of density q` (paper II-D).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wander {
+pub struct GaussMarkov {
     /// Inverse correlation time, 1/s; zero for a constant or a random walk.
     pub rate: f64,
     /// Two-sided density of the noise, unit of the parameter squared per second.
     pub q: f64,
 }
 
-impl Wander {
+impl GaussMarkov {
     /// An unknown constant.
     pub const CONSTANT: Self = Self { rate: 0.0, q: 0.0 };
 

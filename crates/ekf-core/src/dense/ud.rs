@@ -119,7 +119,7 @@ impl<const N: usize> Factored<N> {
         let g = self.D.component_mul(&f);
         let mut gain = SVector::<f64, N>::zeros();
         let mut next = *self;
-        let mut s = R + reading.spread;
+        let mut s = R + reading.curvature_variance;
         for j in 0..N {
             let before = s;
             s += f[j] * g[j];
@@ -165,7 +165,7 @@ mod tests {
         let Phi = Matrix3::new(1.0, 0.1, 0.005, 0.0, 1.0, 0.1, 0.0, 0.0, 0.9);
         let g = Vector3::new(0.01, 0.1, 1.0);
         let Q = g * g.transpose();
-        let reading = Reading { expected: 0.3, H: RowVector3::new(1.0, 0.0, -0.7), spread: 0.05 };
+        let reading = Reading { expected: 0.3, H: RowVector3::new(1.0, 0.0, -0.7), curvature_variance: 0.05 };
         let dense = Belief { x: prior().x, P: Phi * prior().P * Phi.transpose() + Q };
         let (innovation, gain) = innovate(&dense, &reading, 0.1, 1.0).unwrap();
         let dense = correct(&dense, &reading, 0.1, &innovation, &gain);
@@ -183,7 +183,7 @@ mod tests {
     #[test]
     fn a_perfect_reading_of_a_known_state_is_refused() {
         let known = Belief { x: Vector3::zeros(), P: Matrix3::zeros() };
-        let reading = Reading { expected: 0.0, H: RowVector3::new(1.0, 0.0, 0.0), spread: 0.0 };
+        let reading = Reading { expected: 0.0, H: RowVector3::new(1.0, 0.0, 0.0), curvature_variance: 0.0 };
         let update = Factored::new(&known).unwrap().update(&reading, 0.0, 1.0);
         assert_eq!(update.unwrap_err(), StepError::InnovationVariance { s: 0.0 });
     }

@@ -13,7 +13,7 @@ pub struct Reading<const N: usize> {
     /// `H = dh/dx`.
     pub H: RowSVector<f64, N>,
     /// `1/2 tr(h_xx P h_xx P)`: zero in first order.
-    pub spread: f64,
+    pub curvature_variance: f64,
 }
 
 /// What one reading taught the filter.
@@ -64,7 +64,7 @@ pub fn innovate<const N: usize>(
     z: f64,
 ) -> Result<(Innovation, SVector<f64, N>), StepError> {
     let PHt = prior.P * reading.H.transpose();
-    let s = (reading.H * PHt).to_scalar() + R + reading.spread;
+    let s = (reading.H * PHt).to_scalar() + R + reading.curvature_variance;
     let innovation = Innovation::checked(z - reading.expected, s)?;
     Ok((innovation, PHt / s))
 }
@@ -82,7 +82,7 @@ pub fn correct<const N: usize>(
     gain: &SVector<f64, N>,
 ) -> Belief<N> {
     let IKH = SMatrix::<f64, N, N>::identity() - gain * reading.H;
-    let P = IKH * prior.P * IKH.transpose() + gain * gain.transpose() * (R + reading.spread);
+    let P = IKH * prior.P * IKH.transpose() + gain * gain.transpose() * (R + reading.curvature_variance);
     Belief { x: prior.x + gain * innovation.e, P: symmetric_part(&P) }
 }
 
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix2, RowVector2, Vector2};
 
-    const READING: Reading<2> = Reading { expected: 1.0, H: RowVector2::new(1.0, 0.5), spread: 0.0 };
+    const READING: Reading<2> = Reading { expected: 1.0, H: RowVector2::new(1.0, 0.5), curvature_variance: 0.0 };
     const R: f64 = 0.2;
 
     fn prior() -> Belief<2> {

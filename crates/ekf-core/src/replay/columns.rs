@@ -8,7 +8,7 @@ use crate::signal::integrals::ConditionError;
 
 /// One reading, with the filter that the columns pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Passage {
+pub struct FilteredReading {
     /// Time since the reading before, s.
     pub h: f64,
     /// Gain on position.
@@ -27,9 +27,9 @@ pub struct Passage {
 
 /// A stretch of readings.
 #[derive(Debug, Clone, Copy)]
-pub struct Stretch<'a> {
+pub struct ReadingSpan<'a> {
     /// One entry for each reading.
-    pub passages: &'a [Passage],
+    pub readings: &'a [FilteredReading],
     /// The cells of all readings, one behind the other; empty when only position columns are carried.
     pub cells: &'a [Cell],
     /// Readings in a sum, at least 1; a remainder at the end is left out.
@@ -48,7 +48,7 @@ pub fn prepare(
     (grid, rows): (Grid, usize),
     before: Option<f64>,
     mut take_cell: impl FnMut(Cell),
-    mut take: impl FnMut(Passage),
+    mut take: impl FnMut(FilteredReading),
 ) -> Result<(), ReplayError> {
     let n = gains.t.len();
     for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
@@ -68,7 +68,7 @@ pub fn prepare(
             })
             .ok_or(ReplayError::Grid { index: k, t: now })?;
         }
-        take(Passage {
+        take(FilteredReading {
             h: from.map_or(0.0, |earlier| now - earlier),
             gain_p: gains.gain_p[k],
             gain_v: gains.gain_v[k],
@@ -98,27 +98,27 @@ pub struct Response<const N: usize> {
 /// # Errors
 /// [`ReplayError::Condition`] when a column is shorter than the grid that the stretch needs, or `sums` do not fit.
 #[inline(always)]
-pub fn carry_inputs<const N: usize>(
-    stretch: Stretch<'_>,
+pub fn filter_input_columns<const N: usize>(
+    span: ReadingSpan<'_>,
     columns: [&[f64]; N],
     factor: f64,
     response: &mut Response<N>,
     sums: [&mut [f64]; N],
 ) -> Result<(), ReplayError> {
-    let rows = stretch.cells.last().map_or(0, |cell| cell.row as usize + NODES);
+    let rows = span.cells.last().map_or(0, |cell| cell.row as usize + NODES);
     let shortest = columns.iter().map(|column| column.len()).min().unwrap_or(rows);
     if shortest < rows {
         return Err(ConditionError::Length { expected: rows, found: shortest }.into());
     }
     let mut packed = Packed { columns, factor, low: 0, rows: [[0.0; N]; PACKED], high: 0 };
-    let mut ahead = stretch.cells;
-    walk(
-        stretch,
+    let mut ahead = span.cells;
+    run_columns(
+        span,
         response,
         sums,
         #[inline(always)]
-        |passage, p, v| {
-            let (now, later) = ahead.split_at(passage.cells as usize);
+        |reading, p, v| {
+            let (now, later) = ahead.split_at(reading.cells as usize);
             ahead = later;
             for cell in now {
                 let [r0, r1, r2, r3] = packed.at(cell.row as usize);
@@ -141,27 +141,27 @@ pub fn carry_inputs<const N: usize>(
 /// # Errors
 /// [`ReplayError::Condition`] when a column or `sums` do not fit the stretch.
 #[inline(always)]
-pub fn carry_readings<const N: usize>(
-    stretch: Stretch<'_>,
+pub fn filter_reading_columns<const N: usize>(
+    span: ReadingSpan<'_>,
     columns: [&[f64]; N],
     response: &mut Response<N>,
     sums: [&mut [f64]; N],
 ) -> Result<(), ReplayError> {
     for column in columns {
-        if column.len() != stretch.passages.len() {
-            let (expected, found) = (stretch.passages.len(), column.len());
+        if column.len() != span.readings.len() {
+            let (expected, found) = (span.readings.len(), column.len());
             return Err(ConditionError::Length { expected, found }.into());
         }
     }
     let mut k = 0;
-    walk(
-        stretch,
+    run_columns(
+        span,
         response,
         sums,
         #[inline(always)]
-        |passage, p, v| {
+        |reading, p, v| {
             for j in 0..N {
-                p[j] += passage.h * v[j];
+                p[j] += reading.h * v[j];
             }
             k += 1;
             core::array::from_fn(|j| p[j] + columns[j][k - 1])
@@ -171,39 +171,39 @@ pub fn carry_readings<const N: usize>(
 
 /// The filter of each reading in turn; `advance` moves the responses up to it and returns those of its prediction.
 #[inline(always)] // with the closure, or the columns do not stay side by side in registers
-fn walk<const N: usize>(
-    stretch: Stretch<'_>,
+fn run_columns<const N: usize>(
+    span: ReadingSpan<'_>,
     response: &mut Response<N>,
     mut sums: [&mut [f64]; N],
-    mut advance: impl FnMut(&Passage, &mut [f64; N], &mut [f64; N]) -> [f64; N],
+    mut advance: impl FnMut(&FilteredReading, &mut [f64; N], &mut [f64; N]) -> [f64; N],
 ) -> Result<(), ReplayError> {
-    let counted = stretch.passages.iter().filter(|passage| passage.counts).count();
-    let groups = counted / stretch.group.max(1);
+    let counted = span.readings.iter().filter(|reading| reading.counts).count();
+    let groups = counted / span.group.max(1);
     for found in sums.iter().map(|sum| sum.len()) {
         if found != groups {
             return Err(ConditionError::Length { expected: groups, found }.into());
         }
     }
-    let mean = 1.0 / libm::sqrt(stretch.group as f64);
+    let mean = 1.0 / libm::sqrt(span.group as f64);
     let Response { mut p, mut v } = *response;
     let (mut sum, mut held, mut row) = ([0.0; N], 0, 0);
-    for passage in stretch.passages {
-        if passage.starts {
+    for reading in span.readings {
+        if reading.starts {
             // The reading itself fixes the position, so a column teaches nothing here.
             (p, v) = ([0.0; N], [0.0; N]);
-            p = advance(passage, &mut p, &mut v).map(|g| -g);
+            p = advance(reading, &mut p, &mut v).map(|g| -g);
             v = [0.0; N];
         } else {
-            let g = advance(passage, &mut p, &mut v);
+            let g = advance(reading, &mut p, &mut v);
             for j in 0..N {
-                p[j] -= passage.gain_p * g[j];
-                v[j] -= passage.gain_v * g[j];
-                sum[j] += passage.weight * g[j];
+                p[j] -= reading.gain_p * g[j];
+                v[j] -= reading.gain_v * g[j];
+                sum[j] += reading.weight * g[j];
             }
         }
-        if passage.counts {
+        if reading.counts {
             held += 1;
-            if held == stretch.group && row < groups {
+            if held == span.group && row < groups {
                 for (filled, whole) in sums.iter_mut().zip(sum) {
                     filled[row] = whole * mean;
                 }

@@ -294,11 +294,11 @@ pub fn smooth(
     track: TrackView<'_>,
     position: &mut [f64],
     velocity: &mut [f64],
-    noise_wanted: &mut [f64],
+    smoothed_noise: &mut [f64],
 ) -> Result<(), ReplayError> {
     readings.check(noise)?;
     let n = readings.t.len();
-    for found in [track.e.len(), track.vv.len(), position.len(), velocity.len(), noise_wanted.len()] {
+    for found in [track.e.len(), track.vv.len(), position.len(), velocity.len(), smoothed_noise.len()] {
         same_length(n, found)?;
     }
     let (mut r_p, mut r_v) = (0.0, 0.0); // the adjoint of (p, v) just after reading k
@@ -306,7 +306,7 @@ pub fn smooth(
         r_p = track.e[k] / track.S[k] + (1.0 - track.gain_p[k]) * r_p - track.gain_v[k] * r_v;
         position[k] = track.p[k] + track.pp[k] * r_p + track.pv[k] * r_v;
         velocity[k] = track.v[k] + track.pv[k] * r_p + track.vv[k] * r_v;
-        noise_wanted[k] = noise.q * r_v;
+        smoothed_noise[k] = noise.q * r_v;
         if readings.starts(k) {
             (r_p, r_v) = (0.0, 0.0);
         } else {
@@ -748,7 +748,7 @@ mod tests {
                     assert!((whitened[3 * k + j] - expected).abs() < 1e-12, "column {j}, reading {k}");
                 }
             }
-            assert!((1..3 * N).any(|i| whitened[i].abs() > 0.1)); // and there is something to carry
+            assert!((1..3 * N).any(|i| whitened[i].abs() > 0.1)); // and present is something to carry
         }
     }
 

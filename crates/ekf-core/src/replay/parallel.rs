@@ -7,7 +7,7 @@ use crate::signal::integrals::ConditionError;
 
 /// One reading of each part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Abreast<const N: usize> {
+pub struct InterleavedReading<const N: usize> {
     /// Time since the reading before, s.
     h: [f64; N],
     /// Readings, m.
@@ -24,14 +24,14 @@ pub struct Abreast<const N: usize> {
     any_starts: bool,
 }
 
-/// Parts of equal length, side by side: one [`Abreast`] for each reading, in order.
+/// Parts of equal length, side by side: one [`InterleavedReading`] for each reading, in order.
 ///
 /// # Errors
 /// [`ReplayError::Condition`] when readings are unusable or lengths differ.
 #[inline(always)]
-pub fn side_by_side<const N: usize>(
+pub fn interleave<const N: usize>(
     parts: [(Readings<'_>, &[bool]); N],
-) -> Result<impl Iterator<Item = Abreast<N>>, ReplayError> {
+) -> Result<impl Iterator<Item = InterleavedReading<N>>, ReplayError> {
     let n = parts.first().map_or(0, |(readings, _)| readings.t.len());
     for (readings, counts) in &parts {
         readings.check_samples()?;
@@ -45,7 +45,7 @@ pub fn side_by_side<const N: usize>(
         #[inline(always)]
         move |k| {
             let starts = parts.map(|(readings, _)| readings.starts(k));
-            Abreast {
+            InterleavedReading {
                 h: parts.map(|(readings, _)| if k == 0 { 0.0 } else { readings.t[k] - readings.t[k - 1] }),
                 z: parts.map(|(readings, _)| readings.z[k]),
                 first: parts.map(|(readings, _)| readings.first[k]),
@@ -60,11 +60,11 @@ pub fn side_by_side<const N: usize>(
 
 /// Runs the filters; `take` gets each reading with the innovations `e` and their variances `S`.
 #[inline(always)] // with the closure, or the parts do not stay side by side in registers
-fn walk<const N: usize>(
-    readings: impl Iterator<Item = Abreast<N>>,
+fn run_filters<const N: usize>(
+    readings: impl Iterator<Item = InterleavedReading<N>>,
     noise: Noise,
     prior: Prior,
-    mut take: impl FnMut(&Abreast<N>, [f64; N], [f64; N]),
+    mut take: impl FnMut(&InterleavedReading<N>, [f64; N], [f64; N]),
 ) -> Result<(), ReplayError> {
     noise.check()?;
     let Noise { q, R } = noise;
@@ -110,12 +110,12 @@ fn walk<const N: usize>(
 /// [`ReplayError`] for unusable noise, or when a variance stops being positive.
 #[inline(always)]
 pub fn innovations<const N: usize>(
-    readings: impl Iterator<Item = Abreast<N>>,
+    readings: impl Iterator<Item = InterleavedReading<N>>,
     noise: Noise,
     prior: Prior,
     mut take: impl FnMut([f64; N]),
 ) -> Result<(), ReplayError> {
-    walk(
+    run_filters(
         readings,
         noise,
         prior,
@@ -132,10 +132,14 @@ const PRODUCT: usize = 8;
 /// # Errors
 /// [`ReplayError`] for unusable noise, or when a variance stops being positive.
 #[inline(always)]
-pub fn log_likelihood<const N: usize>(readings: &[Abreast<N>], noise: Noise, prior: Prior) -> Result<f64, ReplayError> {
+pub fn log_likelihood<const N: usize>(
+    readings: &[InterleavedReading<N>],
+    noise: Noise,
+    prior: Prior,
+) -> Result<f64, ReplayError> {
     let (mut squares, mut counted, mut logarithms) = ([0.0; N], [0.0; N], 0.0);
     let (mut product, mut held) = ([1.0; N], 0);
-    walk(
+    run_filters(
         readings.iter().copied(),
         noise,
         prior,
@@ -206,8 +210,8 @@ mod tests {
         }
     }
 
-    fn packed<const M: usize>(parts: [(Readings<'_>, &[bool]); M]) -> [Abreast<M>; N] {
-        let mut rows = side_by_side(parts).unwrap();
+    fn packed<const M: usize>(parts: [(Readings<'_>, &[bool]); M]) -> [InterleavedReading<M>; N] {
+        let mut rows = interleave(parts).unwrap();
         core::array::from_fn(|_| rows.next().unwrap())
     }
 
@@ -226,8 +230,8 @@ mod tests {
         assert!((single - expected).abs() < 1e-12 * expected.abs(), "{single} {expected}");
         let other = Noise { q: 4e-5, ..NOISE };
         let moved = log_likelihood(&packed([parts.part(0)]), other, PRIOR).unwrap();
-        let still = log_likelihood(&packed([parts.part(0)]), NOISE, PRIOR).unwrap();
-        assert!((moved - still).abs() > 1e-6 * still.abs());
+        let is_constant = log_likelihood(&packed([parts.part(0)]), NOISE, PRIOR).unwrap();
+        assert!((moved - is_constant).abs() > 1e-6 * is_constant.abs());
     }
 
     #[test]
@@ -235,7 +239,7 @@ mod tests {
         let parts = Parts::new();
         let mut found = [[0.0; 4]; N];
         let mut rows = found.iter_mut();
-        let all = side_by_side([0, 1, 2, 3].map(|part| parts.part(part))).unwrap();
+        let all = interleave([0, 1, 2, 3].map(|part| parts.part(part))).unwrap();
         innovations(all, NOISE, PRIOR, |e| *rows.next().unwrap() = e).unwrap();
         for part in 0..4 {
             let mut kept = [[0.0; N]; 9];
@@ -254,7 +258,7 @@ mod tests {
         let parts = Parts::new();
         let (readings, counts) = parts.part(0);
         let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
-        assert_eq!(side_by_side([(readings, &counts[1..])]).err(), Some(short));
+        assert_eq!(interleave([(readings, &counts[1..])]).err(), Some(short));
         let rows = packed([(readings, counts)]);
         assert!(matches!(log_likelihood(&rows, Noise { q: 0.0, R: 1.0 }, PRIOR), Err(ReplayError::Noise { .. })));
         let prior = Prior { v: 0.0, P: MotionCovariance { pp: -1.0, pv: 0.0, vv: 1.0 } };

@@ -105,7 +105,7 @@ impl Form {
     pub(crate) fn solved(self, y: f64, parameters: &Parameters) -> Result<(f64, f64, f64), DomainError> {
         let curve = self.curve(parameters);
         let r = curve.root(y - parameters.K0)?;
-        Ok((r, curve.slope(r), curve.bend(r)))
+        Ok((r, curve.slope(r), curve.curvature(r)))
     }
 
     fn curve(self, parameters: &Parameters) -> Curve {
@@ -137,7 +137,7 @@ impl Curve {
     }
 
     /// `C = G''(r)`.
-    fn bend(&self, r: f64) -> f64 {
+    fn curvature(&self, r: f64) -> f64 {
         2.0 * self.K2 + 6.0 * self.K3 * r
     }
 
@@ -147,7 +147,7 @@ impl Curve {
         let mut hessian = SMatrix::<f64, 5, 5>::zeros();
         hessian.set_row(0, &mixed.transpose());
         hessian.set_column(0, &mixed);
-        hessian[(0, 0)] = self.bend(r);
+        hessian[(0, 0)] = self.curvature(r);
         Response {
             value: self.at(r),
             gradient: SVector::from([self.slope(r), self.sign * r, 0.0, r * r, r * r * r]),
@@ -162,7 +162,7 @@ impl Curve {
         let mixed = self.mixed(r);
         let gradient = SVector::from([1.0, -self.sign * r, 0.0, -r * r, -r * r * r]) / J;
         let cross = mixed * gradient.transpose();
-        let hessian = -(cross + cross.transpose() + gradient * gradient.transpose() * self.bend(r)) / J;
+        let hessian = -(cross + cross.transpose() + gradient * gradient.transpose() * self.curvature(r)) / J;
         Ok(Response { value: r, gradient, hessian })
     }
 
@@ -298,11 +298,11 @@ mod tests {
                     let h = [1e-4, 1e-6, 1e-4, 1e-7, 1e-8][q];
                     let (up, down) = (at(q, h), at(q, -h));
                     let slope = (up.value - down.value) / (2.0 * h);
-                    let bend = (up.gradient - down.gradient) / (2.0 * h);
+                    let curvature = (up.gradient - down.gradient) / (2.0 * h);
                     let scale = 1.0 + centre.gradient[q].abs();
                     assert!((slope - centre.gradient[q]).abs() < 1e-6 * scale); // truncation h^2 and rounding 1e-16/h
                     let column = centre.hessian.column(q);
-                    assert!((bend - column).amax() < 1e-6 * (1.0 + column.amax()));
+                    assert!((curvature - column).amax() < 1e-6 * (1.0 + column.amax()));
                 }
             }
         }
@@ -315,8 +315,8 @@ mod tests {
                 Form::Inverse => Form::Forward,
                 Form::Forward => Form::Inverse,
             };
-            let (there, J) = form.swap(&THETA).unwrap();
-            let (back, K) = other.swap(&there).unwrap();
+            let (other_form, J) = form.swap(&THETA).unwrap();
+            let (back, K) = other.swap(&other_form).unwrap();
             assert!((back.k - THETA.k).abs() < 1e-16);
             assert!((back.K2 - THETA.K2).abs() < 1e-17);
             assert!((back.K3 - THETA.K3).abs() < 1e-18);

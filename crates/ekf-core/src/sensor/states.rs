@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use crate::dense::system::{Wander, at_least};
+use crate::dense::system::{GaussMarkov, at_least};
 use crate::error::{DomainError, SetupError};
 use crate::sensor::polynomial::{Form, Parameters, Response};
 
@@ -12,7 +12,7 @@ pub struct Sensor {
     /// Which direction is the polynomial.
     pub form: Form,
     /// How `k, K0, K2, K3` move.
-    pub wander: [Wander; 4],
+    pub gauss_markov: [GaussMarkov; 4],
 }
 
 impl Sensor {
@@ -20,9 +20,9 @@ impl Sensor {
         if given != motion + 2 && given != motion + 4 {
             return Err(SetupError::Size { given });
         }
-        for wander in &self.wander {
-            at_least("parameter rate", wander.rate, 0.0)?;
-            at_least("parameter q", wander.q, 0.0)?;
+        for gauss_markov in &self.gauss_markov {
+            at_least("parameter rate", gauss_markov.rate, 0.0)?;
+            at_least("parameter q", gauss_markov.q, 0.0)?;
         }
         Ok(())
     }
@@ -34,15 +34,15 @@ impl Sensor {
     }
 
     /// `(state, partial index in Response, wander)` of every parameter.
-    pub(crate) fn each<const N: usize>(&self, first: usize) -> impl Iterator<Item = (usize, usize, Wander)> + '_ {
-        (first..N).map(move |i| (i, i - first + 1, self.wander[i - first]))
+    pub(crate) fn each<const N: usize>(&self, first: usize) -> impl Iterator<Item = (usize, usize, GaussMarkov)> + '_ {
+        (first..N).map(move |i| (i, i - first + 1, self.gauss_markov[i - first]))
     }
 
     /// `x` with its parameters decayed over `h` seconds.
     pub(crate) fn decayed<const N: usize>(&self, first: usize, x: &SVector<f64, N>, h: f64) -> SVector<f64, N> {
         let mut x = *x;
-        for (i, _, wander) in self.each::<N>(first) {
-            x[i] *= wander.decay(h);
+        for (i, _, gauss_markov) in self.each::<N>(first) {
+            x[i] *= gauss_markov.decay(h);
         }
         x
     }
@@ -107,7 +107,7 @@ mod tests {
         let B = SMatrix::<f64, 5, 5>::from_fn(|i, j| 1.0 / (1.0 + (i * 3 + j * 5) as f64));
         let P = B * B.transpose();
         let hessian = Form::Forward.output(a, &theta).unwrap().hessian;
-        let (bend, spread) = curvature(&hessian, &P, Some(0), 1);
+        let (curvature_mean, curvature_variance) = curvature(&hessian, &P, Some(0), 1);
 
         let c = 2.0 * K2 + 6.0 * K3 * a;
         let b = SVector::<f64, 5>::from([0.0, 1.0, 0.0, 2.0 * a, 3.0 * a * a]);
@@ -115,7 +115,7 @@ mod tests {
         let mean = c * P[(0, 0)] / 2.0 + y[0];
         let variance =
             c * c * P[(0, 0)] * P[(0, 0)] / 2.0 + 2.0 * c * P[(0, 0)] * y[0] + y[0] * y[0] + P[(0, 0)] * b.dot(&y);
-        assert!((bend / mean - 1.0).abs() < 1e-14);
-        assert!((spread / variance - 1.0).abs() < 1e-14);
+        assert!((curvature_mean / mean - 1.0).abs() < 1e-14);
+        assert!((curvature_variance / variance - 1.0).abs() < 1e-14);
     }
 }

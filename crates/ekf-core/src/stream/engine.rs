@@ -6,7 +6,7 @@ use crate::dense::system::System;
 use crate::error::{RunError, SetupError};
 use crate::signal::interpolation::{Interpolation, Segment};
 use crate::signal::timeline::{Channel, Event, Samples, Timeline};
-use crate::structured::filter::{Structured, StructuredTrack, Taken};
+use crate::structured::filter::{GatedReading, Structured, StructuredTrack};
 
 /// A filter of `N` states that goes from event to event.
 pub trait Engine<const N: usize> {
@@ -106,7 +106,7 @@ where
     Filter<S>: Structured<N>,
 {
     type Track = StructuredTrack<<Filter<S> as Structured<N>>::Block>;
-    type Outcome = (Event, Option<Taken>);
+    type Outcome = (Event, Option<GatedReading>);
 
     const DRIVEN: bool = S::DRIVEN;
 

@@ -10,7 +10,7 @@ use crate::structured::row::{Row, product, row};
 
 /// The acceleration at one instant of a step over which the parameters stand still.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Instant<V: Row> {
+pub struct AccelerationPartials<V: Row> {
     /// `a(u, theta)`, and `+ 1/2 tr(a_theta,theta M)` in second order, m/s^2.
     pub a: V::Number,
     /// `g = da/dtheta`.
@@ -22,20 +22,20 @@ pub struct Instant<V: Row> {
 }
 
 /// How acceleration follows from the output and the parameters.
-pub trait Effect<V: Row, const M: usize>: Copy {
+pub trait AccelerationModel<V: Row, const M: usize>: Copy {
     /// What is given at every instant.
     type Input: Copy;
     /// What has to be worked out once per estimate.
     type Table: Copy;
 
     /// The table for the parameters `theta` with covariance `M`; both stay as they are between two readings.
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> Self::Table;
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> Self::Table;
 
     /// The acceleration under `input`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn at(&self, table: &Self::Table, input: Self::Input) -> Result<Instant<V>, DomainError>;
+    fn at(&self, table: &Self::Table, input: Self::Input) -> Result<AccelerationPartials<V>, DomainError>;
 }
 
 const SCALE: usize = 0;
@@ -44,8 +44,8 @@ const SECOND: usize = 2;
 const THIRD: usize = 3;
 
 #[inline(always)]
-fn unit<V: Row>(kind: V::Number, i: usize, x: V::Number) -> V {
-    V::from_fn(kind, |j| if i == j { x } else { kind.like(0.0) })
+fn unit<V: Row>(witness: V::Number, i: usize, x: V::Number) -> V {
+    V::from_fn(witness, |j| if i == j { x } else { witness.like(0.0) })
 }
 
 /// The inverse linear sensor (5), `a = (1 - k) w`, `w = u - K0`.
@@ -57,24 +57,24 @@ pub struct InverseLinear;
 pub struct LinearTable<V: Row> {
     minus_slope: V::Number,
     bias: V::Number,
-    bend: V::Number,
+    curvature: V::Number,
     h: [V; 2],
 }
 
-impl<V: Row, const M: usize> Effect<V, M> for InverseLinear {
+impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
     type Input = V::Number;
     type Table = LinearTable<V>;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> LinearTable<V> {
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> LinearTable<V> {
         let bias = theta.at(BIAS);
         let minus_slope = theta.at(SCALE) - bias.like(1.0);
-        let bend = if order == Order::Second { spread[SCALE].at(BIAS) } else { bias.like(0.0) };
-        LinearTable { minus_slope, bias, bend, h: [spread[BIAS].scaled(minus_slope), spread[SCALE]] }
+        let curvature = if order == Order::Second { P_theta[SCALE].at(BIAS) } else { bias.like(0.0) };
+        LinearTable { minus_slope, bias, curvature, h: [P_theta[BIAS].scaled(minus_slope), P_theta[SCALE]] }
     }
 
     #[inline(always)]
-    fn at(&self, table: &LinearTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+    fn at(&self, table: &LinearTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
         let minus_w = table.bias - u;
         let slope = table.minus_slope;
         let g = V::from_fn(u, |i| match i {
@@ -82,8 +82,8 @@ impl<V: Row, const M: usize> Effect<V, M> for InverseLinear {
             BIAS => slope,
             _ => u.like(0.0),
         });
-        Ok(Instant {
-            a: slope.times_plus(minus_w, table.bend),
+        Ok(AccelerationPartials {
+            a: slope.times_plus(minus_w, table.curvature),
             g,
             h: table.h[0].plus(minus_w, table.h[1]),
             slope: -slope,
@@ -109,19 +109,19 @@ pub struct CubicTable<V: Row> {
     slope: [V::Number; 3],
 }
 
-impl<V: Row, const M: usize> Effect<V, M> for InverseCubic {
+impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseCubic {
     type Input = V::Number;
     type Table = CubicTable<V>;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> CubicTable<V> {
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> CubicTable<V> {
         let bias = theta.at(BIAS);
         let (K2, K3) = (theta.at(SECOND), theta.at(THIRD));
         let c = |x: f64| bias.like(x);
         let slope = [c(1.0) - theta.at(SCALE), c(2.0) * K2, c(3.0) * K3];
         let mut a = [c(0.0), slope[0], K2, K3];
         if order == Order::Second {
-            let row = &spread[BIAS];
+            let row = &P_theta[BIAS];
             a[0] = K2.times_plus(row.at(BIAS), row.at(SCALE));
             a[1] = slope[2].times_plus(row.at(BIAS), c(-2.0).times_plus(row.at(SECOND), a[1]));
             a[2] = c(-3.0).times_plus(row.at(THIRD), a[2]);
@@ -134,24 +134,24 @@ impl<V: Row, const M: usize> Effect<V, M> for InverseCubic {
             a,
             g: [column(BIAS, 0.0, 0), column(SCALE, -1.0, 1), column(SECOND, 1.0, 2), unit(bias, THIRD, c(1.0))],
             h: [
-                spread[BIAS].scaled(-slope[0]),
-                spread[SCALE].scaled(c(-1.0)).plus(-slope[1], spread[BIAS]),
-                spread[SECOND].plus(-slope[2], spread[BIAS]),
-                spread[THIRD],
+                P_theta[BIAS].scaled(-slope[0]),
+                P_theta[SCALE].scaled(c(-1.0)).plus(-slope[1], P_theta[BIAS]),
+                P_theta[SECOND].plus(-slope[2], P_theta[BIAS]),
+                P_theta[THIRD],
             ],
             slope,
         }
     }
 
     #[inline(always)]
-    fn at(&self, table: &CubicTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+    fn at(&self, table: &CubicTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
         let w = u - table.bias;
         let w2 = w * w;
         let [a0, a1, a2, a3] = table.a;
         let [s0, s1, s2] = table.slope;
         let (each, squared) = (V::every(w), V::every(w2));
         let slope = w2.times_plus(s2, w.times_plus(s1, s0));
-        Ok(Instant {
+        Ok(AccelerationPartials {
             a: w2.times_plus(w.times_plus(a3, a2), w.times_plus(a1, a0)),
             g: if V::APART { row([-w, -slope, w2, w2 * w]) } else { cubic(each, squared, &table.g) },
             h: cubic(each, squared, &table.h),
@@ -176,27 +176,27 @@ pub struct ForwardTable<V: Row> {
     bias: V::Number,
     slope: V::Number,
     /// `1/2 tr(a_theta,theta M) = (M_kk a + M_k,K0) / (1 + k)^2`: what multiplies `a`, and the rest.
-    bend: [V::Number; 2],
+    curvature: [V::Number; 2],
     h: [V; 2],
 }
 
-impl<V: Row, const M: usize> Effect<V, M> for ForwardLinear {
+impl<V: Row, const M: usize> AccelerationModel<V, M> for ForwardLinear {
     type Input = V::Number;
     type Table = ForwardTable<V>;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> ForwardTable<V> {
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> ForwardTable<V> {
         let bias = theta.at(BIAS);
         let one = bias.like(1.0);
         let slope = one / (one + theta.at(SCALE));
         let squared = if order == Order::Second { slope * slope } else { bias.like(0.0) };
-        let row = &spread[SCALE];
-        let bend = [squared.times_plus(row.at(SCALE), one), squared * row.at(BIAS)];
-        ForwardTable { bias, slope, bend, h: [spread[BIAS].scaled(-slope), row.scaled(-slope)] }
+        let row = &P_theta[SCALE];
+        let curvature = [squared.times_plus(row.at(SCALE), one), squared * row.at(BIAS)];
+        ForwardTable { bias, slope, curvature, h: [P_theta[BIAS].scaled(-slope), row.scaled(-slope)] }
     }
 
     #[inline(always)]
-    fn at(&self, table: &ForwardTable<V>, u: V::Number) -> Result<Instant<V>, DomainError> {
+    fn at(&self, table: &ForwardTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
         let slope = table.slope;
         let a = slope * (u - table.bias);
         let g = V::from_fn(a, |i| match i {
@@ -204,7 +204,12 @@ impl<V: Row, const M: usize> Effect<V, M> for ForwardLinear {
             BIAS => -slope,
             _ => a.like(0.0),
         });
-        Ok(Instant { a: a.times_plus(table.bend[0], table.bend[1]), g, h: table.h[0].plus(a, table.h[1]), slope })
+        Ok(AccelerationPartials {
+            a: a.times_plus(table.curvature[0], table.curvature[1]),
+            g,
+            h: table.h[0].plus(a, table.h[1]),
+            slope,
+        })
     }
 }
 
@@ -212,30 +217,30 @@ impl<V: Row, const M: usize> Effect<V, M> for ForwardLinear {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ForwardCubic;
 
-impl<V: Row<Number = f64>, const M: usize> Effect<V, M> for ForwardCubic {
+impl<V: Row<Number = f64>, const M: usize> AccelerationModel<V, M> for ForwardCubic {
     type Input = f64;
     type Table = (V, [V; M], Order);
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> (V, [V; M], Order) {
-        (*theta, *spread, order)
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> (V, [V; M], Order) {
+        (*theta, *P_theta, order)
     }
 
     /// With `J = dw/da`, `C = d^2w/da^2` and `m = dJ/dtheta`: `1/2 tr(a_theta,theta M) = -(m'h + C g'h / 2) / J`.
     #[inline(always)]
-    fn at(&self, (theta, spread, order): &(V, [V; M], Order), u: f64) -> Result<Instant<V>, DomainError> {
+    fn at(&self, (theta, P_theta, order): &(V, [V; M], Order), u: f64) -> Result<AccelerationPartials<V>, DomainError> {
         let at = |i: usize| theta.at(i);
         let parameters = Parameters { k: at(SCALE), K0: at(BIAS), K2: at(SECOND), K3: at(THIRD) };
         let (mut a, J, C) = Form::Forward.solved(u, &parameters)?;
         let slope = 1.0 / J;
         let along = |values: [f64; 4]| V::from_fn(slope, |i| values.get(i).copied().unwrap_or(0.0));
         let g = along([-a * slope, -slope, -a * a * slope, -a * a * a * slope]);
-        let h = product(spread, &g);
+        let h = product(P_theta, &g);
         if *order == Order::Second {
             let m = along([1.0, 0.0, 2.0 * a, 3.0 * a * a]);
             a -= slope * (m.dot(h) + 0.5 * C * g.dot(h));
         }
-        Ok(Instant { a, g, h, slope })
+        Ok(AccelerationPartials { a, g, h, slope })
     }
 }
 
@@ -263,31 +268,31 @@ pub struct Driven<V: Row> {
 pub struct EffectsTable<V: Row, const M: usize> {
     slope: V::Number,
     theta: V,
-    spread: [V; M],
+    P_theta: [V; M],
     order: Order,
 }
 
-impl<V: Row, const M: usize> Effect<V, M> for WithEffects {
+impl<V: Row, const M: usize> AccelerationModel<V, M> for WithEffects {
     type Input = Driven<V>;
     type Table = EffectsTable<V, M>;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> EffectsTable<V, M> {
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> EffectsTable<V, M> {
         let one = theta.at(SCALE).like(1.0);
-        EffectsTable { slope: one / (one + theta.at(SCALE)), theta: *theta, spread: *spread, order }
+        EffectsTable { slope: one / (one + theta.at(SCALE)), theta: *theta, P_theta: *P_theta, order }
     }
 
     /// `g = -(f, 1, e) / (1 + k)`; with `h = M g`, `1/2 tr(a_theta,theta M) = -h_k / (1 + k)`.
     #[inline(always)]
-    fn at(&self, table: &EffectsTable<V, M>, input: Driven<V>) -> Result<Instant<V>, DomainError> {
-        let EffectsTable { slope, theta, spread, order } = table;
+    fn at(&self, table: &EffectsTable<V, M>, input: Driven<V>) -> Result<AccelerationPartials<V>, DomainError> {
+        let EffectsTable { slope, theta, P_theta, order } = table;
         let force = *slope * (input.u - theta.at(BIAS) - theta.dot(input.columns));
         let g = (unit::<V>(force, SCALE, force) + unit(force, BIAS, force.like(1.0)) + input.columns).scaled(-*slope);
-        let h = product(spread, &g);
+        let h = product(P_theta, &g);
         let mut a = force - force.like(self.rest);
         if *order == Order::Second {
             a = a - *slope * h.at(SCALE);
         }
-        Ok(Instant { a, g, h, slope: *slope })
+        Ok(AccelerationPartials { a, g, h, slope: *slope })
     }
 }

@@ -3,9 +3,9 @@
 //! `F` has two rows that are not zero, so while parameters are constant `M` stands still and a step costs inner products:
 //! `ppp' = 2 ppv, ppv' = pvv + g'c1, pvv' = 2 g'c2 + q, c1' = c2, c2' = M g`. Equal to [`crate::Aci`] up to rounding.
 
-use crate::dense::belief::plausible;
+use crate::dense::belief::check_covariance;
 use crate::error::StepError;
-use crate::structured::acceleration::Instant;
+use crate::structured::acceleration::AccelerationPartials;
 use crate::structured::number::Number;
 use crate::structured::row::{Row, product};
 
@@ -29,33 +29,33 @@ pub struct AciBlock<V: Row, const M: usize> {
     /// Covariance of `v` and the parameters.
     pub c2: V,
     /// Covariance of the parameters, by rows.
-    pub spread: [V; M],
+    pub P_theta: [V; M],
 }
 
 /// What a reading of `p + tau v` brings, before it is taken in.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Surprise<T> {
+pub struct MaskedInnovation<T> {
     /// `e = z - H x`.
     pub e: T,
     /// `S = H P H' + R`.
     pub s: T,
     /// One where the reading is there, zero where it is missing; `None` if it is there in every lane.
-    pub there: Option<T>,
+    pub present: Option<T>,
 }
 
-impl<T: Number> Surprise<T> {
+impl<T: Number> MaskedInnovation<T> {
     /// `1 / S`, or zero where the reading is missing.
     #[inline(always)]
     pub(crate) fn inverse(&self) -> T {
-        self.there.unwrap_or(self.s.like(1.0)) / self.s
+        self.present.unwrap_or(self.s.like(1.0)) / self.s
     }
 
     /// What the row of `p` is multiplied by: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
     #[inline(always)]
     pub(crate) fn left(&self, R: T, i: T) -> T {
-        match self.there {
+        match self.present {
             None => R * i,
-            Some(there) => R.times_plus(i, R.like(1.0) - there),
+            Some(present) => R.times_plus(i, R.like(1.0) - present),
         }
     }
 }
@@ -74,7 +74,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             pvv: P(1, 1),
             c1: row(&|i| P(i + 2, 0)),
             c2: row(&|i| P(i + 2, 1)),
-            spread: core::array::from_fn(|i| row(&|j| P(i.max(j) + 2, i.min(j) + 2))),
+            P_theta: core::array::from_fn(|i| row(&|j| P(i.max(j) + 2, i.min(j) + 2))),
         }
     }
 
@@ -97,13 +97,13 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             (1, 1) => self.pvv,
             (0, j) => self.c1.at(j - 2),
             (1, j) => self.c2.at(j - 2),
-            (i, j) => self.spread[j - 2].at(i - 2),
+            (i, j) => self.P_theta[j - 2].at(i - 2),
         }
     }
 
     /// RK2, midpoint, of (11)-(12) over `dt` seconds, from the instants at start and middle; `q` is the output's density.
     #[inline(always)]
-    pub fn rk2(&mut self, dt: f64, q: V::Number, start: &Instant<V>, middle: &Instant<V>) {
+    pub fn rk2(&mut self, dt: f64, q: V::Number, start: &AccelerationPartials<V>, middle: &AccelerationPartials<V>) {
         let c = |x: f64| q.like(x);
         let (h, half) = (c(dt), c(0.5 * dt));
         let (q0, qm) = (q * (start.slope * start.slope), q * (middle.slope * middle.slope));
@@ -127,7 +127,14 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     /// `ppv += dt pvv + dt/6 (gs'c1 + dt ((gs + gf)'c2 + dt (gm'(h0 + hm) + (gm'h0 + g1'hm)/2) + q0 + 2 qm))`,
     /// `pvv += dt/6 (2 gs'c2 + 2 dt (gm'(h0 + hm) + g1'hm) + q0 + 4 qm + q1)`.
     #[inline(always)]
-    pub fn rk4(&mut self, dt: f64, q: V::Number, start: &Instant<V>, middle: &Instant<V>, end: &Instant<V>) {
+    pub fn rk4(
+        &mut self,
+        dt: f64,
+        q: V::Number,
+        start: &AccelerationPartials<V>,
+        middle: &AccelerationPartials<V>,
+        end: &AccelerationPartials<V>,
+    ) {
         let c = |x: f64| q.like(x);
         let each = |x: f64| V::every(c(x));
         let (h, sixth) = (c(dt), c(dt / 6.0));
@@ -160,22 +167,22 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     /// `e` and `S` of a reading `z` of position with variance `R`.
     #[inline(always)]
     #[must_use]
-    pub fn innovate(&self, z: V::Number, R: V::Number) -> Surprise<V::Number> {
-        Surprise { e: z - self.p, s: self.ppp + R, there: None }
+    pub fn innovate(&self, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
+        MaskedInnovation { e: z - self.p, s: self.ppp + R, present: None }
     }
 
     /// Takes the reading in: `x += P H' e / S`, `P -= P H' H P / S`, with one division.
     ///
     /// The row of `p` is multiplied by `f = R / S`, which keeps `ppp` positive whatever the rounding.
     #[inline(always)]
-    pub fn correct(&mut self, R: V::Number, taken: &Surprise<V::Number>) {
+    pub fn correct(&mut self, R: V::Number, taken: &MaskedInnovation<V::Number>) {
         let i = taken.inverse();
         let (ei, f) = (taken.e * i, taken.left(R, i));
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
         let gain = self.c1.scaled(-i);
-        for (j, row) in self.spread.iter_mut().enumerate() {
+        for (j, row) in self.P_theta.iter_mut().enumerate() {
             *row = row.plus(self.c1.at(j), gain);
         }
         self.c2 = self.c2.plus(self.ppv, gain);
@@ -188,39 +195,49 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
     /// `e` and `S` of a reading of `p + tau v`: the encoder seen from behind a low-pass of the output.
     #[inline(always)]
     #[must_use]
-    pub fn innovate_ahead(&self, tau: V::Number, z: V::Number, R: V::Number) -> Surprise<V::Number> {
+    pub fn innovate_ahead(&self, tau: V::Number, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
         let (dp, dv) = self.ahead(tau);
-        Surprise { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R, there: None }
+        MaskedInnovation { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R, present: None }
     }
 
     /// Takes a reading of `p + tau v` in.
     #[inline(always)]
-    pub fn correct_ahead(&mut self, tau: V::Number, taken: &Surprise<V::Number>) {
+    pub fn correct_ahead(&mut self, tau: V::Number, taken: &MaskedInnovation<V::Number>) {
         let (dp, dv) = self.ahead(tau);
-        self.correct_along(&Along { dp, dv, column: self.c1.plus(tau, self.c2) }, taken);
+        self.correct_with(&CrossCovariance { dp, dv, column: self.c1.plus(tau, self.c2) }, taken);
     }
 
     /// `e` and `S` of a reading of `p + tau v + b'theta`: an encoder with effects `b` of its own; and `P H'`.
     #[inline(always)]
     #[must_use]
-    pub fn innovate_along(&self, tau: V::Number, b: &V, z: V::Number, R: V::Number) -> (Surprise<V::Number>, Along<V>) {
+    pub fn innovate_with_effects(
+        &self,
+        tau: V::Number,
+        b: &V,
+        z: V::Number,
+        R: V::Number,
+    ) -> (MaskedInnovation<V::Number>, CrossCovariance<V>) {
         let (dp, dv) = self.ahead(tau);
-        let along = Along {
+        let along = CrossCovariance {
             dp: dp + b.dot(self.c1),
             dv: dv + b.dot(self.c2),
-            column: self.c1.plus(tau, self.c2) + product(&self.spread, b),
+            column: self.c1.plus(tau, self.c2) + product(&self.P_theta, b),
         };
         let expected = tau.times_plus(self.v, self.p) + b.dot(self.theta);
         (
-            Surprise { e: z - expected, s: tau.times_plus(along.dv, along.dp) + b.dot(along.column) + R, there: None },
+            MaskedInnovation {
+                e: z - expected,
+                s: tau.times_plus(along.dv, along.dp) + b.dot(along.column) + R,
+                present: None,
+            },
             along,
         )
     }
 
     /// Takes a reading in along its `P H'`.
     #[inline(always)]
-    pub fn correct_along(&mut self, along: &Along<V>, taken: &Surprise<V::Number>) {
-        let &Along { dp, dv, column } = along;
+    pub fn correct_with(&mut self, along: &CrossCovariance<V>, taken: &MaskedInnovation<V::Number>) {
+        let &CrossCovariance { dp, dv, column } = along;
         let i = taken.inverse();
         let ei = taken.e * i;
         self.p = dp.times_plus(ei, self.p);
@@ -232,7 +249,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.pvv = (-(dv * i)).times_plus(dv, self.pvv);
         self.c1 = self.c1.plus(dp, gain);
         self.c2 = self.c2.plus(dv, gain);
-        for (j, row) in self.spread.iter_mut().enumerate() {
+        for (j, row) in self.P_theta.iter_mut().enumerate() {
             *row = row.plus(column.at(j), gain);
         }
     }
@@ -245,8 +262,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
 
     /// `P = Phi P Phi' + Q` with `Phi = [[1, dt, to_p'], [0, 1, to_v'], [0, 0, 1]]`; the mean is moved by `dp`, `dv`.
     #[inline(always)]
-    pub fn carried(&mut self, dt: V::Number, push: &Push<V>) {
-        let (mp, mv) = (product(&self.spread, &push.to_p), product(&self.spread, &push.to_v));
+    pub fn carried(&mut self, dt: V::Number, push: &StepIntegrals<V>) {
+        let (mp, mv) = (product(&self.P_theta, &push.to_p), product(&self.P_theta, &push.to_v));
         let two = dt.like(2.0);
         let c1 = self.c1.plus(dt, self.c2);
         let ppv = dt.times_plus(self.pvv, self.ppv);
@@ -263,7 +280,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
 
 /// `P H'` of a reading, by blocks.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Along<V: Row> {
+pub struct CrossCovariance<V: Row> {
     /// In the row of `p`.
     pub dp: V::Number,
     /// In the row of `v`.
@@ -274,7 +291,7 @@ pub struct Along<V: Row> {
 
 /// What the acceleration does to the motion over one step, with parameters that stand still.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Push<V: Row> {
+pub struct StepIntegrals<V: Row> {
     /// `int (dt - s) a ds`, m.
     pub dp: V::Number,
     /// `int a ds`, m/s.
@@ -294,6 +311,6 @@ impl<V: Row<Number = f64>, const M: usize> AciBlock<V, M> {
     /// [`StepError::Variance`], [`StepError::Correlation`].
     #[inline]
     pub fn checked(&self) -> Result<(), StepError> {
-        plausible(M + 2, |i, j| self.P(i, j))
+        check_covariance(M + 2, |i, j| self.P(i, j))
     }
 }

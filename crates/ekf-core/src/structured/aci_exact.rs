@@ -2,12 +2,12 @@
 
 use crate::dense::integrate::{Integrator, nodes};
 use crate::error::DomainError;
-use crate::structured::acceleration::{Effect, Instant};
-use crate::structured::aci::Push;
+use crate::structured::acceleration::{AccelerationModel, AccelerationPartials};
+use crate::structured::aci::StepIntegrals;
 use crate::structured::number::Number;
 use crate::structured::row::Row;
 
-impl<V: Row> Push<V> {
+impl<V: Row> StepIntegrals<V> {
     /// The push over `dt` seconds, `input(s)` being what is given `s` seconds into the step.
     ///
     /// Exact to degree nine in `s` (five Gauss-Legendre points); `Q` is exact for every integrator, since Runge-Kutta's own
@@ -16,7 +16,7 @@ impl<V: Row> Push<V> {
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn over<E: Effect<V, M>, const M: usize>(
+    pub fn over<E: AccelerationModel<V, M>, const M: usize>(
         integrator: Integrator,
         dt: f64,
         q: V::Number,
@@ -46,10 +46,10 @@ impl<V: Row> Push<V> {
 
     /// The push over `dt` seconds of a drive that stands still, from its one instant: a microcontroller's step.
     ///
-    /// Taken in the middle of a straight output it leaves out the slope's lever, `slope dt^3 / 12` of position a step.
+    /// Evaluated in the middle of a straight output it leaves out the slope's lever, `slope dt^3 / 12` of position a step.
     #[inline(always)]
     #[must_use]
-    pub fn held(dt: f64, q: V::Number, at: &Instant<V>) -> Self {
+    pub fn held(dt: f64, q: V::Number, at: &AccelerationPartials<V>) -> Self {
         let c = |x: f64| q.like(x);
         let (h, lever) = (c(dt), c(0.5 * dt * dt));
         let noise = q * (at.slope * at.slope);
@@ -64,7 +64,7 @@ impl<V: Row> Push<V> {
 
     /// One point of the quadrature, `left` seconds before the end.
     #[inline(always)]
-    pub(crate) fn add(&mut self, left: f64, weight: f64, q: V::Number, at: &Instant<V>) {
+    pub(crate) fn add(&mut self, left: f64, weight: f64, q: V::Number, at: &AccelerationPartials<V>) {
         let (once, lever) = (q.like(weight), q.like(weight * left));
         self.dp = lever.times_plus(at.a, self.dp);
         self.dv = once.times_plus(at.a, self.dv);
@@ -78,14 +78,19 @@ impl<V: Row> Push<V> {
 
     /// The same noise with mean and `Phi` of a few instants: one for the position, weighted ones for the velocity.
     #[inline(always)]
-    fn with(&self, position: &Instant<V>, lever: f64, velocity: &[(&Instant<V>, f64)]) -> Self {
-        let kind = self.dp;
-        let zero = kind.like(0.0);
-        let lever = kind.like(lever);
+    fn with(
+        &self,
+        position: &AccelerationPartials<V>,
+        lever: f64,
+        velocity: &[(&AccelerationPartials<V>, f64)],
+    ) -> Self {
+        let witness = self.dp;
+        let zero = witness.like(0.0);
+        let lever = witness.like(lever);
         let mut push =
             Self { dp: lever * position.a, dv: zero, to_p: position.g.scaled(lever), to_v: V::every(zero), Q: self.Q };
         for (at, weight) in velocity {
-            let weight = kind.like(*weight);
+            let weight = witness.like(*weight);
             push.dv = weight.times_plus(at.a, push.dv);
             push.to_v = push.to_v.plus(weight, at.g);
         }

@@ -5,7 +5,7 @@
 
 use core::array::from_fn;
 
-use crate::structured::aci::{Push, Surprise};
+use crate::structured::aci::{MaskedInnovation, StepIntegrals};
 use crate::structured::number::Real;
 use crate::structured::row::{Plain, Row};
 
@@ -76,7 +76,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
     /// The rows of the parameters are already in place, so `up += dt uv + to_p' U`, `uv += to_v' U`; what is left is the
     /// two by two step of `p, v` with the noise `Q`.
     #[inline(always)]
-    pub fn predict(&mut self, dt: T, push: &Push<Plain<T, M>>) {
+    pub fn predict(&mut self, dt: T, push: &StepIntegrals<Plain<T, M>>) {
         for j in 0..M {
             let (mut p, mut v) = (push.to_p.0[j], push.to_v.0[j]);
             for i in 0..j {
@@ -108,20 +108,20 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
     /// `e` and `S` of a reading `z` of position with variance `R`.
     #[inline(always)]
     #[must_use]
-    pub fn innovate(&self, z: T, R: T) -> Surprise<T> {
+    pub fn innovate(&self, z: T, R: T) -> MaskedInnovation<T> {
         let mut s = R + self.d[0];
         s = (self.upv * self.d[1]).times_plus(self.upv, s);
         for j in 0..M {
             s = (self.up.0[j] * self.D.0[j]).times_plus(self.up.0[j], s);
         }
-        Surprise { e: z - self.p, s, there: None }
+        MaskedInnovation { e: z - self.p, s, present: None }
     }
 
     /// Bierman's update by a reading of position.
     ///
     /// Every new pivot is the old one times a ratio of sums of positive terms.
     #[inline(always)]
-    pub fn correct(&mut self, R: T, taken: &Surprise<T>) {
+    pub fn correct(&mut self, R: T, taken: &MaskedInnovation<T>) {
         let zero = R.like(0.0);
         let mut s = R + self.d[0];
         let mut gp = self.d[0];

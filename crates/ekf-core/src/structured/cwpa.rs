@@ -3,13 +3,13 @@
 //! White jerk of density `q` moves `a`; `Phi` acts on the motion alone, so a step never multiplies whole matrices. Equal to
 //! [`crate::Cwpa`] without a low-pass, up to rounding.
 
-use crate::dense::belief::plausible;
+use crate::dense::belief::check_covariance;
 use crate::dense::integrate::Integrator;
 use crate::dense::system::Order;
 use crate::error::{DomainError, StepError};
-use crate::structured::aci::Surprise;
-use crate::structured::gauss_markov::Wandering;
-use crate::structured::measurement::{Output, Seen};
+use crate::structured::aci::MaskedInnovation;
+use crate::structured::gauss_markov::GaussMarkovSet;
+use crate::structured::measurement::{OutputModel, PredictedOutput};
 use crate::structured::number::Number;
 use crate::structured::row::{Row, product};
 
@@ -43,14 +43,14 @@ pub struct CwpaBlock<V: Row, const M: usize> {
     /// Covariance of `a` and the parameters.
     pub ca: V,
     /// Covariance of the parameters, by rows.
-    pub spread: [V; M],
+    pub P_theta: [V; M],
 }
 
 /// A reading of the output before it is taken in.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OutputSurprise<V: Row> {
+pub struct OutputInnovation<V: Row> {
     /// `e` and `S`.
-    pub surprise: Surprise<V::Number>,
+    pub innovation: MaskedInnovation<V::Number>,
     motion: [V::Number; 3],
     theta: V,
 }
@@ -74,7 +74,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
             cp: row(&|i| P(i + 3, 0)),
             cv: row(&|i| P(i + 3, 1)),
             ca: row(&|i| P(i + 3, 2)),
-            spread: core::array::from_fn(|i| row(&|j| P(i.max(j) + 3, i.min(j) + 3))),
+            P_theta: core::array::from_fn(|i| row(&|j| P(i.max(j) + 3, i.min(j) + 3))),
         }
     }
 
@@ -102,20 +102,20 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
             (0, j) => self.cp.at(j - 3),
             (1, j) => self.cv.at(j - 3),
             (2, j) => self.ca.at(j - 3),
-            (i, j) => self.spread[j - 3].at(i - 3),
+            (i, j) => self.P_theta[j - 3].at(i - 3),
         }
     }
 
     /// One step of `dt` seconds; the parameters may wander.
     #[inline(always)]
-    pub fn step(&mut self, integrator: Integrator, dt: f64, q: V::Number, wandering: &Wandering<V, M>) {
+    pub fn step(&mut self, integrator: Integrator, dt: f64, q: V::Number, drift: &GaussMarkovSet<V, M>) {
         if integrator == Integrator::Exact {
             self.exact(dt, q);
-            if !wandering.still() {
-                self.wander(dt, wandering);
+            if !drift.is_constant() {
+                self.gauss_markov(dt, drift);
             }
         } else {
-            self.staged(integrator, dt, q, wandering);
+            self.staged(integrator, dt, q, drift);
         }
     }
 
@@ -144,32 +144,32 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     }
 
     /// What `dt` seconds do to wandering parameters.
-    fn wander(&mut self, dt: f64, wandering: &Wandering<V, M>) {
-        let decay = wandering.decay(self.p, dt);
+    fn gauss_markov(&mut self, dt: f64, drift: &GaussMarkovSet<V, M>) {
+        let decay = drift.decay(self.p, dt);
         self.cp = self.cp * decay;
         self.cv = self.cv * decay;
         self.ca = self.ca * decay;
-        (self.theta, self.spread) = wandering.later(&self.theta, &self.spread, dt);
+        (self.theta, self.P_theta) = drift.later(&self.theta, &self.P_theta, dt);
     }
 
-    fn staged(&mut self, integrator: Integrator, h: f64, q: V::Number, wandering: &Wandering<V, M>) {
+    fn staged(&mut self, integrator: Integrator, h: f64, q: V::Number, drift: &GaussMarkovSet<V, M>) {
         let start = *self;
-        let k1 = start.rate(q, wandering);
-        let k2 = start.moved(0.5 * h, &k1).rate(q, wandering);
+        let k1 = start.rate(q, drift);
+        let k2 = start.moved(0.5 * h, &k1).rate(q, drift);
         if integrator == Integrator::Rk2 {
             *self = start.moved(h, &k2);
             return;
         }
-        let k3 = start.moved(0.5 * h, &k2).rate(q, wandering);
-        let k4 = start.moved(h, &k3).rate(q, wandering);
+        let k3 = start.moved(0.5 * h, &k2).rate(q, drift);
+        let k4 = start.moved(h, &k3).rate(q, drift);
         *self = start.moved(h / 6.0, &k1).moved(h / 3.0, &k2).moved(h / 3.0, &k3).moved(h / 6.0, &k4);
     }
 
     /// Time derivatives of all blocks.
     #[inline(always)]
-    fn rate(&self, q: V::Number, wandering: &Wandering<V, M>) -> Self {
+    fn rate(&self, q: V::Number, drift: &GaussMarkovSet<V, M>) -> Self {
         let two = q.like(2.0);
-        let (theta, spread) = wandering.rate(&self.theta, &self.spread);
+        let (theta, P_theta) = drift.rate(&self.theta, &self.P_theta);
         Self {
             p: self.v,
             v: self.a,
@@ -181,10 +181,10 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
             pvv: two * self.pva,
             pva: self.paa,
             paa: q,
-            cp: self.cv + wandering.fading(self.cp),
-            cv: self.ca + wandering.fading(self.cv),
-            ca: wandering.fading(self.ca),
-            spread,
+            cp: self.cv + drift.fading(self.cp),
+            cv: self.ca + drift.fading(self.cv),
+            ca: drift.fading(self.ca),
+            P_theta,
         }
     }
 
@@ -192,8 +192,8 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     #[inline(always)]
     fn moved(&self, h: f64, rate: &Self) -> Self {
         let h = rate.p.like(h);
-        let mut spread = self.spread;
-        for (row, by) in spread.iter_mut().zip(&rate.spread) {
+        let mut P_theta = self.P_theta;
+        for (row, by) in P_theta.iter_mut().zip(&rate.P_theta) {
             *row = row.plus(h, *by);
         }
         Self {
@@ -210,20 +210,20 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
             cp: self.cp.plus(h, rate.cp),
             cv: self.cv.plus(h, rate.cv),
             ca: self.ca.plus(h, rate.ca),
-            spread,
+            P_theta,
         }
     }
 
     /// `e` and `S` of a reading `z` of position with variance `R`.
     #[inline(always)]
     #[must_use]
-    pub fn innovate_position(&self, z: V::Number, R: V::Number) -> Surprise<V::Number> {
-        Surprise { e: z - self.p, s: self.ppp + R, there: None }
+    pub fn innovate_position(&self, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
+        MaskedInnovation { e: z - self.p, s: self.ppp + R, present: None }
     }
 
     /// Takes a reading of position in; the row of `p` is multiplied by `R / S`.
     #[inline(always)]
-    pub fn correct_position(&mut self, R: V::Number, taken: &Surprise<V::Number>) {
+    pub fn correct_position(&mut self, R: V::Number, taken: &MaskedInnovation<V::Number>) {
         let i = taken.inverse();
         let f = taken.left(R, i);
         let column = [self.ppp, self.ppv, self.ppa];
@@ -242,44 +242,44 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn innovate_output<O: Output<V>>(
+    pub fn innovate_output<O: OutputModel<V>>(
         &self,
         sensor: &O,
         order: Order,
         z: V::Number,
         R: V::Number,
-    ) -> Result<OutputSurprise<V>, DomainError> {
-        let Seen { expected, slope, h, bend: (da, d), along } = sensor.seen(&self.theta, self.a)?;
+    ) -> Result<OutputInnovation<V>, DomainError> {
+        let PredictedOutput { expected, slope, h, curvature: (da, d), along } = sensor.seen(&self.theta, self.a)?;
         let motion = [
             slope.times_plus(self.ppa, h.dot(self.cp)),
             slope.times_plus(self.pva, h.dot(self.cv)),
             slope.times_plus(self.paa, h.dot(self.ca)),
         ];
-        let theta = product(&self.spread, &h).plus(slope, self.ca);
+        let theta = product(&self.P_theta, &h).plus(slope, self.ca);
         let mut e = z - expected;
         // The parameters' part is known last.
         let mut s = slope.times_plus(motion[2], R) + h.dot(theta);
         if order == Order::Second {
-            let dPd =
-                da.times_plus(da.times_plus(self.paa, da.like(2.0) * d.dot(self.ca)), d.dot(product(&self.spread, &d)));
+            let dPd = da
+                .times_plus(da.times_plus(self.paa, da.like(2.0) * d.dot(self.ca)), d.dot(product(&self.P_theta, &d)));
             let (dPg, gPg) = match along {
                 None => (da.times_plus(self.paa, d.dot(self.ca)), self.paa),
                 Some((ga, g)) => {
                     let ya = ga.times_plus(self.paa, g.dot(self.ca));
-                    let y = product(&self.spread, &g).plus(ga, self.ca);
+                    let y = product(&self.P_theta, &g).plus(ga, self.ca);
                     (da.times_plus(ya, d.dot(y)), ga.times_plus(ya, g.dot(y)))
                 }
             };
             e = e - dPg;
             s = dPg.times_plus(dPg, dPd.times_plus(gPg, s));
         }
-        Ok(OutputSurprise { surprise: Surprise { e, s, there: None }, motion, theta })
+        Ok(OutputInnovation { innovation: MaskedInnovation { e, s, present: None }, motion, theta })
     }
 
     /// Takes a reading of the output in.
     #[inline(always)]
-    pub fn correct_output(&mut self, taken: &OutputSurprise<V>) {
-        let i = taken.surprise.inverse();
+    pub fn correct_output(&mut self, taken: &OutputInnovation<V>) {
+        let i = taken.innovation.inverse();
         let [kp, kv, ka] = taken.motion;
         let gain = taken.theta.scaled(-i);
         let minus = -(kp * i);
@@ -287,7 +287,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.ppv = minus.times_plus(kv, self.ppv);
         self.ppa = minus.times_plus(ka, self.ppa);
         self.cp = self.cp.plus(kp, gain);
-        self.correct(i, taken.surprise.e, taken.motion, taken.theta);
+        self.correct(i, taken.innovation.e, taken.motion, taken.theta);
     }
 
     /// `x += column e i`, `P -= column column' i`, but for the row of `p` in `P`.
@@ -305,7 +305,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.paa = minus_a.times_plus(ka, self.paa);
         self.cv = self.cv.plus(kv, gain);
         self.ca = self.ca.plus(ka, gain);
-        for (j, row) in self.spread.iter_mut().enumerate() {
+        for (j, row) in self.P_theta.iter_mut().enumerate() {
             *row = row.plus(theta.at(j), gain);
         }
     }
@@ -318,6 +318,6 @@ impl<V: Row<Number = f64>, const M: usize> CwpaBlock<V, M> {
     /// [`StepError::Variance`], [`StepError::Correlation`].
     #[inline]
     pub fn checked(&self) -> Result<(), StepError> {
-        plausible(M + 3, |i, j| self.P(i, j))
+        check_covariance(M + 3, |i, j| self.P(i, j))
     }
 }

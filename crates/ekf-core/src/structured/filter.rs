@@ -14,17 +14,17 @@ use crate::sensor::polynomial::Form;
 use crate::sensor::states::Sensor;
 use crate::signal::interpolation::Segment;
 use crate::signal::timeline::{Channel, Event};
-use crate::structured::acceleration::{Effect, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use crate::structured::aci::{AciBlock, Surprise};
-use crate::structured::aci_step::Course;
+use crate::structured::acceleration::{AccelerationModel, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use crate::structured::aci::{AciBlock, MaskedInnovation};
+use crate::structured::aci_step::StepInput;
 use crate::structured::cwpa::CwpaBlock;
-use crate::structured::gauss_markov::Wandering;
-use crate::structured::measurement::{Output, ReadCubic, ReadInverse, ReadLinear};
+use crate::structured::gauss_markov::GaussMarkovSet;
+use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
 
 /// What one reading brought, and whether the gate let it in.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Taken {
+pub struct GatedReading {
     /// `e` and `S`.
     pub innovation: Innovation,
     /// False if the gate rejected it: the belief is then the prediction.
@@ -55,7 +55,7 @@ pub trait Structured<const N: usize> {
     ///
     /// # Errors
     /// [`StepError`]; the block is then to be dropped.
-    fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<Taken>, StepError>;
+    fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
 }
 
 /// A filter in blocks on its way; see [`crate::Track`].
@@ -83,7 +83,7 @@ impl<S> Filter<S> {
         track: &StructuredTrack<<Self as Structured<N>>::Block>,
         event: &Event,
         piece: (Segment, f64),
-    ) -> Result<(StructuredTrack<<Self as Structured<N>>::Block>, Option<Taken>), RunError>
+    ) -> Result<(StructuredTrack<<Self as Structured<N>>::Block>, Option<GatedReading>), RunError>
     where
         S: System<N>,
         Self: Structured<N>,
@@ -109,14 +109,14 @@ impl<S> Filter<S> {
     }
 
     /// `e` and `S` checked, and what the gate says.
-    fn gated(&self, surprise: &Surprise<f64>) -> Result<Taken, StepError> {
-        let innovation = Innovation::checked(surprise.e, surprise.s)?;
-        Ok(Taken { innovation, accepted: innovation.nis() <= self.gate })
+    fn gated(&self, innovation: &MaskedInnovation<f64>) -> Result<GatedReading, StepError> {
+        let innovation = Innovation::checked(innovation.e, innovation.s)?;
+        Ok(GatedReading { innovation, accepted: innovation.nis() <= self.gate })
     }
 }
 
-fn wandering<const M: usize>(sensor: &Sensor) -> Wandering<Plain<f64, M>, M> {
-    Wandering::new(0.0, core::array::from_fn(|i| sensor.wander[i]))
+fn drift<const M: usize>(sensor: &Sensor) -> GaussMarkovSet<Plain<f64, M>, M> {
+    GaussMarkovSet::new(0.0, core::array::from_fn(|i| sensor.gauss_markov[i]))
 }
 
 impl Filter<Aci> {
@@ -127,32 +127,32 @@ impl Filter<Aci> {
         drive: &Drive,
     ) -> Result<(), StepError>
     where
-        E: Effect<Plain<f64, M>, M, Input = f64>,
+        E: AccelerationModel<Plain<f64, M>, M, Input = f64>,
     {
         let &Drive { segment, from, to } = drive;
         let input = |s: f64| Segment::value(&segment, from + s);
-        let course = Course { effect, order: self.order, input, dt: to - from };
-        block.step(self.integrator, self.system.q, &wandering(&self.system.sensor), &course)?;
+        let course = StepInput { effect, order: self.order, input, dt: to - from };
+        block.step(self.integrator, self.system.q, &drift(&self.system.sensor), &course)?;
         block.checked()
     }
 
-    fn aci_take<const M: usize>(
+    fn aci_update<const M: usize>(
         &self,
         block: &mut AciBlock<Plain<f64, M>, M>,
         event: &Event,
-    ) -> Result<Option<Taken>, StepError> {
+    ) -> Result<Option<GatedReading>, StepError> {
         if event.channel == Channel::Output {
             return Ok(None);
         }
         let (R, tau) = (self.R_position, self.system.tau);
         let ahead = tau != 0.0;
-        let surprise = if ahead { block.innovate_ahead(tau, event.value, R) } else { block.innovate(event.value, R) };
-        let taken = self.gated(&surprise)?;
+        let innovation = if ahead { block.innovate_ahead(tau, event.value, R) } else { block.innovate(event.value, R) };
+        let taken = self.gated(&innovation)?;
         if taken.accepted {
             if ahead {
-                block.correct_ahead(tau, &surprise);
+                block.correct_ahead(tau, &innovation);
             } else {
-                block.correct(R, &surprise);
+                block.correct(R, &innovation);
             }
             block.checked()?;
         }
@@ -161,26 +161,26 @@ impl Filter<Aci> {
 }
 
 impl Filter<Cwpa> {
-    fn cwpa_take<O: Output<Plain<f64, M>>, const M: usize>(
+    fn cwpa_update<O: OutputModel<Plain<f64, M>>, const M: usize>(
         &self,
         block: &mut CwpaBlock<Plain<f64, M>, M>,
         sensor: &O,
         event: &Event,
-    ) -> Result<Option<Taken>, StepError> {
+    ) -> Result<Option<GatedReading>, StepError> {
         let taken = match event.channel {
             Channel::Output => {
-                let surprise = block.innovate_output(sensor, self.order, event.value, self.R_output)?;
-                let taken = self.gated(&surprise.surprise)?;
+                let innovation = block.innovate_output(sensor, self.order, event.value, self.R_output)?;
+                let taken = self.gated(&innovation.innovation)?;
                 if taken.accepted {
-                    block.correct_output(&surprise);
+                    block.correct_output(&innovation);
                 }
                 taken
             }
             Channel::Position => {
-                let surprise = block.innovate_position(event.value, self.R_position);
-                let taken = self.gated(&surprise)?;
+                let innovation = block.innovate_position(event.value, self.R_position);
+                let taken = self.gated(&innovation)?;
                 if taken.accepted {
-                    block.correct_position(self.R_position, &surprise);
+                    block.correct_position(self.R_position, &innovation);
                 }
                 taken
             }
@@ -217,8 +217,8 @@ macro_rules! aci {
                 }
             }
 
-            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<Taken>, StepError> {
-                self.aci_take(block, event)
+            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
+                self.aci_update(block, event)
             }
         }
     };
@@ -245,14 +245,14 @@ macro_rules! cwpa {
             }
 
             fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError> {
-                block.step(self.integrator, drive.to - drive.from, self.system.q, &wandering(&self.system.sensor));
+                block.step(self.integrator, drive.to - drive.from, self.system.q, &drift(&self.system.sensor));
                 block.checked()
             }
 
-            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<Taken>, StepError> {
+            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
                 match self.system.sensor.form {
-                    Form::Inverse => self.cwpa_take(block, &ReadInverse, event),
-                    Form::Forward => self.cwpa_take(block, &$forward, event),
+                    Form::Inverse => self.cwpa_update(block, &ReadInverse, event),
+                    Form::Forward => self.cwpa_update(block, &$forward, event),
                 }
             }
         }

@@ -17,7 +17,7 @@ pub trait Row: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Sel
 
     /// `f(i)` at place `i`; `kind` lends its kind.
     #[must_use]
-    fn from_fn(kind: Self::Number, f: impl FnMut(usize) -> Self::Number) -> Self;
+    fn from_fn(witness: Self::Number, f: impl FnMut(usize) -> Self::Number) -> Self;
 
     /// The same number everywhere.
     #[must_use]

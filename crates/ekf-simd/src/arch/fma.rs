@@ -8,19 +8,19 @@ use pulp::Simd;
 use crate::record::likelihood::Logarithm;
 
 /// One number, whatever it is computed with.
-pub trait One: Logarithm + Send + Sync {
+pub trait Scalar: Logarithm + Send + Sync {
     /// The number.
     fn value(self) -> f64;
 }
 
-impl One for f64 {
+impl Scalar for f64 {
     #[inline(always)]
     fn value(self) -> f64 {
         self
     }
 }
 
-impl<S: Simd> One for Fused<S> {
+impl<S: Simd> Scalar for Fused<S> {
     #[inline(always)]
     fn value(self) -> f64 {
         self.x

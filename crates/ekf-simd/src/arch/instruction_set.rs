@@ -2,7 +2,7 @@
 
 /// A way through the same kernels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Path {
+pub enum InstructionSet {
     /// One run at a time on plain numbers, nothing fused: any processor, the same bits on all.
     Portable,
     /// One run at a time, AVX2 and FMA; four parameters share a register.
@@ -13,10 +13,10 @@ pub enum Path {
     Eight,
 }
 
-impl Path {
+impl InstructionSet {
     /// Whether this processor can go this way.
     #[must_use]
-    pub fn is_open(self) -> bool {
+    pub fn is_available(self) -> bool {
         match self {
             Self::Portable => true,
             #[cfg(target_arch = "x86_64")]
@@ -31,7 +31,7 @@ impl Path {
     /// The widest way open.
     #[must_use]
     pub fn best() -> Self {
-        [Self::Eight, Self::Four].into_iter().find(|path| path.is_open()).unwrap_or(Self::Portable)
+        [Self::Eight, Self::Four].into_iter().find(|path| path.is_available()).unwrap_or(Self::Portable)
     }
 
     /// Runs side by side.

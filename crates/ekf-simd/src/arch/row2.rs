@@ -10,14 +10,14 @@ use crate::arch::fma::Fused;
 
 /// A row of two parameters of one run.
 #[derive(Clone, Copy)]
-pub struct Pair {
+pub struct Row2 {
     both: __m128d,
     simd: V3,
 }
 
 macro_rules! operator {
     ($trait:ident, $name:ident, $instruction:ident) => {
-        impl $trait for Pair {
+        impl $trait for Row2 {
             type Output = Self;
 
             #[inline(always)]
@@ -32,15 +32,15 @@ operator!(Add, add, _mm_add_pd);
 operator!(Sub, sub, _mm_sub_pd);
 operator!(Mul, mul, _mm_mul_pd);
 
-impl Row for Pair {
+impl Row for Row2 {
     type Number = Fused<V3>;
 
     const LENGTH: usize = 2;
     const APART: bool = false;
 
     #[inline(always)]
-    fn from_fn(kind: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {
-        Self { both: kind.simd.sse2._mm_setr_pd(f(0).x, f(1).x), simd: kind.simd }
+    fn from_fn(witness: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {
+        Self { both: witness.simd.sse2._mm_setr_pd(f(0).x, f(1).x), simd: witness.simd }
     }
 
     #[inline(always)]

@@ -10,12 +10,12 @@ use crate::arch::fma::Fused;
 
 /// A row of `4 Q` parameters of one run; places beyond the parameters hold zeros.
 #[derive(Clone, Copy)]
-pub struct Quads<const Q: usize> {
+pub struct Row4<const Q: usize> {
     each: [__m256d; Q],
     simd: V3,
 }
 
-impl<const Q: usize> Quads<Q> {
+impl<const Q: usize> Row4<Q> {
     #[inline(always)]
     fn with(mut self, other: Self, f: impl Fn(__m256d, __m256d) -> __m256d) -> Self {
         for (x, y) in self.each.iter_mut().zip(other.each) {
@@ -25,7 +25,7 @@ impl<const Q: usize> Quads<Q> {
     }
 }
 
-impl<const Q: usize> Add for Quads<Q> {
+impl<const Q: usize> Add for Row4<Q> {
     type Output = Self;
 
     #[inline(always)]
@@ -34,7 +34,7 @@ impl<const Q: usize> Add for Quads<Q> {
     }
 }
 
-impl<const Q: usize> Sub for Quads<Q> {
+impl<const Q: usize> Sub for Row4<Q> {
     type Output = Self;
 
     #[inline(always)]
@@ -43,7 +43,7 @@ impl<const Q: usize> Sub for Quads<Q> {
     }
 }
 
-impl<const Q: usize> Mul for Quads<Q> {
+impl<const Q: usize> Mul for Row4<Q> {
     type Output = Self;
 
     #[inline(always)]
@@ -52,20 +52,20 @@ impl<const Q: usize> Mul for Quads<Q> {
     }
 }
 
-impl<const Q: usize> Row for Quads<Q> {
+impl<const Q: usize> Row for Row4<Q> {
     type Number = Fused<V3>;
 
     const LENGTH: usize = 4 * Q;
     const APART: bool = false;
 
     #[inline(always)]
-    fn from_fn(kind: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {
-        let avx = kind.simd.avx;
+    fn from_fn(witness: Fused<V3>, mut f: impl FnMut(usize) -> Fused<V3>) -> Self {
+        let avx = witness.simd.avx;
         let mut each = [avx._mm256_setzero_pd(); Q];
         for (q, four) in each.iter_mut().enumerate() {
             *four = avx._mm256_setr_pd(f(4 * q).x, f(4 * q + 1).x, f(4 * q + 2).x, f(4 * q + 3).x);
         }
-        Self { each, simd: kind.simd }
+        Self { each, simd: witness.simd }
     }
 
     #[inline(always)]

@@ -2,32 +2,32 @@
 //!
 //! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
 
-use ekf_core::dense::belief::plausible;
+use ekf_core::dense::belief::check_covariance;
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
-use ekf_core::{Aci, Cwpa, Filter, Form, Wander};
+use ekf_core::{Aci, Cwpa, Filter, Form, GaussMarkov};
 use pulp::NullaryFnOnce;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
 
 #[cfg(target_arch = "x86_64")]
 use crate::arch::fma::Fused;
-use crate::arch::fma::One;
+use crate::arch::fma::Scalar;
 #[cfg(target_arch = "x86_64")]
-use crate::arch::row4::Quads;
-use crate::fixed_rate::step::{AciWithEffects, Arrival, Paced, Past, Taking};
+use crate::arch::row4::Row4;
+use crate::fixed_rate::step::{AciWithEffects, FixedRateStep, OutputHistory, ReadingGate, SampleInput};
 use crate::record::batch::Prior;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
-use crate::record::likelihood::{Likelihood, Score};
+use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
 use crate::record::runner::Settings;
 
-/// Steps between two looks at the whole covariance.
+/// Stepper between two looks at the whole covariance.
 const EVERY: u32 = 64;
 
 /// Effects that a filter can track beside `k, K0`.
@@ -43,7 +43,7 @@ pub trait FixedRate: Send + Sync {
     /// # Errors
     /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] is a
     /// filter whose numbers have failed, and every later step says so again.
-    fn step(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError>;
+    fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError>;
 
     /// Takes a record of outputs `u` and positions `z` in, and writes what was asked for.
     ///
@@ -117,98 +117,98 @@ impl Histories<'_> {
 }
 
 /// What a step is compiled for.
-trait Way: Copy + Send + Sync {
-    type Number: One;
+trait Arithmetic: Copy + Send + Sync {
+    type Number: Scalar;
 
-    fn kind(self) -> Self::Number;
+    fn witness(self) -> Self::Number;
 
-    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output;
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output;
 }
 
 /// Plain numbers, nothing fused: any processor, the same bits on all.
 #[derive(Clone, Copy)]
 struct Portable;
 
-impl Way for Portable {
+impl Arithmetic for Portable {
     type Number = f64;
 
-    fn kind(self) -> f64 {
+    fn witness(self) -> f64 {
         0.0
     }
 
-    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output {
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output {
         work.call()
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-impl Way for V3 {
+impl Arithmetic for V3 {
     type Number = Fused<V3>;
 
     #[inline(always)]
-    fn kind(self) -> Fused<V3> {
+    fn witness(self) -> Fused<V3> {
         Fused { x: 0.0, simd: self }
     }
 
     #[inline(always)]
-    fn within<F: NullaryFnOnce>(self, work: F) -> F::Output {
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output {
         self.vectorize(work)
     }
 }
 
-struct Steps<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> {
-    way: W,
+struct Stepper<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> {
+    arithmetic: W,
     kernel: K,
     settings: Settings<V, M>,
     states: usize,
-    at: At<K::Block, W::Number>,
+    at: FilterState<K::Block, W::Number>,
 }
 
 /// Where a filter is.
-struct At<B, T> {
+struct FilterState<B, T> {
     block: B,
-    taking: Taking<T>,
-    past: Past,
+    gate: ReadingGate<T>,
+    history: OutputHistory,
     innovation: Option<Innovation>,
     unchecked: u32,
     failed: Option<StepError>,
 }
 
-impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> Steps<W, K, V, M> {
+impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> Stepper<W, K, V, M> {
     /// One sample, in place.
     #[inline(always)]
-    fn next(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError> {
+    fn next(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
         let Self { kernel, settings, states, at, .. } = self;
         if let Some(error) = at.failed {
             return Err(error);
         }
-        for reading in [arrival.u, arrival.z] {
-            if reading.is_infinite() || K::DRIVEN && arrival.u.is_nan() {
+        for reading in [sample.u, sample.z] {
+            if reading.is_infinite() || K::DRIVEN && sample.u.is_nan() {
                 return Err(StepError::Innovation { e: reading });
             }
         }
-        let stepped = kernel.step(&mut at.block, settings, &mut at.taking, &at.past, arrival);
+        let stepped = kernel.step(&mut at.block, settings, &mut at.gate, &at.history, sample);
         at.unchecked += 1;
         let checked = if at.unchecked == EVERY {
             at.unchecked = 0;
-            plausible(*states, |i, j| at.block.P(i, j).value())
+            check_covariance(*states, |i, j| at.block.P(i, j).value())
         } else {
             Ok(())
         };
         let found = stepped.and_then(|found| checked.map(|()| found));
         at.failed = found.err();
         let found = found?;
-        at.past.push(arrival.u);
+        at.history.push(sample.u);
         at.innovation = found.or(at.innovation);
         Ok(found)
     }
 }
 
 /// One step, to be compiled for the instructions of its way.
-struct Next<'a, 'b, S>(&'a mut S, &'a Arrival<'b>);
+struct OneStep<'a, 'b, S>(&'a mut S, &'a SampleInput<'b>);
 
-impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> NullaryFnOnce
-    for Next<'_, '_, Steps<W, K, V, M>>
+impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> NullaryFnOnce
+    for OneStep<'_, '_, Stepper<W, K, V, M>>
 {
     type Output = Result<Option<Innovation>, StepError>;
 
@@ -218,19 +218,19 @@ impl<W: Way, K: Paced<V, M>, V: Row<Number = W::Number>, const M: usize> Nullary
     }
 }
 
-impl<W, K, V, const M: usize> FixedRate for Steps<W, K, V, M>
+impl<W, K, V, const M: usize> FixedRate for Stepper<W, K, V, M>
 where
-    W: Way,
-    K: Paced<V, M>,
+    W: Arithmetic,
+    K: FixedRateStep<V, M>,
     V: Row<Number = W::Number> + Send + Sync,
 {
-    fn step(&mut self, arrival: &Arrival<'_>) -> Result<Option<Innovation>, StepError> {
-        self.way.within(Next(self, arrival))
+    fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
+        self.arithmetic.compile_and_run(OneStep(self, sample))
     }
 
     fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
         for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
-            let found = self.step(&Arrival { u, z, ..Arrival::default() }).map_err(|error| (j, error))?;
+            let found = self.step(&SampleInput { u, z, ..SampleInput::default() }).map_err(|error| (j, error))?;
             let block = &self.at.block;
             histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
         }
@@ -254,37 +254,37 @@ where
     }
 
     fn samples(&self) -> usize {
-        self.at.past.samples
+        self.at.history.samples
     }
 
     fn rejected(&self) -> usize {
-        self.at.taking.rejected
+        self.at.gate.rejected
     }
 
     fn log_likelihood(&self) -> f64 {
-        self.at.taking.likelihood.value().value()
+        self.at.gate.likelihood.value().value()
     }
 }
 
 /// What every kernel is made of.
-struct Plan<'a> {
+struct Construction<'a> {
     filter: Filter<()>,
     dt: f64,
     q: f64,
     tau: f64,
-    wander: &'a [Wander],
+    gauss_markov: &'a [GaussMarkov],
     prior: Prior<'a>,
 }
 
-impl Plan<'_> {
-    fn made<W, K, V, const M: usize>(&self, way: W, kernel: K) -> Box<dyn FixedRate>
+impl Construction<'_> {
+    fn build<W, K, V, const M: usize>(&self, arithmetic: W, kernel: K) -> Box<dyn FixedRate>
     where
-        W: Way + 'static,
-        K: Paced<V, M> + 'static,
+        W: Arithmetic + 'static,
+        K: FixedRateStep<V, M> + 'static,
         K::Block: 'static,
         V: Row<Number = W::Number> + Send + Sync + 'static,
     {
-        let kind = way.kind();
+        let witness = arithmetic.witness();
         let Filter { interpolation, integrator, order, R_position, R_output, gate, .. } = self.filter;
         let settings = Settings {
             dt: self.dt,
@@ -292,29 +292,29 @@ impl Plan<'_> {
             interpolation,
             integrator,
             order,
-            q: kind.like(self.q),
-            R_position: kind.like(R_position),
-            R_output: kind.like(R_output),
+            q: witness.like(self.q),
+            R_position: witness.like(R_position),
+            R_output: witness.like(R_output),
             tau: self.tau,
-            wandering: Wandering::new(
-                kind,
-                std::array::from_fn(|i| self.wander.get(i).copied().unwrap_or(Wander::CONSTANT)),
+            drift: GaussMarkovSet::new(
+                witness,
+                std::array::from_fn(|i| self.gauss_markov.get(i).copied().unwrap_or(GaussMarkov::CONSTANT)),
             ),
         };
         // Places beyond the states hold zeros: a row may be wider than the filter.
         let N = self.prior.states;
-        let x = |i: usize| kind.like(if i < N { self.prior.x[i] } else { 0.0 });
-        let P = |i: usize, j: usize| kind.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
-        let taking = Taking { gate, likelihood: Likelihood::new(kind), rejected: 0 };
-        let at = At {
+        let x = |i: usize| witness.like(if i < N { self.prior.x[i] } else { 0.0 });
+        let P = |i: usize, j: usize| witness.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
+        let gate = ReadingGate { gate, likelihood: LogLikelihood::new(witness), rejected: 0 };
+        let at = FilterState {
             block: K::Block::new(x, P),
-            taking,
-            past: Past::default(),
+            gate,
+            history: OutputHistory::default(),
             innovation: None,
             unchecked: 0,
             failed: None,
         };
-        Box::new(Steps { way, kernel, settings, states: N, at })
+        Box::new(Stepper { arithmetic, kernel, settings, states: N, at })
     }
 }
 
@@ -323,18 +323,18 @@ macro_rules! fastest {
     ($plan:expr, $kernel:expr, $row:ty, $M:literal) => {{
         #[cfg(target_arch = "x86_64")]
         if let Some(simd) = V3::try_new() {
-            return Ok($plan.made::<V3, _, $row, $M>(simd, $kernel));
+            return Ok($plan.build::<V3, _, $row, $M>(simd, $kernel));
         }
         Ok(portable::<_, $M>(&$plan, $kernel))
     }};
 }
 
-fn portable<K, const M: usize>(plan: &Plan<'_>, kernel: K) -> Box<dyn FixedRate>
+fn portable<K, const M: usize>(plan: &Construction<'_>, kernel: K) -> Box<dyn FixedRate>
 where
-    K: Paced<Plain<f64, M>, M> + 'static,
+    K: FixedRateStep<Plain<f64, M>, M> + 'static,
     K::Block: 'static,
 {
-    plan.made::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
+    plan.build::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
 }
 
 fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Result<Filter<()>, SetupError> {
@@ -348,7 +348,7 @@ fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Re
     if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
         return Err(SetupError::Setting { name: "prior", value });
     }
-    if let Err(error) = plausible(states, |i, j| P[i * states + j]) {
+    if let Err(error) = check_covariance(states, |i, j| P[i * states + j]) {
         return Err(match error {
             StepError::Variance { state, variance } => SetupError::Prior { state, pivot: variance },
             _ => SetupError::Prior { state: states, pivot: f64::NAN },
@@ -364,10 +364,11 @@ fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Re
 /// [`SetupError`] for settings, sizes and a prior that cannot be used.
 pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { sensor, q, tau } = filter.system;
-    let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander: &sensor.wander, prior };
+    let plan =
+        Construction { filter: checked(filter, dt, prior, 4)?, dt, q, tau, gauss_markov: &sensor.gauss_markov, prior };
     match (sensor.form, prior.states) {
         (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
-        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Quads<1>, 4),
+        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Row4<1>, 4),
         (Form::Forward, 4) => fastest!(plan, AciWith { effect: ForwardLinear }, Plain<Fused<V3>, 2>, 2),
         (Form::Forward, 6) => Ok(portable::<_, 4>(&plan, AciWith { effect: ForwardCubic })),
         (_, given) => Err(SetupError::Size { given }),
@@ -382,16 +383,16 @@ pub fn aci_with_effects(
     filter: &Filter<Aci>,
     dt: f64,
     rest: f64,
-    wander: &[Wander],
+    gauss_markov: &[GaussMarkov],
     prior: Prior<'_>,
 ) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { q, tau, .. } = filter.system;
-    let plan = Plan { filter: checked(filter, dt, prior, 4)?, dt, q, tau, wander, prior };
+    let plan = Construction { filter: checked(filter, dt, prior, 4)?, dt, q, tau, gauss_markov, prior };
     let kernel = AciWithEffects { rest };
     match prior.states - 2 {
-        0..=4 => fastest!(plan, kernel, Quads<1>, 4),
-        5..=8 => fastest!(plan, kernel, Quads<2>, 8),
-        9..=16 => fastest!(plan, kernel, Quads<4>, 16),
+        0..=4 => fastest!(plan, kernel, Row4<1>, 4),
+        5..=8 => fastest!(plan, kernel, Row4<2>, 8),
+        9..=16 => fastest!(plan, kernel, Row4<4>, 16),
         _ => Err(SetupError::Size { given: prior.states }),
     }
 }
@@ -405,10 +406,17 @@ pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn 
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
-    let plan = Plan { filter: checked(filter, dt, prior, 5)?, dt, q, tau: 0.0, wander: &sensor.wander, prior };
+    let plan = Construction {
+        filter: checked(filter, dt, prior, 5)?,
+        dt,
+        q,
+        tau: 0.0,
+        gauss_markov: &sensor.gauss_markov,
+        prior,
+    };
     match (sensor.form, prior.states) {
         (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear }, Plain<Fused<V3>, 2>, 2),
-        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Quads<1>, 4),
+        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Row4<1>, 4),
         (Form::Inverse, 5) => Ok(portable::<_, 2>(&plan, CwpaWith { sensor: ReadInverse })),
         (Form::Inverse, 7) => Ok(portable::<_, 4>(&plan, CwpaWith { sensor: ReadInverse })),
         (_, given) => Err(SetupError::Size { given }),

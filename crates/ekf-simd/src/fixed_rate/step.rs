@@ -2,24 +2,24 @@
 
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::StepError;
-use ekf_core::structured::acceleration::{Driven, Effect, WithEffects};
-use ekf_core::structured::aci::{AciBlock, Surprise};
-use ekf_core::structured::aci_step::Course;
+use ekf_core::structured::acceleration::{AccelerationModel, Driven, WithEffects};
+use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
+use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::measurement::Output;
+use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 use ekf_core::{Integrator, Interpolation};
 
-use crate::arch::fma::One;
+use crate::arch::fma::Scalar;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
-use crate::record::likelihood::{Likelihood, Score};
+use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
 use crate::record::runner::Settings;
 
 /// What stands at one sample.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Arrival<'a> {
+pub struct SampleInput<'a> {
     /// The output, m/s^2; not a number where missing (CWPA).
     pub u: f64,
     /// The position, m; not a number where missing.
@@ -27,44 +27,44 @@ pub struct Arrival<'a> {
     /// Effects per unit of their coefficients, m/s^2: at the sample before, half-way, and here. Empty without effects.
     pub effects: [&'a [f64]; 3],
     /// What a unit of each coefficient adds to the position read here, m. Empty where none does.
-    pub leaning: &'a [f64],
+    pub position_columns: &'a [f64],
 }
 
 /// What readings led to: the gate, and sums over what it let in.
 #[derive(Debug, Clone, Copy)]
-pub struct Taking<T> {
+pub struct ReadingGate<T> {
     /// Readings with `e^2 / S` above this are rejected.
     pub gate: f64,
     /// Of the readings taken in.
-    pub likelihood: Likelihood<T>,
+    pub likelihood: LogLikelihood<T>,
     /// Readings rejected.
     pub rejected: usize,
 }
 
-impl<T: One> Taking<T> {
+impl<T: Scalar> ReadingGate<T> {
     /// `e` and `S` checked, and whether the gate lets them in.
     #[inline(always)]
-    fn judged(&mut self, surprise: &Surprise<T>) -> Result<(Innovation, bool), StepError> {
-        let innovation = Innovation::checked(surprise.e.value(), surprise.s.value())?;
-        let accepted = innovation.nis() <= self.gate;
+    fn admit(&mut self, innovation: &MaskedInnovation<T>) -> Result<(Innovation, bool), StepError> {
+        let checked = Innovation::checked(innovation.e.value(), innovation.s.value())?;
+        let accepted = checked.nis() <= self.gate;
         if accepted {
-            self.likelihood.add(surprise);
+            self.likelihood.add(innovation);
         } else {
             self.rejected += 1;
         }
-        Ok((innovation, accepted))
+        Ok((checked, accepted))
     }
 }
 
 /// The outputs before a sample, the newest first, and how many samples there were in all.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Past {
+pub struct OutputHistory {
     u: [f64; 3],
     /// Samples taken in.
     pub samples: usize,
 }
 
-impl Past {
+impl OutputHistory {
     /// A sample later.
     #[inline(always)]
     pub fn push(&mut self, u: f64) {
@@ -74,26 +74,26 @@ impl Past {
 
     /// The output over the step to `u`: held, a line, or the cubic through the last four samples once there are four.
     #[inline(always)]
-    fn until(&self, u: f64, how: Interpolation) -> Piece {
+    fn until(&self, u: f64, how: Interpolation) -> BackwardCubic {
         let [u0, u1, u2] = self.u;
         match how {
-            Interpolation::Hold => Piece { end: u0, d: [0.0; 3] },
+            Interpolation::Hold => BackwardCubic { end: u0, d: [0.0; 3] },
             Interpolation::Cubic if self.samples > 2 => {
-                Piece { end: u, d: [u - u0, u - 2.0 * u0 + u1, u - 3.0 * (u0 - u1) - u2] }
+                BackwardCubic { end: u, d: [u - u0, u - 2.0 * u0 + u1, u - 3.0 * (u0 - u1) - u2] }
             }
-            _ => Piece { end: u, d: [u - u0, 0.0, 0.0] },
+            _ => BackwardCubic { end: u, d: [u - u0, 0.0, 0.0] },
         }
     }
 }
 
 /// A polynomial over one step, by Newton's backward differences at its end.
 #[derive(Debug, Clone, Copy)]
-struct Piece {
+struct BackwardCubic {
     end: f64,
     d: [f64; 3],
 }
 
-impl Piece {
+impl BackwardCubic {
     /// The output at `x` of the way.
     #[inline(always)]
     fn at(&self, x: f64) -> f64 {
@@ -103,9 +103,9 @@ impl Piece {
 }
 
 /// A system that steps from sample to sample.
-pub trait Paced<V: Row, const M: usize>: Copy + Send + Sync
+pub trait FixedRateStep<V: Row, const M: usize>: Copy + Send + Sync
 where
-    V::Number: One,
+    V::Number: Scalar,
 {
     /// Mean and covariance.
     type Block: Block<V, M> + Send + Sync;
@@ -121,17 +121,17 @@ where
         &self,
         block: &mut Self::Block,
         settings: &Settings<V, M>,
-        taking: &mut Taking<V::Number>,
-        past: &Past,
-        arrival: &Arrival<'_>,
+        gate: &mut ReadingGate<V::Number>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
     ) -> Result<Option<Innovation>, StepError>;
 }
 
-impl<V, E, const M: usize> Paced<V, M> for AciWith<E>
+impl<V, E, const M: usize> FixedRateStep<V, M> for AciWith<E>
 where
     V: Row + Send + Sync,
-    V::Number: One,
-    E: Effect<V, M, Input = V::Number> + Send + Sync,
+    V::Number: Scalar,
+    E: AccelerationModel<V, M, Input = V::Number> + Send + Sync,
 {
     type Block = AciBlock<V, M>;
 
@@ -142,37 +142,37 @@ where
         &self,
         block: &mut Self::Block,
         settings: &Settings<V, M>,
-        taking: &mut Taking<V::Number>,
-        past: &Past,
-        arrival: &Arrival<'_>,
+        gate: &mut ReadingGate<V::Number>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
     ) -> Result<Option<Innovation>, StepError> {
         let &Settings { dt, integrator, interpolation, order, q, R_position: R, tau, .. } = settings;
-        if past.samples > 0 {
-            let piece = past.until(arrival.u, interpolation);
-            if integrator == Integrator::Rk4 && settings.wandering.still() {
-                let table = self.effect.table(&block.theta, &block.spread, order);
-                let start = self.effect.at(&table, q.like(past.u[0]))?;
-                let middle = self.effect.at(&table, q.like(piece.at(0.5)))?;
-                let end = self.effect.at(&table, q.like(piece.end))?;
+        if history.samples > 0 {
+            let curve = history.until(sample.u, interpolation);
+            if integrator == Integrator::Rk4 && settings.drift.is_constant() {
+                let table = self.effect.table(&block.theta, &block.P_theta, order);
+                let start = self.effect.at(&table, q.like(history.u[0]))?;
+                let middle = self.effect.at(&table, q.like(curve.at(0.5)))?;
+                let end = self.effect.at(&table, q.like(curve.end))?;
                 block.rk4(dt, q, &start, &middle, &end);
             } else {
-                let input = |s: f64| q.like(piece.at(s / dt));
-                block.step(integrator, q, &settings.wandering, &Course { effect: self.effect, order, input, dt })?;
+                let input = |s: f64| q.like(curve.at(s / dt));
+                block.step(integrator, q, &settings.drift, &StepInput { effect: self.effect, order, input, dt })?;
             }
         }
-        if arrival.z.is_nan() {
+        if sample.z.is_nan() {
             return Ok(None);
         }
-        let (tau, z) = (q.like(tau), q.like(arrival.z));
+        let (tau, z) = (q.like(tau), q.like(sample.z));
         let ahead = settings.tau != 0.0;
-        let surprise = if ahead { block.innovate_ahead(tau, z, R) } else { block.innovate(z, R) };
-        let (innovation, accepted) = taking.judged(&surprise)?;
+        let innovation = if ahead { block.innovate_ahead(tau, z, R) } else { block.innovate(z, R) };
+        let (read, accepted) = gate.admit(&innovation)?;
         match (accepted, ahead) {
-            (true, true) => block.correct_ahead(tau, &surprise),
-            (true, false) => block.correct(R, &surprise),
+            (true, true) => block.correct_ahead(tau, &innovation),
+            (true, false) => block.correct(R, &innovation),
             _ => {}
         }
-        Ok(Some(innovation))
+        Ok(Some(read))
     }
 }
 
@@ -185,14 +185,14 @@ pub struct AciWithEffects {
 
 /// One number per effect as a row of all parameters: behind the sensor's own two, zero where there is none.
 #[inline(always)]
-fn placed<V: Row>(kind: V::Number, each: &[f64]) -> V {
-    V::from_fn(kind, |i| kind.like(if i < 2 { 0.0 } else { each.get(i - 2).copied().unwrap_or(0.0) }))
+fn placed<V: Row>(witness: V::Number, each: &[f64]) -> V {
+    V::from_fn(witness, |i| witness.like(if i < 2 { 0.0 } else { each.get(i - 2).copied().unwrap_or(0.0) }))
 }
 
-impl<V, const M: usize> Paced<V, M> for AciWithEffects
+impl<V, const M: usize> FixedRateStep<V, M> for AciWithEffects
 where
     V: Row + Send + Sync,
-    V::Number: One,
+    V::Number: Scalar,
 {
     type Block = AciBlock<V, M>;
 
@@ -203,46 +203,46 @@ where
         &self,
         block: &mut Self::Block,
         settings: &Settings<V, M>,
-        taking: &mut Taking<V::Number>,
-        past: &Past,
-        arrival: &Arrival<'_>,
+        gate: &mut ReadingGate<V::Number>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
     ) -> Result<Option<Innovation>, StepError> {
         let &Settings { dt, interpolation, order, q, R_position: R, tau, .. } = settings;
-        if past.samples > 0 {
-            let piece = past.until(arrival.u, interpolation);
-            let [start, middle, end] = arrival.effects.map(|each| placed::<V>(q, each));
+        if history.samples > 0 {
+            let curve = history.until(sample.u, interpolation);
+            let [start, middle, end] = sample.effects.map(|each| placed::<V>(q, each));
             let input = |s: f64| {
                 // The parabola through the three instants.
                 let x = s / dt;
                 let weights =
                     [(2.0 * x - 1.0) * (x - 1.0), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)].map(|w| q.like(w));
                 let columns = start.scaled(weights[0]).plus(weights[1], middle).plus(weights[2], end);
-                Driven { u: q.like(piece.at(x)), columns }
+                Driven { u: q.like(curve.at(x)), columns }
             };
             block.fourth_order(
                 q,
-                &settings.wandering,
-                &Course { effect: WithEffects { rest: self.rest }, order, input, dt },
+                &settings.drift,
+                &StepInput { effect: WithEffects { rest: self.rest }, order, input, dt },
             )?;
         }
-        if arrival.z.is_nan() {
+        if sample.z.is_nan() {
             return Ok(None);
         }
-        let b = placed(q, arrival.leaning);
-        let (surprise, along) = block.innovate_along(q.like(tau), &b, q.like(arrival.z), R);
-        let (innovation, accepted) = taking.judged(&surprise)?;
+        let b = placed(q, sample.position_columns);
+        let (innovation, along) = block.innovate_with_effects(q.like(tau), &b, q.like(sample.z), R);
+        let (read, accepted) = gate.admit(&innovation)?;
         if accepted {
-            block.correct_along(&along, &surprise);
+            block.correct_with(&along, &innovation);
         }
-        Ok(Some(innovation))
+        Ok(Some(read))
     }
 }
 
-impl<V, O, const M: usize> Paced<V, M> for CwpaWith<O>
+impl<V, O, const M: usize> FixedRateStep<V, M> for CwpaWith<O>
 where
     V: Row + Send + Sync,
-    V::Number: One,
-    O: Output<V> + Copy + Send + Sync,
+    V::Number: Scalar,
+    O: OutputModel<V> + Copy + Send + Sync,
 {
     type Block = CwpaBlock<V, M>;
 
@@ -253,30 +253,30 @@ where
         &self,
         block: &mut Self::Block,
         settings: &Settings<V, M>,
-        taking: &mut Taking<V::Number>,
-        past: &Past,
-        arrival: &Arrival<'_>,
+        gate: &mut ReadingGate<V::Number>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
     ) -> Result<Option<Innovation>, StepError> {
         let &Settings { dt, integrator, order, q, R_position, R_output, .. } = settings;
-        if past.samples > 0 {
-            block.step(integrator, dt, q, &settings.wandering);
+        if history.samples > 0 {
+            block.step(integrator, dt, q, &settings.drift);
         }
         let mut newest = None;
-        if !arrival.u.is_nan() {
-            let seen = block.innovate_output(&self.sensor, order, q.like(arrival.u), R_output)?;
-            let (innovation, accepted) = taking.judged(&seen.surprise)?;
+        if !sample.u.is_nan() {
+            let innovation = block.innovate_output(&self.sensor, order, q.like(sample.u), R_output)?;
+            let (read, accepted) = gate.admit(&innovation.innovation)?;
             if accepted {
-                block.correct_output(&seen);
+                block.correct_output(&innovation);
             }
-            newest = Some(innovation);
+            newest = Some(read);
         }
-        if !arrival.z.is_nan() {
-            let surprise = block.innovate_position(q.like(arrival.z), R_position);
-            let (innovation, accepted) = taking.judged(&surprise)?;
+        if !sample.z.is_nan() {
+            let innovation = block.innovate_position(q.like(sample.z), R_position);
+            let (read, accepted) = gate.admit(&innovation)?;
             if accepted {
-                block.correct_position(R_position, &surprise);
+                block.correct_position(R_position, &innovation);
             }
-            newest = Some(innovation);
+            newest = Some(read);
         }
         Ok(newest)
     }

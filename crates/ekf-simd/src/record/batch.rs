@@ -1,33 +1,33 @@
 //! Many runs of one filter: lanes side by side, groups of lanes over threads.
-#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code, unused_imports))] // elsewhere every run goes alone
+#![cfg_attr(not(target_arch = "x86_64"), allow(dead_code, unused_imports))] // elsewhere every run goes portable
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use ekf_core::structured::gauss_markov::Wandering;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
-use ekf_core::{Aci, Channel, Cwpa, Filter, Form, Wander};
+use ekf_core::{Aci, Channel, Cwpa, Filter, Form, GaussMarkov};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 #[cfg(target_arch = "x86_64")]
 use crate::arch::fma::Fused;
-use crate::arch::instruction_set::Path;
+use crate::arch::instruction_set::InstructionSet;
 use crate::arch::lanes::Lanes;
 #[cfg(target_arch = "x86_64")]
-use crate::arch::row2::Pair;
+use crate::arch::row2::Row2;
 #[cfg(target_arch = "x86_64")]
-use crate::arch::row4::Quads;
+use crate::arch::row4::Row4;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith, Kernel, runner};
-use crate::record::likelihood::{Likelihood, NotAsked, Score};
+use crate::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
 use crate::record::runner::Settings;
-use crate::record::samples::{Rows, STRETCH, Stretch};
+use crate::record::samples::{LaneWindow, Rows, WINDOW};
 
 /// Uniform records of several runs, one row per run, samples `dt` apart.
 #[derive(Debug, Clone, Copy)]
@@ -77,8 +77,8 @@ fn row(all: &[f64], width: usize, run: usize) -> &[f64] {
 fn first(values: &[f64], unusable: impl Fn(f64) -> bool) -> Option<usize> {
     // A stretch is asked as a whole: what never leaves early runs in vectors.
     let any = |stretch: &[f64]| stretch.iter().fold(false, |found, x| found | unusable(*x));
-    let stretch = values.chunks(STRETCH).position(any)?;
-    (stretch * STRETCH..values.len()).find(|&index| unusable(values[index]))
+    let stretch = values.chunks(WINDOW).position(any)?;
+    (stretch * WINDOW..values.len()).find(|&index| unusable(values[index]))
 }
 
 impl Batch<'_> {
@@ -125,12 +125,12 @@ struct Job<'a> {
     filter: Filter<()>,
     q: f64,
     tau: f64,
-    wander: [Wander; 4],
+    gauss_markov: [GaussMarkov; 4],
     counted: bool,
 }
 
 impl Job<'_> {
-    fn settings<V: Row, const M: usize>(&self, kind: V::Number) -> Settings<V, M> {
+    fn settings<V: Row, const M: usize>(&self, witness: V::Number) -> Settings<V, M> {
         let Filter { interpolation, integrator, order, R_position, R_output, .. } = self.filter;
         Settings {
             dt: self.batch.dt,
@@ -138,11 +138,11 @@ impl Job<'_> {
             interpolation,
             integrator,
             order,
-            q: kind.like(self.q),
-            R_position: kind.like(R_position),
-            R_output: kind.like(R_output),
+            q: witness.like(self.q),
+            R_position: witness.like(R_position),
+            R_output: witness.like(R_output),
             tau: self.tau,
-            wandering: Wandering::new(kind, std::array::from_fn(|i| self.wander[i])),
+            drift: GaussMarkovSet::new(witness, std::array::from_fn(|i| self.gauss_markov[i])),
         }
     }
 
@@ -162,7 +162,7 @@ impl Job<'_> {
 
     fn ended(&self, x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64, log_likelihood: f64) -> Final {
         let N = self.prior.states;
-        let fault = ekf_core::dense::belief::plausible(N, &P).err();
+        let fault = ekf_core::dense::belief::check_covariance(N, &P).err();
         let P = (0..N * N).map(|at| P(at / N, at % N)).collect();
         let log_likelihood = if self.counted { log_likelihood } else { 0.0 };
         Final { x: (0..N).map(x).collect(), P, log_likelihood, fault }
@@ -171,24 +171,25 @@ impl Job<'_> {
 
 /// One run in any arithmetic of one number.
 #[inline(always)]
-fn single<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
+fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     run: usize,
-    kind: V::Number,
+    witness: V::Number,
     value: impl Fn(V::Number) -> f64,
 ) -> Final {
-    let settings = job.settings::<V, M>(kind);
-    let mut runner = runner::<K, V, L, M>(kind, |i| kind.like(job.x(run, i)), |i, j| kind.like(job.P(run, i, j)));
+    let settings = job.settings::<V, M>(witness);
+    let mut runner =
+        runner::<K, V, L, M>(witness, |i| witness.like(job.x(run, i)), |i, j| witness.like(job.P(run, i, j)));
     let (output, position) = job.rows(run);
-    let record = Rows { output, position, kind };
+    let record = Rows { output, position, witness };
     let mut went = kernel.begin(&mut runner, &settings, &record);
     let mut fault = None;
     let mut from = 0;
     while from + 1 < job.batch.samples && went.is_ok() && fault.is_none() {
-        let to = (from + STRETCH).min(job.batch.samples - 1);
+        let to = (from + WINDOW).min(job.batch.samples - 1);
         went = kernel.follow(&mut runner, &settings, &record, (from, to));
-        fault = ekf_core::dense::belief::plausible(job.prior.states, |i, j| value(runner.block.P(i, j))).err();
+        fault = ekf_core::dense::belief::check_covariance(job.prior.states, |i, j| value(runner.block.P(i, j))).err();
         from = to;
     }
     let block = &runner.block;
@@ -199,33 +200,33 @@ fn single<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
 
 /// A group of runs side by side, as many as `S` has lanes; the last run fills what is left over.
 #[inline(always)]
-fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const M: usize>(
+fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Simd, const M: usize>(
     job: &Job<'_>,
     kernel: K,
     first: usize,
     simd: S,
 ) -> Vec<Final> {
     let count = Lanes::<S>::COUNT;
-    let kind = Lanes::from_fn(simd, |_| 0.0);
+    let witness = Lanes::from_fn(simd, |_| 0.0);
     let run = |lane: usize| (first + lane).min(job.batch.runs - 1);
-    let settings = job.settings::<Plain<Lanes<S>, M>, M>(kind);
+    let settings = job.settings::<Plain<Lanes<S>, M>, M>(witness);
     let mut runner = runner::<K, _, L, M>(
-        kind,
+        witness,
         |i| Lanes::from_fn(simd, |lane| job.x(run(lane), i)),
         |i, j| Lanes::from_fn(simd, |lane| job.P(run(lane), i, j)),
     );
     let (output, position): (Vec<_>, Vec<_>) = (0..count).map(|lane| job.rows(run(lane))).unzip();
-    let mut stretch = Stretch::new(simd);
+    let mut window = LaneWindow::new(simd);
     let N = job.prior.states;
-    let mut P = vec![kind; N * N];
+    let mut P = vec![witness; N * N];
     let mut faults: Vec<Option<StepError>> = vec![None; count];
     let (mut from, mut begun) = (0, false);
     while from + 1 < job.batch.samples {
-        let to = (from + STRETCH).min(job.batch.samples - 1);
-        stretch.turn(&output, &position, (from, to));
-        let mut went = if begun { Ok(()) } else { kernel.begin(&mut runner, &settings, &stretch) };
+        let to = (from + WINDOW).min(job.batch.samples - 1);
+        window.transpose(&output, &position, (from, to));
+        let mut went = if begun { Ok(()) } else { kernel.begin(&mut runner, &settings, &window) };
         begun = true;
-        went = went.and_then(|()| kernel.follow(&mut runner, &settings, &stretch, (from, to)));
+        went = went.and_then(|()| kernel.follow(&mut runner, &settings, &window, (from, to)));
         // Every covariance is taken out once, not once per lane.
         for (i, row) in P.chunks_mut(N).enumerate() {
             for (j, at) in row.iter_mut().enumerate().take(i + 1) {
@@ -235,7 +236,7 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const
         for (lane, fault) in faults.iter_mut().enumerate() {
             *fault = fault
                 .or_else(|| went.err().map(StepError::from))
-                .or_else(|| ekf_core::dense::belief::plausible(N, |i, j| P[i * N + j].lane(lane)).err());
+                .or_else(|| ekf_core::dense::belief::check_covariance(N, |i, j| P[i * N + j].lane(lane)).err());
         }
         from = to;
     }
@@ -251,49 +252,49 @@ fn together<K: Kernel<Plain<Lanes<S>, M>, M>, L: Score<Lanes<S>>, S: Simd, const
 }
 
 /// A kernel that runs in lanes, and alone with or without the vector unit.
-trait Everywhere<const M: usize>: Copy + Send + Sync {
-    fn together<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final>;
+trait Dispatch<const M: usize>: Copy + Send + Sync {
+    fn in_lanes<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final>;
     #[cfg(target_arch = "x86_64")]
     fn fused(self, job: &Job<'_>, run: usize, simd: V3) -> Final;
-    fn alone(self, job: &Job<'_>, run: usize) -> Final;
+    fn portable(self, job: &Job<'_>, run: usize) -> Final;
 }
 
-macro_rules! everywhere {
+macro_rules! dispatch_kernels {
     ($($kernel:ty, $M:literal, $row:ty;)*) => {
-        $(impl Everywhere<$M> for $kernel {
+        $(impl Dispatch<$M> for $kernel {
             #[inline(always)]
-            fn together<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final> {
+            fn in_lanes<S: Simd>(self, job: &Job<'_>, first: usize, simd: S) -> Vec<Final> {
                 if job.counted {
-                    together::<Self, Likelihood<_>, S, $M>(job, self, first, simd)
+                    in_lanes::<Self, LogLikelihood<_>, S, $M>(job, self, first, simd)
                 } else {
-                    together::<Self, NotAsked<_>, S, $M>(job, self, first, simd)
+                    in_lanes::<Self, NoLikelihood<_>, S, $M>(job, self, first, simd)
                 }
             }
 
             #[cfg(target_arch = "x86_64")]
             #[inline(always)]
             fn fused(self, job: &Job<'_>, run: usize, simd: V3) -> Final {
-                let kind = Fused { x: 0.0, simd };
+                let witness = Fused { x: 0.0, simd };
                 if job.counted {
-                    single::<Self, $row, Likelihood<_>, $M>(job, self, run, kind, |x| x.x)
+                    run_single::<Self, $row, LogLikelihood<_>, $M>(job, self, run, witness, |x| x.x)
                 } else {
-                    single::<Self, $row, NotAsked<_>, $M>(job, self, run, kind, |x| x.x)
+                    run_single::<Self, $row, NoLikelihood<_>, $M>(job, self, run, witness, |x| x.x)
                 }
             }
 
-            fn alone(self, job: &Job<'_>, run: usize) -> Final {
-                single::<Self, Plain<f64, $M>, Likelihood<f64>, $M>(job, self, run, 0.0, |x| x)
+            fn portable(self, job: &Job<'_>, run: usize) -> Final {
+                run_single::<Self, Plain<f64, $M>, LogLikelihood<f64>, $M>(job, self, run, 0.0, |x| x)
             }
         })*
     };
 }
 
-everywhere!(
-    AciWith<InverseLinear>, 2, Pair;
-    AciWith<InverseCubic>, 4, Quads<1>;
-    AciWith<ForwardLinear>, 2, Pair;
-    CwpaWith<ReadLinear>, 2, Pair;
-    CwpaWith<ReadCubic>, 4, Quads<1>;
+dispatch_kernels!(
+    AciWith<InverseLinear>, 2, Row2;
+    AciWith<InverseCubic>, 4, Row4<1>;
+    AciWith<ForwardLinear>, 2, Row2;
+    CwpaWith<ReadLinear>, 2, Row2;
+    CwpaWith<ReadCubic>, 4, Row4<1>;
 );
 
 /// One group, to be compiled for the instructions it is given.
@@ -303,20 +304,20 @@ struct Group<'a, K, const M: usize> {
     first: usize,
 }
 
-impl<K: Everywhere<M>, const M: usize> WithSimd for Group<'_, K, M> {
+impl<K: Dispatch<M>, const M: usize> WithSimd for Group<'_, K, M> {
     type Output = Vec<Final>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<Final> {
-        self.kernel.together(self.job, self.first, simd)
+        self.kernel.in_lanes(self.job, self.first, simd)
     }
 }
 
 #[cfg(target_arch = "x86_64")]
-struct One<'a, K, const M: usize>(V3, Group<'a, K, M>);
+struct SingleRun<'a, K, const M: usize>(V3, Group<'a, K, M>);
 
 #[cfg(target_arch = "x86_64")]
-impl<K: Everywhere<M>, const M: usize> NullaryFnOnce for One<'_, K, M> {
+impl<K: Dispatch<M>, const M: usize> NullaryFnOnce for SingleRun<'_, K, M> {
     type Output = Vec<Final>;
 
     #[inline(always)]
@@ -326,33 +327,33 @@ impl<K: Everywhere<M>, const M: usize> NullaryFnOnce for One<'_, K, M> {
     }
 }
 
-fn group<K: Everywhere<M>, const M: usize>(job: &Job<'_>, kernel: K, path: Path, first: usize) -> Vec<Final> {
+fn group<K: Dispatch<M>, const M: usize>(job: &Job<'_>, kernel: K, path: InstructionSet, first: usize) -> Vec<Final> {
     match path {
         #[cfg(target_arch = "x86_64")]
-        Path::Fused => {
+        InstructionSet::Fused => {
             if let Some(simd) = V3::try_new() {
-                return simd.vectorize(One::<K, M>(simd, Group { job, kernel, first }));
+                return simd.vectorize(SingleRun::<K, M>(simd, Group { job, kernel, first }));
             }
         }
         #[cfg(target_arch = "x86_64")]
-        Path::Four => {
+        InstructionSet::Four => {
             if let Some(simd) = V3::try_new() {
                 return Simd::vectorize(simd, Group::<K, M> { job, kernel, first });
             }
         }
         #[cfg(target_arch = "x86_64")]
-        Path::Eight => {
+        InstructionSet::Eight => {
             if let Some(simd) = V4::try_new() {
                 return Simd::vectorize(simd, Group::<K, M> { job, kernel, first });
             }
         }
         _ => {}
     }
-    vec![kernel.alone(job, first)]
+    vec![kernel.portable(job, first)]
 }
 
 /// All groups over `threads` workers; the order of the answer is that of the runs.
-fn spread(runs: usize, width: usize, threads: usize, one: impl Fn(usize) -> Vec<Final> + Sync) -> Vec<Final> {
+fn over_threads(runs: usize, width: usize, threads: usize, one: impl Fn(usize) -> Vec<Final> + Sync) -> Vec<Final> {
     let groups = runs.div_ceil(width);
     let next = AtomicUsize::new(0);
     let done = Mutex::new(Vec::with_capacity(groups));
@@ -379,21 +380,26 @@ fn spread(runs: usize, width: usize, threads: usize, one: impl Fn(usize) -> Vec<
     finals
 }
 
-fn in_lanes<K: Everywhere<M>, const M: usize>(job: &Job<'_>, kernel: K, path: Path, threads: usize) -> Vec<Final> {
+fn dispatch<K: Dispatch<M>, const M: usize>(
+    job: &Job<'_>,
+    kernel: K,
+    path: InstructionSet,
+    threads: usize,
+) -> Vec<Final> {
     let path = match path {
-        path if !path.is_open() => Path::Portable,
-        Path::Four | Path::Eight if job.batch.runs == 1 => Path::Fused,
+        path if !path.is_available() => InstructionSet::Portable,
+        InstructionSet::Four | InstructionSet::Eight if job.batch.runs == 1 => InstructionSet::Fused,
         path => path,
     };
-    spread(job.batch.runs, path.lanes(), threads, |first| group::<K, M>(job, kernel, path, first))
+    over_threads(job.batch.runs, path.lanes(), threads, |first| group::<K, M>(job, kernel, path, first))
 }
 
-fn one_by_one<K, const M: usize>(job: &Job<'_>, kernel: K, threads: usize) -> Vec<Final>
+fn portable_runs<K, const M: usize>(job: &Job<'_>, kernel: K, threads: usize) -> Vec<Final>
 where
     K: Kernel<Plain<f64, M>, M> + Sync,
 {
-    spread(job.batch.runs, 1, threads, |run| {
-        vec![single::<K, Plain<f64, M>, Likelihood<f64>, M>(job, kernel, run, 0.0, |x| x)]
+    over_threads(job.batch.runs, 1, threads, |run| {
+        vec![run_single::<K, Plain<f64, M>, LogLikelihood<f64>, M>(job, kernel, run, 0.0, |x| x)]
     })
 }
 
@@ -414,18 +420,18 @@ pub fn run_aci(
     prior: Prior<'_>,
     batch: Batch<'_>,
     counted: bool,
-    path: Path,
+    path: InstructionSet,
     threads: usize,
 ) -> Result<Vec<Final>, SetupError> {
     batch.check(true)?;
     prior.check(batch.runs)?;
     let Aci { sensor, q, tau } = filter.system;
-    let job = Job { batch, prior, filter: without(filter), q, tau, wander: sensor.wander, counted };
+    let job = Job { batch, prior, filter: without(filter), q, tau, gauss_markov: sensor.gauss_markov, counted };
     match (sensor.form, prior.states) {
-        (Form::Inverse, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: InverseLinear }, path, threads)),
-        (Form::Inverse, 6) => Ok(in_lanes::<_, 4>(&job, AciWith { effect: InverseCubic }, path, threads)),
-        (Form::Forward, 4) => Ok(in_lanes::<_, 2>(&job, AciWith { effect: ForwardLinear }, path, threads)),
-        (Form::Forward, 6) => Ok(one_by_one::<_, 4>(&job, AciWith { effect: ForwardCubic }, threads)),
+        (Form::Inverse, 4) => Ok(dispatch::<_, 2>(&job, AciWith { effect: InverseLinear }, path, threads)),
+        (Form::Inverse, 6) => Ok(dispatch::<_, 4>(&job, AciWith { effect: InverseCubic }, path, threads)),
+        (Form::Forward, 4) => Ok(dispatch::<_, 2>(&job, AciWith { effect: ForwardLinear }, path, threads)),
+        (Form::Forward, 6) => Ok(portable_runs::<_, 4>(&job, AciWith { effect: ForwardCubic }, threads)),
         (_, given) => Err(SetupError::Size { given }),
     }
 }
@@ -439,7 +445,7 @@ pub fn run_cwpa(
     prior: Prior<'_>,
     batch: Batch<'_>,
     counted: bool,
-    path: Path,
+    path: InstructionSet,
     threads: usize,
 ) -> Result<Vec<Final>, SetupError> {
     batch.check(false)?;
@@ -448,12 +454,12 @@ pub fn run_cwpa(
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
-    let job = Job { batch, prior, filter: without(filter), q, tau: 0.0, wander: sensor.wander, counted };
+    let job = Job { batch, prior, filter: without(filter), q, tau: 0.0, gauss_markov: sensor.gauss_markov, counted };
     match (sensor.form, prior.states) {
-        (Form::Forward, 5) => Ok(in_lanes::<_, 2>(&job, CwpaWith { sensor: ReadLinear }, path, threads)),
-        (Form::Forward, 7) => Ok(in_lanes::<_, 4>(&job, CwpaWith { sensor: ReadCubic }, path, threads)),
-        (Form::Inverse, 5) => Ok(one_by_one::<_, 2>(&job, CwpaWith { sensor: ReadInverse }, threads)),
-        (Form::Inverse, 7) => Ok(one_by_one::<_, 4>(&job, CwpaWith { sensor: ReadInverse }, threads)),
+        (Form::Forward, 5) => Ok(dispatch::<_, 2>(&job, CwpaWith { sensor: ReadLinear }, path, threads)),
+        (Form::Forward, 7) => Ok(dispatch::<_, 4>(&job, CwpaWith { sensor: ReadCubic }, path, threads)),
+        (Form::Inverse, 5) => Ok(portable_runs::<_, 2>(&job, CwpaWith { sensor: ReadInverse }, threads)),
+        (Form::Inverse, 7) => Ok(portable_runs::<_, 4>(&job, CwpaWith { sensor: ReadInverse }, threads)),
         (_, given) => Err(SetupError::Size { given }),
     }
 }

@@ -1,14 +1,14 @@
 //! ACI and CWPA under one name for whoever drives them over a record, and the sensors that fit in lanes.
 
 use ekf_core::error::DomainError;
-use ekf_core::structured::acceleration::Effect;
+use ekf_core::structured::acceleration::AccelerationModel;
 use ekf_core::structured::aci::AciBlock;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::measurement::Output;
+use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::row::Row;
 
 use crate::record::block::Block;
-use crate::record::likelihood::Score;
+use crate::record::likelihood::LikelihoodSum;
 use crate::record::runner::{Record, Runner, Settings};
 
 /// A filter with its sensor, over a uniform record.
@@ -20,7 +20,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn begin<L: Score<V::Number>>(
+    fn begin<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -31,7 +31,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn follow<L: Score<V::Number>>(
+    fn follow<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -42,12 +42,12 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
 
 /// The runner of a prior.
 #[inline(always)]
-pub fn runner<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
-    kind: V::Number,
+pub fn runner<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
+    witness: V::Number,
     x: impl Fn(usize) -> V::Number,
     P: impl Fn(usize, usize) -> V::Number,
 ) -> Runner<K::Block, L> {
-    Runner { block: K::Block::new(x, P), score: L::new(kind) }
+    Runner { block: K::Block::new(x, P), score: L::new(witness) }
 }
 
 /// ACI with a sensor.
@@ -64,11 +64,11 @@ pub struct CwpaWith<O> {
     pub sensor: O,
 }
 
-impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
+impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kernel<V, M> for AciWith<E> {
     type Block = AciBlock<V, M>;
 
     #[inline(always)]
-    fn begin<L: Score<V::Number>>(
+    fn begin<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -79,7 +79,7 @@ impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> fo
     }
 
     #[inline(always)]
-    fn follow<L: Score<V::Number>>(
+    fn follow<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -90,11 +90,11 @@ impl<V: Row, const M: usize, E: Effect<V, M, Input = V::Number>> Kernel<V, M> fo
     }
 }
 
-impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
+impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith<O> {
     type Block = CwpaBlock<V, M>;
 
     #[inline(always)]
-    fn begin<L: Score<V::Number>>(
+    fn begin<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -106,7 +106,7 @@ impl<V: Row, const M: usize, O: Output<V> + Copy> Kernel<V, M> for CwpaWith<O> {
     }
 
     #[inline(always)]
-    fn follow<L: Score<V::Number>>(
+    fn follow<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,

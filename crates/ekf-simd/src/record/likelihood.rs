@@ -1,6 +1,6 @@
 //! The log-likelihood of a run, with one logarithm per eight readings.
 
-use ekf_core::structured::aci::Surprise;
+use ekf_core::structured::aci::MaskedInnovation;
 use ekf_core::structured::number::Number;
 use pulp::Simd;
 
@@ -14,7 +14,7 @@ const EVERY: u32 = 8;
 ///
 /// `S` is gathered as a product of eight, so every `S` must lie between `1e-38` and `1e38`.
 #[derive(Debug, Clone, Copy)]
-pub struct Likelihood<T> {
+pub struct LogLikelihood<T> {
     nis: T,
     product: T,
     logarithms: T,
@@ -50,13 +50,13 @@ impl<S: Simd> Logarithm for Lanes<S> {
 }
 
 /// What is kept of the readings: their log-likelihood, or nothing.
-pub trait Score<T>: Copy {
+pub trait LikelihoodSum<T>: Copy {
     /// No reading yet.
     #[must_use]
-    fn new(kind: T) -> Self;
+    fn new(witness: T) -> Self;
 
     /// One reading.
-    fn add(&mut self, taken: &Surprise<T>);
+    fn add(&mut self, taken: &MaskedInnovation<T>);
 
     /// The log-likelihood of the readings so far; zero if it is not kept.
     fn value(&self) -> T;
@@ -64,16 +64,16 @@ pub trait Score<T>: Copy {
 
 /// Nothing is kept.
 #[derive(Debug, Clone, Copy)]
-pub struct NotAsked<T>(T);
+pub struct NoLikelihood<T>(T);
 
-impl<T: Number> Score<T> for NotAsked<T> {
+impl<T: Number> LikelihoodSum<T> for NoLikelihood<T> {
     #[inline(always)]
-    fn new(kind: T) -> Self {
-        Self(kind.like(0.0))
+    fn new(witness: T) -> Self {
+        Self(witness.like(0.0))
     }
 
     #[inline(always)]
-    fn add(&mut self, _: &Surprise<T>) {}
+    fn add(&mut self, _: &MaskedInnovation<T>) {}
 
     #[inline(always)]
     fn value(&self) -> T {
@@ -81,21 +81,21 @@ impl<T: Number> Score<T> for NotAsked<T> {
     }
 }
 
-impl<T: Logarithm> Score<T> for Likelihood<T> {
+impl<T: Logarithm> LikelihoodSum<T> for LogLikelihood<T> {
     #[inline(always)]
-    fn new(kind: T) -> Self {
-        let zero = kind.like(0.0);
-        Self { nis: zero, product: kind.like(1.0), logarithms: zero, waiting: 0 }
+    fn new(witness: T) -> Self {
+        let zero = witness.like(0.0);
+        Self { nis: zero, product: witness.like(1.0), logarithms: zero, waiting: 0 }
     }
 
     #[inline(always)]
-    fn add(&mut self, taken: &Surprise<T>) {
-        let &Surprise { e, s, there } = taken;
+    fn add(&mut self, taken: &MaskedInnovation<T>) {
+        let &MaskedInnovation { e, s, present } = taken;
         let one = e.like(1.0);
         let scaled = e.like(std::f64::consts::TAU) * s;
-        let (nis, s) = match there {
+        let (nis, s) = match present {
             None => (e * e * (one / s), scaled),
-            Some(there) => (e * e * (there / s), there.times_plus(scaled, one - there)),
+            Some(present) => (e * e * (present / s), present.times_plus(scaled, one - present)),
         };
         self.nis = self.nis + nis;
         self.product = self.product * s;
@@ -113,7 +113,7 @@ impl<T: Logarithm> Score<T> for Likelihood<T> {
     }
 }
 
-impl<T: Logarithm> Likelihood<T> {
+impl<T: Logarithm> LogLikelihood<T> {
     #[inline(always)]
     fn total(&self) -> T {
         self.logarithms + self.product.ln()

@@ -4,17 +4,17 @@
 //! comes first, as in [`ekf_core::Filter::run`].
 
 use ekf_core::error::DomainError;
-use ekf_core::structured::acceleration::Effect;
-use ekf_core::structured::aci::{AciBlock, Surprise};
-use ekf_core::structured::aci_step::Course;
+use ekf_core::structured::acceleration::AccelerationModel;
+use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
+use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::gauss_markov::Wandering;
-use ekf_core::structured::measurement::Output;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
+use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 use ekf_core::{Integrator, Interpolation, Order};
 
-use crate::record::likelihood::Score;
+use crate::record::likelihood::LikelihoodSum;
 
 /// One sample of one channel, in every lane.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +40,7 @@ impl<T> Sample<T> {
         match self {
             Self::None => None,
             Self::All(z) => Some((z, None)),
-            Self::Some(z, there) => Some((z, Some(there))),
+            Self::Some(z, present) => Some((z, Some(present))),
         }
     }
 }
@@ -79,7 +79,7 @@ pub struct Settings<V: Row, const M: usize> {
     /// Time constant in front of the output, s (ACI).
     pub tau: f64,
     /// How the parameters move.
-    pub wandering: Wandering<V, M>,
+    pub drift: GaussMarkovSet<V, M>,
 }
 
 /// A filter on its way through its record.
@@ -126,13 +126,13 @@ fn during<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation
     }
 }
 
-impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
+impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>, L> {
     /// Goes from sample `from` to sample `to`, reading positions after `from` up to `to`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn follow<E: Effect<V, M, Input = V::Number>>(
+    pub fn follow<E: AccelerationModel<V, M, Input = V::Number>>(
         &mut self,
         effect: &E,
         settings: &Settings<V, M>,
@@ -143,15 +143,15 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
         if !record.reaches(to) {
             return Ok(());
         }
-        if integrator == Integrator::Exact || !settings.wandering.still() {
+        if integrator == Integrator::Exact || !settings.drift.is_constant() {
             for j in from..to {
-                let course = Course {
+                let course = StepInput {
                     effect: *effect,
                     order,
                     input: |s: f64| between(record, samples, interpolation, j, s / dt),
                     dt,
                 };
-                self.block.step(integrator, q, &settings.wandering, &course)?;
+                self.block.step(integrator, q, &settings.drift, &course)?;
                 self.read_position(settings, record.position(j + 1));
             }
             return Ok(());
@@ -162,7 +162,7 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
         let mut reached = from;
         while reached < to {
             let from = reached;
-            let table = effect.table(&here.block.theta, &here.block.spread, order);
+            let table = effect.table(&here.block.theta, &here.block.P_theta, order);
             let mut sample = Sample::None;
             if integrator == Integrator::Rk2 {
                 for j in from..to {
@@ -202,15 +202,15 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
     /// Takes a position in, if there is one.
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
-        let Some((z, there)) = sample.given() else { return };
+        let Some((z, present)) = sample.given() else { return };
         let (R, block) = (settings.R_position, &mut self.block);
         let taken = if settings.tau == 0.0 {
-            let taken = Surprise { there, ..block.innovate(z, R) };
+            let taken = MaskedInnovation { present, ..block.innovate(z, R) };
             block.correct(R, &taken);
             taken
         } else {
             let tau = R.like(settings.tau);
-            let taken = Surprise { there, ..block.innovate_ahead(tau, z, R) };
+            let taken = MaskedInnovation { present, ..block.innovate_ahead(tau, z, R) };
             block.correct_ahead(tau, &taken);
             taken
         };
@@ -218,13 +218,13 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<AciBlock<V, M>, L> {
     }
 }
 
-impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
+impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>, L> {
     /// Goes from sample `from` to sample `to`, reading both channels after `from` up to `to`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn follow<O: Output<V>>(
+    pub fn follow<O: OutputModel<V>>(
         &mut self,
         sensor: &O,
         settings: &Settings<V, M>,
@@ -235,9 +235,9 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
             return Ok(());
         }
         let &Settings { dt, integrator, order, q, R_output, .. } = settings;
-        if integrator != Integrator::Exact || !settings.wandering.still() {
+        if integrator != Integrator::Exact || !settings.drift.is_constant() {
             for j in from..to {
-                self.block.step(integrator, dt, q, &settings.wandering);
+                self.block.step(integrator, dt, q, &settings.drift);
                 self.read_output(sensor, order, R_output, record.reading(j + 1))?;
                 self.read_position(settings, record.position(j + 1));
             }
@@ -268,26 +268,26 @@ impl<V: Row, const M: usize, L: Score<V::Number>> Runner<CwpaBlock<V, M>, L> {
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn read_output<O: Output<V>>(
+    pub fn read_output<O: OutputModel<V>>(
         &mut self,
         sensor: &O,
         order: Order,
         R: V::Number,
         sample: Sample<V::Number>,
     ) -> Result<(), DomainError> {
-        let Some((z, there)) = sample.given() else { return Ok(()) };
+        let Some((z, present)) = sample.given() else { return Ok(()) };
         let mut taken = self.block.innovate_output(sensor, order, z, R)?;
-        taken.surprise.there = there;
+        taken.innovation.present = present;
         self.block.correct_output(&taken);
-        self.score.add(&taken.surprise);
+        self.score.add(&taken.innovation);
         Ok(())
     }
 
     /// Takes a position in, if there is one.
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
-        let Some((z, there)) = sample.given() else { return };
-        let taken = Surprise { there, ..self.block.innovate_position(z, settings.R_position) };
+        let Some((z, present)) = sample.given() else { return };
+        let taken = MaskedInnovation { present, ..self.block.innovate_position(z, settings.R_position) };
         self.block.correct_position(settings.R_position, &taken);
         self.score.add(&taken);
     }

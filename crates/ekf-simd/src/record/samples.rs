@@ -7,7 +7,7 @@ use crate::arch::lanes::Lanes;
 use crate::record::runner::{Record, Sample};
 
 /// Samples turned at a time: two channels of eight lanes stay in the first cache.
-pub const STRETCH: usize = 64;
+pub const WINDOW: usize = 64;
 /// Samples on either side of a stretch that an interpolation may ask for.
 const HALO: usize = 3;
 
@@ -19,13 +19,13 @@ pub struct Rows<'a, T> {
     /// Position, m; not a number where missing.
     pub position: &'a [f64],
     /// Lends its kind.
-    pub kind: T,
+    pub witness: T,
 }
 
 impl<T: Number> Rows<'_, T> {
     #[inline(always)]
     fn sample(&self, x: f64) -> Sample<T> {
-        if x.is_nan() { Sample::None } else { Sample::All(self.kind.like(x)) }
+        if x.is_nan() { Sample::None } else { Sample::All(self.witness.like(x)) }
     }
 }
 
@@ -37,7 +37,7 @@ impl<T: Number> Record<T> for Rows<'_, T> {
 
     #[inline(always)]
     fn output(&self, j: usize) -> T {
-        self.kind.like(self.output[j])
+        self.witness.like(self.output[j])
     }
 
     #[inline(always)]
@@ -56,30 +56,30 @@ impl<T: Number> Record<T> for Rows<'_, T> {
 /// Its alignment is that of the whole stack frame: vectors that registers cannot hold then never lie across two lines of
 /// the cache, which costs eight lanes a third of their speed.
 #[repr(C, align(64))]
-pub struct Stretch<S: Simd> {
-    output: [Lanes<S>; STRETCH + 1 + 2 * HALO],
-    position: [Lanes<S>; STRETCH + 1 + 2 * HALO],
+pub struct LaneWindow<S: Simd> {
+    output: [Lanes<S>; WINDOW + 1 + 2 * HALO],
+    position: [Lanes<S>; WINDOW + 1 + 2 * HALO],
     first: usize,
 }
 
 /// Where the runs have a number.
 #[inline(always)]
 fn sample<S: Simd>(values: Lanes<S>) -> Sample<Lanes<S>> {
-    values.numbers().map_or(Sample::None, |(values, there)| Sample::Some(values, there))
+    values.numbers().map_or(Sample::None, |(values, present)| Sample::Some(values, present))
 }
 
-impl<S: Simd> Stretch<S> {
+impl<S: Simd> LaneWindow<S> {
     /// Room for a stretch.
     pub fn new(simd: S) -> Self {
         let zero = Lanes::from_fn(simd, |_| 0.0);
-        Self { first: 0, output: [zero; STRETCH + 1 + 2 * HALO], position: [zero; STRETCH + 1 + 2 * HALO] }
+        Self { first: 0, output: [zero; WINDOW + 1 + 2 * HALO], position: [zero; WINDOW + 1 + 2 * HALO] }
     }
 
     /// Turns samples `from..=to` and their neighbours; one row per lane and channel.
     ///
     /// A function of its own: with the run's instructions the compiler scatters, which is slower than moving one by one.
     #[inline(never)]
-    pub fn turn(&mut self, output: &[&[f64]], position: &[&[f64]], (from, to): (usize, usize)) {
+    pub fn transpose(&mut self, output: &[&[f64]], position: &[&[f64]], (from, to): (usize, usize)) {
         self.first = from.saturating_sub(HALO);
         let last = (to + HALO).min(output[0].len() - 1);
         for (slots, rows) in [(&mut self.output, output), (&mut self.position, position)] {
@@ -92,7 +92,7 @@ impl<S: Simd> Stretch<S> {
     }
 }
 
-impl<S: Simd> Record<Lanes<S>> for Stretch<S> {
+impl<S: Simd> Record<Lanes<S>> for LaneWindow<S> {
     #[inline(always)]
     fn reaches(&self, j: usize) -> bool {
         self.first <= j && j - self.first < self.output.len()

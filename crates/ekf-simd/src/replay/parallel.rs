@@ -2,7 +2,7 @@
 //!
 //! The operations are those of the plain loops, in their order and none of them fused, so the bits are the same.
 
-use ekf_core::replay::parallel::{self, Abreast};
+use ekf_core::replay::parallel::{self, InterleavedReading};
 use ekf_core::replay::{Noise, Prior, Readings, ReplayError};
 use pulp::{Arch, NullaryFnOnce};
 
@@ -10,12 +10,16 @@ use pulp::{Arch, NullaryFnOnce};
 ///
 /// # Errors
 /// Those of the plain loop.
-pub fn log_likelihood<const N: usize>(readings: &[Abreast<N>], noise: Noise, prior: Prior) -> Result<f64, ReplayError> {
+pub fn log_likelihood<const N: usize>(
+    readings: &[InterleavedReading<N>],
+    noise: Noise,
+    prior: Prior,
+) -> Result<f64, ReplayError> {
     Arch::new().dispatch(Score { readings, noise, prior })
 }
 
 struct Score<'a, const N: usize> {
-    readings: &'a [Abreast<N>],
+    readings: &'a [InterleavedReading<N>],
     noise: Noise,
     prior: Prior,
 }
@@ -58,7 +62,7 @@ impl<const N: usize> NullaryFnOnce for Innovations<'_, N> {
         let n = parts[0].0.t.len();
         let mut k = 0;
         parallel::innovations(
-            parallel::side_by_side(parts)?,
+            parallel::interleave(parts)?,
             noise,
             prior,
             #[inline(always)]
