@@ -1,9 +1,10 @@
 //! The live filters for Python: a set-up, a run over a record, and a stream.
 
+use ekf_core::dense::update::GatedReading;
 use ekf_core::sensor::polynomial::Form;
 use ekf_core::{
     Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, GaussMarkov, InBlocks, Integrator, Interpolation, Live,
-    LowPass, Order, Outcome, Parameters, RunError, Samples, Sensor, SetupError, Structured, dense::system::System,
+    LowPass, Order, Parameters, RunError, Samples, Sensor, SetupError, Structured, Track, dense::system::System,
     smooth,
 };
 use nalgebra::{SMatrix, SVector};
@@ -185,19 +186,23 @@ struct Rows {
 }
 
 impl Rows {
-    fn keep<const N: usize>(&mut self, outcome: &Outcome<N>) {
-        self.t.push(outcome.event.t);
-        self.position.push(outcome.event.channel == Channel::Position);
-        self.x.extend_from_slice(outcome.belief.x.as_slice());
-        self.variance.extend_from_slice(outcome.belief.P.diagonal().as_slice());
-        let taken = outcome.correction;
-        self.e.push(taken.map_or(f64::NAN, |c| c.innovation.e));
-        self.s.push(taken.map_or(f64::NAN, |c| c.innovation.s));
-        self.accepted.push(taken.is_some_and(|c| c.accepted));
+    fn keep<const N: usize>(&mut self, event: &Event, belief: &Belief<N>, reading: Option<GatedReading>) {
+        self.t.push(event.t);
+        self.position.push(event.channel == Channel::Position);
+        self.x.extend_from_slice(belief.x.as_slice());
+        self.variance.extend_from_slice(belief.P.diagonal().as_slice());
+        self.e.push(reading.map_or(f64::NAN, |read| read.innovation.e));
+        self.s.push(reading.map_or(f64::NAN, |read| read.innovation.s));
+        self.accepted.push(reading.is_some_and(|read| read.accepted));
+    }
+
+    fn end<E: Engine<N>, const N: usize>(&mut self, engine: &E, track: &Track<E::State>) {
+        self.P = engine.belief(&track.state).P.as_slice().to_vec();
+        self.log_likelihood = track.log_likelihood;
     }
 }
 
-fn run_blocks<S: System<N>, const N: usize>(
+fn run_structured<S: System<N>, const N: usize>(
     filter: &InBlocks<S>,
     prior: &Belief<N>,
     output: Samples<'_>,
@@ -207,22 +212,14 @@ where
     Filter<S>: Structured<N>,
 {
     let mut rows = Rows { states: N, ..Rows::default() };
-    let track = filter.over(prior, output, position, |track, (event, taken)| {
-        let Belief { x, P } = filter.0.belief(&track.block);
-        rows.t.push(event.t);
-        rows.position.push(event.channel == Channel::Position);
-        rows.x.extend_from_slice(x.as_slice());
-        rows.variance.extend_from_slice(P.diagonal().as_slice());
-        rows.e.push(taken.map_or(f64::NAN, |c| c.innovation.e));
-        rows.s.push(taken.map_or(f64::NAN, |c| c.innovation.s));
-        rows.accepted.push(taken.is_some_and(|c| c.accepted));
+    let track = filter.run(prior, output, position, |track, (event, reading)| {
+        rows.keep(event, &filter.belief(&track.state), *reading);
     })?;
-    rows.P = filter.0.belief(&track.block).P.as_slice().to_vec();
-    rows.log_likelihood = track.log_likelihood;
+    rows.end(filter, &track);
     Ok(rows)
 }
 
-fn run_sized<S: System<N>, const N: usize>(
+fn run_dense<S: System<N>, const N: usize>(
     filter: &Filter<S>,
     prior: &Belief<N>,
     output: Samples<'_>,
@@ -231,8 +228,8 @@ fn run_sized<S: System<N>, const N: usize>(
 ) -> Result<Rows, RunError> {
     let mut rows = Rows { states: N, ..Rows::default() };
     let mut outcomes = Vec::new();
-    let track = filter.run(prior, output, position, |outcome| {
-        rows.keep(outcome);
+    let track = filter.run(prior, output, position, |_, outcome| {
+        rows.keep(&outcome.event, &outcome.belief, Filter::<S>::reading(outcome));
         if smoothing {
             outcomes.push(*outcome);
         }
@@ -246,8 +243,7 @@ fn run_sized<S: System<N>, const N: usize>(
         }
         rows.smoothed = Some((x, variance));
     }
-    rows.P = track.carried.belief().P.as_slice().to_vec();
-    rows.log_likelihood = track.log_likelihood;
+    rows.end(filter, &track);
     Ok(rows)
 }
 
@@ -317,12 +313,13 @@ pub fn run_filter(
     let position = Samples { t: position.0.as_slice()?, y: position.1.as_slice()? };
     let rows = py.detach(|| {
         if !smoothing {
-            let rows = blocks!(setup, states, |filter, N| run_blocks(&filter, &belief::<N>(x, P), output, position));
+            let rows =
+                blocks!(setup, states, |filter, N| run_structured(&filter, &belief::<N>(x, P), output, position));
             if let Some(rows) = rows {
                 return rows;
             }
         }
-        sized!(setup, states, |filter, N| run_sized(&filter, &belief::<N>(x, P), output, position, smoothing))
+        sized!(setup, states, |filter, N| run_dense(&filter, &belief::<N>(x, P), output, position, smoothing))
     });
     FilterRows::new(py, rows.map_err(|error| raise(py, error))?)
 }
@@ -384,64 +381,27 @@ struct StreamState {
     waiting: usize,
 }
 
-fn innovation<const N: usize>(outcome: &Outcome<N>) -> Option<f64> {
-    outcome.correction.map(|taken| taken.innovation.e)
-}
-
-/// What a stream tells of an engine's outcomes and tracks.
-trait StreamView<const N: usize>: Engine<N> {
-    fn innovation(outcome: &Self::Outcome) -> Option<f64>;
-    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState;
-}
-
-fn state_of<const N: usize>(belief: &Belief<N>, t: Option<f64>, log_likelihood: f64, rejected: usize) -> StreamState {
-    let (x, P) = (belief.x.as_slice().to_vec(), belief.P.as_slice().to_vec());
-    StreamState { t, x, P, log_likelihood, rejected, waiting: 0 }
-}
-
-impl<S: System<N>, const N: usize> StreamView<N> for Filter<S> {
-    fn innovation(outcome: &Outcome<N>) -> Option<f64> {
-        innovation(outcome)
-    }
-
-    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
-        let state = state_of(&track.carried.belief(), track.t, track.log_likelihood, track.rejected);
-        StreamState { waiting, ..state }
-    }
-}
-
-impl<S: System<N>, const N: usize> StreamView<N> for InBlocks<S>
+impl<E: Engine<N> + Send + Sync, const N: usize> Stream for Live<E, N>
 where
-    Filter<S>: Structured<N>,
-{
-    fn innovation((_, taken): &Self::Outcome) -> Option<f64> {
-        taken.map(|taken| taken.innovation.e)
-    }
-
-    fn state(&self, track: &Self::Track, waiting: usize) -> StreamState {
-        let state = state_of(&self.0.belief(&track.block), track.t, track.log_likelihood, track.rejected);
-        StreamState { waiting, ..state }
-    }
-}
-
-impl<E: StreamView<N> + Send + Sync, const N: usize> Stream for Live<E, N>
-where
-    E::Track: Send + Sync,
+    E::State: Send + Sync,
 {
     fn push(&mut self, event: Event) -> Result<Option<f64>, RunError> {
-        let mut e = None;
-        Live::push(self, event, |outcome| e = E::innovation(outcome).or(e))?;
-        Ok(e)
+        let mut newest = None;
+        Live::push(self, event, |outcome| newest = E::reading(outcome).or(newest))?;
+        Ok(newest.map(|reading| reading.innovation.e))
     }
 
     fn finish(&mut self) -> Result<Option<f64>, RunError> {
-        let mut e = None;
-        Live::finish(self, |outcome| e = E::innovation(outcome).or(e))?;
-        Ok(e)
+        let mut newest = None;
+        Live::finish(self, |outcome| newest = E::reading(outcome).or(newest))?;
+        Ok(newest.map(|reading| reading.innovation.e))
     }
 
     fn state(&self) -> StreamState {
-        self.filter().state(self.track(), self.waiting())
+        let &Track { state, t, rejected, log_likelihood, .. } = self.track();
+        let belief = self.filter().belief(&state);
+        let (x, P) = (belief.x.as_slice().to_vec(), belief.P.as_slice().to_vec());
+        StreamState { t, x, P, log_likelihood, rejected, waiting: self.waiting() }
     }
 }
 

@@ -3,7 +3,7 @@
 use core::error::Error;
 use core::fmt;
 
-use crate::signal::timeline::Channel;
+use crate::signal::channel::Channel;
 
 /// A sensor model was asked for a value where it has none.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -113,9 +113,9 @@ fn agrees<S: System<N>, const N: usize>(
     let (stamps, readings): (Vec<f64>, Vec<f64>) =
         times.iter().zip(&z).filter(|(_, z)| !z.is_nan()).map(|(t, z)| (*t, *z)).unzip();
     let track = InBlocks(*filter)
-        .over(&prior, Samples { t: &times, y: &u }, Samples { t: &stamps, y: &readings }, |_, _| ())
+        .run(&prior, Samples { t: &times, y: &u }, Samples { t: &stamps, y: &readings }, |_, _| ())
         .unwrap();
-    let expected = filter.belief(&track.block);
+    let expected = Structured::belief(filter, &track.state);
 
     let (x, P) = (prior.x.as_slice(), prior.P.as_slice());
     let mut steps = make(Prior { states: N, x, P });

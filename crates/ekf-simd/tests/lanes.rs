@@ -4,7 +4,7 @@
 mod common;
 
 use ekf_core::{
-    Aci, Belief, Carrier, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Samples, Sensor,
+    Aci, Belief, Carrier, Cwpa, Engine, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Samples, Sensor,
 };
 use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci, run_cwpa};
 use nalgebra::{SMatrix, SVector};
@@ -134,8 +134,8 @@ fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
         let (tz, z): (Vec<f64>, Vec<f64>) = (0..n).filter(present).map(|j| (t[j], position[run * n + j])).unzip();
         let belief = Belief::<N> { x: SVector::from_column_slice(&x), P: SMatrix::from_row_slice(&P) };
         let (output, position) = (Samples { t: &t, y: &output[run * n..][..n] }, Samples { t: &tz, y: &z });
-        let track = filter.run(&belief, output, position, |_| ()).unwrap();
-        let dense = track.carried.belief();
+        let track = filter.run(&belief, output, position, |_, _| ()).unwrap();
+        let dense = track.state.belief();
         let (x, P) = (dense.x.as_slice().to_vec(), dense.P.as_slice().to_vec());
         let off = apart(ended, &Final { x, P, log_likelihood: track.log_likelihood, fault: None });
         prop_assert!(off < 1e-10, "dense: {}", off); // two ways to round, 200 steps

@@ -6,10 +6,10 @@ use crate::dense::belief::{Belief, Carrier};
 use crate::dense::integrate::Integrator;
 use crate::dense::system::{Drive, Order, System, at_least};
 use crate::dense::ud::Factored;
-use crate::dense::update::{Innovation, correct, innovate};
-use crate::error::{RunError, SetupError, StepError};
-use crate::signal::interpolation::{Interpolation, Segment};
-use crate::signal::timeline::{Channel, Event, Samples};
+use crate::dense::update::{GatedReading, correct, innovate};
+use crate::error::{SetupError, StepError};
+use crate::signal::channel::{Channel, Event};
+use crate::signal::interpolation::Interpolation;
 use crate::stream::engine::Engine;
 
 /// A system with its sensor form, and the other four choices.
@@ -56,14 +56,12 @@ impl<const N: usize> CarriedBelief<N> {
 /// How one reading changed the belief.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correction<const N: usize> {
-    /// `e` and `S`.
-    pub innovation: Innovation,
+    /// `e`, `S`, and the decision of the gate.
+    pub reading: GatedReading,
     /// `H`.
     pub H: RowSVector<f64, N>,
     /// `P H' / S`.
     pub gain: SVector<f64, N>,
-    /// False if the gate rejected it: the belief is then the prediction.
-    pub accepted: bool,
 }
 
 /// What one event led to.
@@ -79,56 +77,7 @@ pub struct Outcome<const N: usize> {
     pub correction: Option<Correction<N>>,
 }
 
-/// A filter on its way: where it is, when, and what it has met.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Track<const N: usize> {
-    /// The belief at the last event.
-    pub carried: CarriedBelief<N>,
-    /// Time of the last event, s; `None` before the first, to which the prior belongs.
-    pub t: Option<f64>,
-    /// Events processed.
-    pub events: usize,
-    /// Readings rejected by the gate.
-    pub rejected: usize,
-    /// Sum over the accepted readings, physics 6.3.
-    pub log_likelihood: f64,
-}
-
 impl<S> Filter<S> {
-    /// The track at its beginning.
-    ///
-    /// # Errors
-    /// [`SetupError`] if a setting, the number of states or the prior covariance is unusable.
-    pub fn start<const N: usize>(&self, prior: &Belief<N>) -> Result<Track<N>, SetupError>
-    where
-        S: System<N>,
-    {
-        self.system.check()?;
-        at_least("r_position", self.R_position, 0.0)?;
-        at_least("r_accel", self.R_output, 0.0)?;
-        if !(self.gate > 0.0) {
-            return Err(SetupError::Setting { name: "gate", value: self.gate });
-        }
-        for &x in prior.x.iter() {
-            at_least("x0", x, f64::MIN)?;
-        }
-        let factored = Factored::new(prior).map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
-        let asymmetry = (prior.P - prior.P.transpose()).amax();
-        if !(asymmetry <= 1e-12 * prior.P.amax()) {
-            return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
-        }
-        Ok(Track {
-            carried: match self.carrier {
-                Carrier::Dense => CarriedBelief::Dense(*prior),
-                Carrier::Factored => CarriedBelief::Factored(factored),
-            },
-            t: None,
-            events: 0,
-            rejected: 0,
-            log_likelihood: 0.0,
-        })
-    }
-
     /// Moves the belief over one step of the output; also the transition matrix.
     ///
     /// # Errors
@@ -186,62 +135,63 @@ impl<S> Filter<S> {
                 (CarriedBelief::Factored(factored), innovation, gain)
             }
         };
-        let accepted = innovation.nis() <= self.gate;
-        let correction = Correction { innovation, H: reading.H, gain, accepted };
-        Ok((if accepted { updated } else { *carried }, Some(correction)))
+        let gated = GatedReading::new(innovation.e, innovation.s, self.gate)?;
+        let correction = Correction { reading: gated, H: reading.H, gain };
+        Ok((if gated.accepted { updated } else { *carried }, Some(correction)))
+    }
+}
+
+impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
+    type State = CarriedBelief<N>;
+    type Outcome = Outcome<N>;
+
+    const DRIVEN: bool = S::DRIVEN;
+
+    fn interpolation(&self) -> Interpolation {
+        self.interpolation
     }
 
-    /// Processes the next event, `piece` being the output since the one before.
-    ///
-    /// # Errors
-    /// [`RunError::Step`] with the event; `track` is untouched.
-    pub fn follow<const N: usize>(
+    fn initial(&self, prior: &Belief<N>) -> Result<CarriedBelief<N>, SetupError> {
+        self.system.check()?;
+        at_least("r_position", self.R_position, 0.0)?;
+        at_least("r_accel", self.R_output, 0.0)?;
+        if !(self.gate > 0.0) {
+            return Err(SetupError::Setting { name: "gate", value: self.gate });
+        }
+        for &x in prior.x.iter() {
+            at_least("x0", x, f64::MIN)?;
+        }
+        let factored = Factored::new(prior).map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
+        let asymmetry = (prior.P - prior.P.transpose()).amax();
+        if !(asymmetry <= 1e-12 * prior.P.amax()) {
+            return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
+        }
+        Ok(match self.carrier {
+            Carrier::Dense => CarriedBelief::Dense(*prior),
+            Carrier::Factored => CarriedBelief::Factored(factored),
+        })
+    }
+
+    fn belief(&self, state: &CarriedBelief<N>) -> Belief<N> {
+        state.belief()
+    }
+
+    fn reading(outcome: &Outcome<N>) -> Option<GatedReading> {
+        outcome.correction.map(|correction| correction.reading)
+    }
+
+    fn step(
         &self,
-        track: &Track<N>,
+        state: &CarriedBelief<N>,
+        drive: Option<&Drive>,
         event: &Event,
-        piece: (Segment, f64),
-    ) -> Result<(Track<N>, Outcome<N>), RunError>
-    where
-        S: System<N>,
-    {
-        let at_event = |error| RunError::Step { event: track.events, t: event.t, error };
-        let mut next = *track;
-        let mut Phi = SMatrix::identity();
-        if let Some(previous) = track.t.filter(|&previous| previous < event.t) {
-            let (segment, start) = if S::DRIVEN { piece } else { (Segment { c: [0.0; 4] }, previous) };
-            let drive = Drive { segment, from: previous - start, to: event.t - start };
-            (next.carried, Phi) = self.predict(&track.carried, &drive).map_err(at_event)?;
-        }
-        let correction;
-        (next.carried, correction) = self.update(&next.carried, event).map_err(at_event)?;
-        if let Some(correction) = &correction {
-            if correction.accepted {
-                next.log_likelihood += correction.innovation.log_likelihood();
-            } else {
-                next.rejected += 1;
-            }
-        }
-        next.t = Some(event.t);
-        next.events += 1;
-        let outcome = Outcome { event: *event, belief: next.carried.belief(), Phi, correction };
-        Ok((next, outcome))
-    }
-
-    /// Runs over a whole record; `keep` sees every outcome in time order.
-    ///
-    /// # Errors
-    /// [`RunError::Setup`] for an unusable filter, prior or record; [`RunError::Step`] with the event that failed.
-    pub fn run<const N: usize>(
-        &self,
-        prior: &Belief<N>,
-        output: Samples<'_>,
-        position: Samples<'_>,
-        mut keep: impl FnMut(&Outcome<N>),
-    ) -> Result<Track<N>, RunError>
-    where
-        S: System<N>,
-    {
-        self.over(prior, output, position, |_, outcome| keep(outcome))
+    ) -> Result<(CarriedBelief<N>, Outcome<N>), StepError> {
+        let (predicted, Phi) = match drive {
+            Some(drive) => self.predict(state, drive)?,
+            None => (*state, SMatrix::identity()),
+        };
+        let (state, correction) = self.update(&predicted, event)?;
+        Ok((state, Outcome { event: *event, belief: state.belief(), Phi, correction }))
     }
 }
 
@@ -251,8 +201,10 @@ mod tests {
     use crate::dense::aci::Aci;
     use crate::dense::smoother::smooth;
     use crate::dense::system::GaussMarkov;
+    use crate::error::RunError;
     use crate::sensor::polynomial::Form;
     use crate::sensor::states::Sensor;
+    use crate::signal::timeline::Samples;
 
     const COUNT: usize = 20;
     const DT: f64 = 6e-4;
@@ -291,7 +243,7 @@ mod tests {
         let mut outcomes = [empty; 2 * COUNT];
         let mut next = outcomes.iter_mut();
         let (output, position) = (Samples { t: &t, y: &u }, Samples { t: &t, y: &z });
-        let run = filter.run(&prior(), output, position, |outcome| {
+        let run = filter.run(&prior(), output, position, |_, outcome| {
             if let Some(slot) = next.next() {
                 *slot = *outcome;
             }
@@ -331,7 +283,7 @@ mod tests {
         filter.R_position = 0.0;
         let known = Belief { x: SVector::zeros(), P: SMatrix::<f64, 4, 4>::zeros() };
         let samples = Samples { t: &[0.0, 1.0], y: &[0.0, 0.0] };
-        let run = filter.run(&known, samples, samples, |_| ());
+        let run = filter.run(&known, samples, samples, |_, _| ());
         assert_eq!(run, Err(RunError::Step { event: 1, t: 0.0, error: StepError::InnovationVariance { s: 0.0 } }));
     }
 }

@@ -18,11 +18,11 @@ pub fn smooth<const N: usize>(outcomes: &mut [Outcome<N>]) {
     for outcome in outcomes.iter_mut().rev() {
         let Belief { x, P } = outcome.belief;
         outcome.belief = Belief { x: x - P * lambda, P: symmetric_part(&(P - P * Lambda * P)) };
-        if let Some(correction) = outcome.correction.filter(|taken| taken.accepted) {
+        if let Some(correction) = outcome.correction.filter(|correction| correction.reading.accepted) {
             let H = correction.H;
-            let s = correction.innovation.s;
+            let s = correction.reading.innovation.s;
             let IKH = SMatrix::<f64, N, N>::identity() - correction.gain * H;
-            lambda = IKH.transpose() * lambda - H.transpose() * (correction.innovation.e / s);
+            lambda = IKH.transpose() * lambda - H.transpose() * (correction.reading.innovation.e / s);
             Lambda = symmetric_part(&(IKH.transpose() * Lambda * IKH)) + H.transpose() * H / s;
         }
         lambda = outcome.Phi.transpose() * lambda;

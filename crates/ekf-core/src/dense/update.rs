@@ -53,6 +53,27 @@ impl Innovation {
     }
 }
 
+/// An innovation, and the decision of the gate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GatedReading {
+    /// `e` and `S`.
+    pub innovation: Innovation,
+    /// False if the gate rejects the reading: the belief is then the prediction.
+    pub accepted: bool,
+}
+
+impl GatedReading {
+    /// Accepts the innovation if `e^2 / S` is at most `gate`.
+    ///
+    /// # Errors
+    /// [`StepError::InnovationVariance`], [`StepError::Innovation`].
+    #[inline(always)]
+    pub fn new(e: f64, s: f64, gate: f64) -> Result<Self, StepError> {
+        let innovation = Innovation::checked(e, s)?;
+        Ok(Self { innovation, accepted: innovation.nis() <= gate })
+    }
+}
+
 /// The innovation of `z`, and the gain `P H' / S` it would be taken in with.
 ///
 /// # Errors

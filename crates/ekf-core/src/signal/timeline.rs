@@ -1,38 +1,8 @@
 //! Two clocks merged into one order of events. No ratio of rates is assumed; a missing sample is an absent event.
 
-use core::fmt;
-
 use crate::error::SetupError;
+use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::{Interpolation, Segment};
-
-/// Which instrument spoke.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Channel {
-    /// The accelerometer.
-    Output,
-    /// The encoder.
-    Position,
-}
-
-impl fmt::Display for Channel {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Output => "accelerometer",
-            Self::Position => "position",
-        })
-    }
-}
-
-/// One sample at its instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Event {
-    /// Stamp, s.
-    pub t: f64,
-    /// The instrument.
-    pub channel: Channel,
-    /// Its reading, m/s^2 or m.
-    pub value: f64,
-}
 
 /// The samples of one channel on its own clock.
 #[derive(Debug, Clone, Copy, PartialEq)]

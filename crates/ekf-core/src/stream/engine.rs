@@ -1,18 +1,33 @@
-//! A filter as a record and a stream drive it: one event after the other, on whatever carries its belief.
+//! The loop over events, shared by records and streams: predict to the event, read it, gate it, sum the likelihood.
 
 use crate::dense::belief::Belief;
-use crate::dense::filter::{Filter, Outcome, Track};
-use crate::dense::system::System;
-use crate::error::{RunError, SetupError};
+use crate::dense::system::Drive;
+use crate::dense::update::GatedReading;
+use crate::error::{RunError, SetupError, StepError};
+use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::{Interpolation, Segment};
-use crate::signal::timeline::{Channel, Event, Samples, Timeline};
-use crate::structured::filter::{GatedReading, Structured, StructuredTrack};
+use crate::signal::timeline::{Samples, Timeline};
 
-/// A filter of `N` states that goes from event to event.
+/// The state of a filter between two events.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Track<B> {
+    /// The belief after the last event, in the engine's own form.
+    pub state: B,
+    /// Time of the last event, s; `None` before the first, to which the prior belongs.
+    pub t: Option<f64>,
+    /// Events processed.
+    pub events: usize,
+    /// Readings rejected by the gate.
+    pub rejected: usize,
+    /// Sum over the accepted readings (derivations 6.3).
+    pub log_likelihood: f64,
+}
+
+/// A filter of `N` states, driven event by event.
 pub trait Engine<const N: usize> {
-    /// Where the filter is, when, and what it has met.
-    type Track: Copy;
-    /// What one event led to.
+    /// Mean and covariance in the form that this engine propagates.
+    type State: Copy;
+    /// What is reported of one event.
     type Outcome;
 
     /// Whether the output drives the state.
@@ -21,116 +36,90 @@ pub trait Engine<const N: usize> {
     /// The output between its samples.
     fn interpolation(&self) -> Interpolation;
 
-    /// The track at its beginning.
+    /// The prior in the engine's own form.
     ///
     /// # Errors
-    /// [`SetupError`] if a setting or the prior is unusable.
-    fn begin(&self, prior: &Belief<N>) -> Result<Self::Track, SetupError>;
+    /// [`SetupError`] if a setting, the number of states or the prior is unusable.
+    fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError>;
 
-    /// Events that a track has behind it.
-    fn events(track: &Self::Track) -> usize;
+    /// The belief that a state stands for.
+    fn belief(&self, state: &Self::State) -> Belief<N>;
 
-    /// Processes the next event, `piece` being the output since the one before.
+    /// The reading of an outcome; `None` where an output drives the state.
+    fn reading(outcome: &Self::Outcome) -> Option<GatedReading>;
+
+    /// Predicts over `drive`, if time has passed, and takes in the event.
+    ///
+    /// # Errors
+    /// [`StepError`]; `state` is untouched.
+    fn step(
+        &self,
+        state: &Self::State,
+        drive: Option<&Drive>,
+        event: &Event,
+    ) -> Result<(Self::State, Self::Outcome), StepError>;
+
+    /// The track at its start.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a setting, the number of states or the prior is unusable.
+    fn start(&self, prior: &Belief<N>) -> Result<Track<Self::State>, SetupError> {
+        let state = self.initial(prior)?;
+        Ok(Track { state, t: None, events: 0, rejected: 0, log_likelihood: 0.0 })
+    }
+
+    /// Processes the next event; `piece` is the output since the event before, with the time at which it starts.
     ///
     /// # Errors
     /// [`RunError::Step`] with the event; `track` is untouched.
-    fn advance(
+    fn process(
         &self,
-        track: &Self::Track,
+        track: &Track<Self::State>,
         event: &Event,
         piece: (Segment, f64),
-    ) -> Result<(Self::Track, Self::Outcome), RunError>;
+    ) -> Result<(Track<Self::State>, Self::Outcome), RunError> {
+        let drive = track.t.filter(|&previous| previous < event.t).map(|previous| {
+            let (segment, start) = if Self::DRIVEN { piece } else { (Segment { c: [0.0; 4] }, previous) };
+            Drive { segment, from: previous - start, to: event.t - start }
+        });
+        let (state, outcome) = self.step(&track.state, drive.as_ref(), event).map_err(|error| RunError::Step {
+            event: track.events,
+            t: event.t,
+            error,
+        })?;
+        let mut next = Track { state, t: Some(event.t), events: track.events + 1, ..*track };
+        match Self::reading(&outcome) {
+            Some(reading) if reading.accepted => next.log_likelihood += reading.innovation.log_likelihood(),
+            Some(_) => next.rejected += 1,
+            None => {}
+        }
+        Ok((next, outcome))
+    }
 
-    /// Runs over a whole record; `keep` sees every track and outcome in time order.
+    /// Runs over a whole record; `keep` receives every track and outcome in time order.
     ///
     /// # Errors
     /// [`RunError::Setup`] for an unusable filter, prior or record; [`RunError::Step`] with the event that failed.
-    fn over(
+    fn run(
         &self,
         prior: &Belief<N>,
         output: Samples<'_>,
         position: Samples<'_>,
-        mut keep: impl FnMut(&Self::Track, &Self::Outcome),
-    ) -> Result<Self::Track, RunError> {
-        let mut track = self.begin(prior)?;
+        mut keep: impl FnMut(&Track<Self::State>, &Self::Outcome),
+    ) -> Result<Track<Self::State>, RunError> {
+        let mut track = self.start(prior)?;
         output.check(Channel::Output, 2)?;
         position.check(Channel::Position, 1)?;
-        let mut taken = 0;
+        let mut processed = 0;
         for event in Timeline::new(output, position) {
-            let piece = output.piece(taken, self.interpolation());
+            let piece = output.piece(processed, self.interpolation());
             let outcome;
-            (track, outcome) = self.advance(&track, &event, piece)?;
+            (track, outcome) = self.process(&track, &event, piece)?;
             keep(&track, &outcome);
             if event.channel == Channel::Output {
-                taken += 1;
+                processed += 1;
             }
         }
         Ok(track)
-    }
-}
-
-impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
-    type Track = Track<N>;
-    type Outcome = Outcome<N>;
-
-    const DRIVEN: bool = S::DRIVEN;
-
-    fn interpolation(&self) -> Interpolation {
-        self.interpolation
-    }
-
-    fn begin(&self, prior: &Belief<N>) -> Result<Track<N>, SetupError> {
-        self.start(prior)
-    }
-
-    fn events(track: &Track<N>) -> usize {
-        track.events
-    }
-
-    fn advance(
-        &self,
-        track: &Track<N>,
-        event: &Event,
-        piece: (Segment, f64),
-    ) -> Result<(Track<N>, Outcome<N>), RunError> {
-        self.follow(track, event, piece)
-    }
-}
-
-/// The same filter on its structured kernel.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct InBlocks<S>(pub Filter<S>);
-
-impl<S: System<N>, const N: usize> Engine<N> for InBlocks<S>
-where
-    Filter<S>: Structured<N>,
-{
-    type Track = StructuredTrack<<Filter<S> as Structured<N>>::Block>;
-    type Outcome = (Event, Option<GatedReading>);
-
-    const DRIVEN: bool = S::DRIVEN;
-
-    fn interpolation(&self) -> Interpolation {
-        self.0.interpolation
-    }
-
-    fn begin(&self, prior: &Belief<N>) -> Result<Self::Track, SetupError> {
-        self.0.start(prior)?;
-        let block = self.0.block(prior);
-        Ok(StructuredTrack { block, t: None, events: 0, rejected: 0, log_likelihood: 0.0 })
-    }
-
-    fn events(track: &Self::Track) -> usize {
-        track.events
-    }
-
-    fn advance(
-        &self,
-        track: &Self::Track,
-        event: &Event,
-        piece: (Segment, f64),
-    ) -> Result<(Self::Track, Self::Outcome), RunError> {
-        let (track, taken) = self.0.follow_in_blocks(track, event, piece)?;
-        Ok((track, (*event, taken)))
     }
 }

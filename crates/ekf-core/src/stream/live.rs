@@ -2,9 +2,10 @@
 
 use crate::dense::belief::Belief;
 use crate::error::{RunError, SetupError, StepError};
+use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::Interpolation;
-use crate::signal::timeline::{Channel, Event, Samples};
-use crate::stream::engine::Engine;
+use crate::signal::timeline::Samples;
+use crate::stream::engine::{Engine, Track};
 
 /// Events that may wait for the output sample after them.
 pub const CAPACITY: usize = 64;
@@ -19,7 +20,7 @@ const REACH: usize = 4;
 #[derive(Debug, Clone, Copy)]
 pub struct Live<E: Engine<N>, const N: usize> {
     filter: E,
-    track: E::Track,
+    track: Track<E::State>,
     last: Option<Event>,
     last_output: Option<f64>,
     t: [f64; REACH],
@@ -38,7 +39,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     /// [`SetupError`] if a setting or the prior is unusable.
     pub fn new(filter: E, prior: &Belief<N>) -> Result<Self, SetupError> {
         Ok(Self {
-            track: filter.begin(prior)?,
+            track: filter.start(prior)?,
             filter,
             last: None,
             last_output: None,
@@ -53,7 +54,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
 
     /// The state of the filter after the events processed so far.
     #[must_use]
-    pub fn track(&self) -> &E::Track {
+    pub fn track(&self) -> &Track<E::State> {
         &self.track
     }
 
@@ -76,7 +77,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     /// the event that failed is dropped.
     pub fn push(&mut self, event: Event, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         self.admit(&event).map_err(|error| RunError::Step {
-            event: E::events(&self.track) + self.waiting,
+            event: self.track.events + self.waiting,
             t: event.t,
             error,
         })?;
@@ -134,7 +135,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         while let Some(event) = self.queue[0].filter(|_| ended || self.ready()) {
             let window = Samples { t: &self.t[..self.held], y: &self.u[..self.held] };
             let piece = window.piece(self.taken, self.filter.interpolation());
-            let step = self.filter.advance(&self.track, &event, piece);
+            let step = self.filter.process(&self.track, &event, piece);
             self.queue.copy_within(1..self.waiting, 0);
             self.waiting -= 1;
             self.queue[self.waiting] = None;

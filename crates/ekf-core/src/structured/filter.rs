@@ -8,28 +8,20 @@ use crate::dense::belief::{Belief, Carrier};
 use crate::dense::cwpa::Cwpa;
 use crate::dense::filter::Filter;
 use crate::dense::system::{Drive, System};
-use crate::dense::update::Innovation;
-use crate::error::{RunError, StepError};
+use crate::dense::update::GatedReading;
+use crate::error::{SetupError, StepError};
 use crate::sensor::polynomial::Form;
 use crate::sensor::states::Sensor;
-use crate::signal::interpolation::Segment;
-use crate::signal::timeline::{Channel, Event};
+use crate::signal::channel::{Channel, Event};
+use crate::signal::interpolation::{Interpolation, Segment};
+use crate::stream::engine::Engine;
 use crate::structured::acceleration::{AccelerationModel, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use crate::structured::aci::{AciBlock, MaskedInnovation};
+use crate::structured::aci::AciBlock;
 use crate::structured::aci_step::StepInput;
 use crate::structured::cwpa::CwpaBlock;
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
 use crate::structured::row::Plain;
-
-/// What one reading brought, and whether the gate let it in.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GatedReading {
-    /// `e` and `S`.
-    pub innovation: Innovation,
-    /// False if the gate rejected it: the belief is then the prediction.
-    pub accepted: bool,
-}
 
 /// A system whose blocks carry the belief of `N` states.
 pub trait Structured<const N: usize> {
@@ -55,63 +47,51 @@ pub trait Structured<const N: usize> {
     ///
     /// # Errors
     /// [`StepError`]; the block is then to be dropped.
-    fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
+    fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
 }
 
-/// A filter in blocks on its way; see [`crate::Track`].
+/// The filter on its structured kernel.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct StructuredTrack<B> {
-    /// The belief at the last event.
-    pub block: B,
-    /// Time of the last event, s; `None` before the first.
-    pub t: Option<f64>,
-    /// Events processed.
-    pub events: usize,
-    /// Readings rejected by the gate.
-    pub rejected: usize,
-    /// Sum over the accepted readings.
-    pub log_likelihood: f64,
-}
+pub struct InBlocks<S>(pub Filter<S>);
 
-impl<S> Filter<S> {
-    /// Processes the next event, `piece` being the output since the one before.
-    ///
-    /// # Errors
-    /// [`RunError::Step`] with the event; `track` is untouched.
-    pub fn follow_in_blocks<const N: usize>(
-        &self,
-        track: &StructuredTrack<<Self as Structured<N>>::Block>,
-        event: &Event,
-        piece: (Segment, f64),
-    ) -> Result<(StructuredTrack<<Self as Structured<N>>::Block>, Option<GatedReading>), RunError>
-    where
-        S: System<N>,
-        Self: Structured<N>,
-    {
-        let at_event = |error| RunError::Step { event: track.events, t: event.t, error };
-        let mut next = *track;
-        if let Some(previous) = track.t.filter(|&previous| previous < event.t) {
-            let (segment, start) = if S::DRIVEN { piece } else { (Segment { c: [0.0; 4] }, previous) };
-            let drive = Drive { segment, from: previous - start, to: event.t - start };
-            Structured::predict(self, &mut next.block, &drive).map_err(at_event)?;
-        }
-        let taken = self.take(&mut next.block, event).map_err(at_event)?;
-        if let Some(taken) = &taken {
-            if taken.accepted {
-                next.log_likelihood += taken.innovation.log_likelihood();
-            } else {
-                next.rejected += 1;
-            }
-        }
-        next.t = Some(event.t);
-        next.events += 1;
-        Ok((next, taken))
+impl<S: System<N>, const N: usize> Engine<N> for InBlocks<S>
+where
+    Filter<S>: Structured<N>,
+{
+    type State = <Filter<S> as Structured<N>>::Block;
+    type Outcome = (Event, Option<GatedReading>);
+
+    const DRIVEN: bool = S::DRIVEN;
+
+    fn interpolation(&self) -> Interpolation {
+        self.0.interpolation
     }
 
-    /// `e` and `S` checked, and what the gate says.
-    fn gated(&self, innovation: &MaskedInnovation<f64>) -> Result<GatedReading, StepError> {
-        let innovation = Innovation::checked(innovation.e, innovation.s)?;
-        Ok(GatedReading { innovation, accepted: innovation.nis() <= self.gate })
+    fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
+        self.0.initial(prior)?;
+        Ok(self.0.block(prior))
+    }
+
+    fn belief(&self, state: &Self::State) -> Belief<N> {
+        Structured::belief(&self.0, state)
+    }
+
+    fn reading(outcome: &Self::Outcome) -> Option<GatedReading> {
+        outcome.1
+    }
+
+    fn step(
+        &self,
+        state: &Self::State,
+        drive: Option<&Drive>,
+        event: &Event,
+    ) -> Result<(Self::State, Self::Outcome), StepError> {
+        let mut block = *state;
+        if let Some(drive) = drive {
+            Structured::predict(&self.0, &mut block, drive)?;
+        }
+        let reading = Structured::update(&self.0, &mut block, event)?;
+        Ok((block, (*event, reading)))
     }
 }
 
@@ -147,8 +127,8 @@ impl Filter<Aci> {
         let (R, tau) = (self.R_position, self.system.tau);
         let ahead = tau != 0.0;
         let innovation = if ahead { block.innovate_ahead(tau, event.value, R) } else { block.innovate(event.value, R) };
-        let taken = self.gated(&innovation)?;
-        if taken.accepted {
+        let reading = GatedReading::new(innovation.e, innovation.s, self.gate)?;
+        if reading.accepted {
             if ahead {
                 block.correct_ahead(tau, &innovation);
             } else {
@@ -156,7 +136,7 @@ impl Filter<Aci> {
             }
             block.checked()?;
         }
-        Ok(Some(taken))
+        Ok(Some(reading))
     }
 }
 
@@ -167,26 +147,26 @@ impl Filter<Cwpa> {
         sensor: &O,
         event: &Event,
     ) -> Result<Option<GatedReading>, StepError> {
-        let taken = match event.channel {
+        let reading = match event.channel {
             Channel::Output => {
                 let innovation = block.innovate_output(sensor, self.order, event.value, self.R_output)?;
-                let taken = self.gated(&innovation.innovation)?;
-                if taken.accepted {
+                let reading = GatedReading::new(innovation.innovation.e, innovation.innovation.s, self.gate)?;
+                if reading.accepted {
                     block.correct_output(&innovation);
                 }
-                taken
+                reading
             }
             Channel::Position => {
                 let innovation = block.innovate_position(event.value, self.R_position);
-                let taken = self.gated(&innovation)?;
-                if taken.accepted {
+                let reading = GatedReading::new(innovation.e, innovation.s, self.gate)?;
+                if reading.accepted {
                     block.correct_position(self.R_position, &innovation);
                 }
-                taken
+                reading
             }
         };
         block.checked()?;
-        Ok(Some(taken))
+        Ok(Some(reading))
     }
 }
 
@@ -217,7 +197,7 @@ macro_rules! aci {
                 }
             }
 
-            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
+            fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
                 self.aci_update(block, event)
             }
         }
@@ -249,7 +229,7 @@ macro_rules! cwpa {
                 block.checked()
             }
 
-            fn take(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
+            fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
                 match self.system.sensor.form {
                     Form::Inverse => self.cwpa_update(block, &ReadInverse, event),
                     Form::Forward => self.cwpa_update(block, &$forward, event),

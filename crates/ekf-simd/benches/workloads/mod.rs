@@ -163,7 +163,7 @@ fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
     let mut runner =
         runner::<K, V, L, M>(witness, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
     let record = Rows { output: &data.u, position: &data.z, witness };
-    let went = kernel.follow(&mut runner, &settings, &record, (0, data.u.len() - 1));
+    let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
     assert!(went.is_ok());
     (0..K::Block::MOTION + M)
         .map(|i| value(runner.block.x(i)))

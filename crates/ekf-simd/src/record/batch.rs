@@ -183,12 +183,12 @@ fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
         runner::<K, V, L, M>(witness, |i| witness.like(job.x(run, i)), |i, j| witness.like(job.P(run, i, j)));
     let (output, position) = job.rows(run);
     let record = Rows { output, position, witness };
-    let mut went = kernel.begin(&mut runner, &settings, &record);
+    let mut went = kernel.start(&mut runner, &settings, &record);
     let mut fault = None;
     let mut from = 0;
     while from + 1 < job.batch.samples && went.is_ok() && fault.is_none() {
         let to = (from + WINDOW).min(job.batch.samples - 1);
-        went = kernel.follow(&mut runner, &settings, &record, (from, to));
+        went = kernel.process(&mut runner, &settings, &record, (from, to));
         fault = ekf_core::dense::belief::check_covariance(job.prior.states, |i, j| value(runner.block.P(i, j))).err();
         from = to;
     }
@@ -224,9 +224,9 @@ fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Sim
     while from + 1 < job.batch.samples {
         let to = (from + WINDOW).min(job.batch.samples - 1);
         window.transpose(&output, &position, (from, to));
-        let mut went = if begun { Ok(()) } else { kernel.begin(&mut runner, &settings, &window) };
+        let mut went = if begun { Ok(()) } else { kernel.start(&mut runner, &settings, &window) };
         begun = true;
-        went = went.and_then(|()| kernel.follow(&mut runner, &settings, &window, (from, to)));
+        went = went.and_then(|()| kernel.process(&mut runner, &settings, &window, (from, to)));
         // Every covariance is taken out once, not once per lane.
         for (i, row) in P.chunks_mut(N).enumerate() {
             for (j, at) in row.iter_mut().enumerate().take(i + 1) {

@@ -20,7 +20,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn begin<L: LikelihoodSum<V::Number>>(
+    fn start<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -31,7 +31,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
-    fn follow<L: LikelihoodSum<V::Number>>(
+    fn process<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -68,7 +68,7 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     type Block = AciBlock<V, M>;
 
     #[inline(always)]
-    fn begin<L: LikelihoodSum<V::Number>>(
+    fn start<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -79,14 +79,14 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     }
 
     #[inline(always)]
-    fn follow<L: LikelihoodSum<V::Number>>(
+    fn process<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        runner.follow(&self.effect, settings, record, range)
+        runner.process(&self.effect, settings, record, range)
     }
 }
 
@@ -94,7 +94,7 @@ impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith
     type Block = CwpaBlock<V, M>;
 
     #[inline(always)]
-    fn begin<L: LikelihoodSum<V::Number>>(
+    fn start<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
@@ -106,13 +106,13 @@ impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith
     }
 
     #[inline(always)]
-    fn follow<L: LikelihoodSum<V::Number>>(
+    fn process<L: LikelihoodSum<V::Number>>(
         &self,
         runner: &mut Runner<Self::Block, L>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
     ) -> Result<(), DomainError> {
-        runner.follow(&self.sensor, settings, record, range)
+        runner.process(&self.sensor, settings, record, range)
     }
 }

@@ -1,7 +1,7 @@
 //! One filter over a uniform record: predict, read, again; in any number type.
 //!
 //! Sample `j` stands at `j dt`. The prior belongs to sample 0, which is read like all others; at each instant the output
-//! comes first, as in [`ekf_core::Filter::run`].
+//! comes first, as in [`ekf_core::Engine::run`].
 
 use ekf_core::error::DomainError;
 use ekf_core::structured::acceleration::AccelerationModel;
@@ -132,7 +132,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn follow<E: AccelerationModel<V, M, Input = V::Number>>(
+    pub fn process<E: AccelerationModel<V, M, Input = V::Number>>(
         &mut self,
         effect: &E,
         settings: &Settings<V, M>,
@@ -224,7 +224,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
     #[inline(always)]
-    pub fn follow<O: OutputModel<V>>(
+    pub fn process<O: OutputModel<V>>(
         &mut self,
         sensor: &O,
         settings: &Settings<V, M>,
