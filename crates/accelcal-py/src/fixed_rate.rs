@@ -45,10 +45,10 @@ impl FixedRateFilter {
         let filter = match (setup.system, effects) {
             (AnySystem::Aci(system), Some((rest, wander))) => {
                 let wander: Vec<GaussMarkov> = wander.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
-                filter::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
+                filter::aci_with_effects(&setup.choices.with_system(system), dt, rest, &wander, prior)
             }
-            (AnySystem::Aci(system), None) => filter::aci(&setup.with(system), dt, prior),
-            (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.with(system), dt, prior),
+            (AnySystem::Aci(system), None) => filter::aci(&setup.choices.with_system(system), dt, prior),
+            (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),
         };
         Ok(Self { filter: filter.map_err(|error| raise(py, error.into()))?, dt, effects: count })
     }

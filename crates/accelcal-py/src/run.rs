@@ -45,15 +45,8 @@ pub(crate) enum AnySystem {
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct FilterSetup {
     pub(crate) system: AnySystem,
-    choices: Filter<()>,
+    pub(crate) choices: Filter<()>,
     structured: bool,
-}
-
-impl FilterSetup {
-    pub(crate) fn with<S>(&self, system: S) -> Filter<S> {
-        let Filter { system: (), interpolation, integrator, order, carrier, R_position, R_output, gate } = self.choices;
-        Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
-    }
 }
 
 fn chosen<T: Copy>(what: &str, name: &str, choices: &[(&str, T)]) -> PyResult<T> {
@@ -125,7 +118,7 @@ macro_rules! sized {
         match (&$setup.system, $states) {
             $((AnySystem::$system(system), $size) => {
                 const $N: usize = $size;
-                let $filter = $setup.with(*system);
+                let $filter = $setup.choices.with_system(*system);
                 $body
             })*
             (_, given) => Err(RunError::Setup(SetupError::Size { given })),
@@ -142,7 +135,7 @@ macro_rules! blocks {
         match (&$setup.system, $states) {
             $((AnySystem::$system(system), $size) if $setup.structured => {
                 const $N: usize = $size;
-                let filter = $setup.with(*system);
+                let filter = $setup.choices.with_system(*system);
                 Structured::<$size>::has_kernel(&filter).then(|| {
                     let $filter = InBlocks(filter);
                     $body
@@ -351,8 +344,12 @@ pub fn run_filter_batch(
     let batch = ekf_simd::Batch { dt, samples, runs, output, position };
     let path = ekf_simd::InstructionSet::best();
     let finals = py.detach(|| match setup.system {
-        AnySystem::Aci(system) => ekf_simd::run_aci(&setup.with(system), prior, batch, true, path, threads),
-        AnySystem::Cwpa(system) => ekf_simd::run_cwpa(&setup.with(system), prior, batch, true, path, threads),
+        AnySystem::Aci(system) => {
+            ekf_simd::run_aci(&setup.choices.with_system(system), prior, batch, true, path, threads)
+        }
+        AnySystem::Cwpa(system) => {
+            ekf_simd::run_cwpa(&setup.choices.with_system(system), prior, batch, true, path, threads)
+        }
     });
     let finals = finals.map_err(|error| raise(py, error.into()))?;
     let flat = |of: fn(&ekf_simd::Final) -> &[f64]| finals.iter().flat_map(of).copied().collect::<Vec<f64>>();

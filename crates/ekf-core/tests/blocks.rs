@@ -66,11 +66,7 @@ where
         if draw.next() > 0.0 {
             let z = dense.x[0] + choice.tau * dense.x[1] + 1e-6 * draw.next();
             dense = read(&system, &dense, R, z);
-            if choice.tau == 0.0 {
-                block.correct(R, &block.innovate(z, R));
-            } else {
-                block.correct_ahead(choice.tau, &block.innovate_ahead(choice.tau, z, R));
-            }
+            block.correct(choice.tau, R, &block.innovate(choice.tau, z, R));
         }
     }
     let off = distance(&dense, |i| block.x(i), |i, j| block.P(i, j));

@@ -219,7 +219,7 @@ fn variances_stay_positive<const N: usize, const M: usize>(steps: usize) {
                 block.step(integrator, Q, &drift, &course).unwrap();
                 if i % 2 == 1 {
                     let z = Motion::position(then) + 1e-6 * draw.next();
-                    block.correct(R, &block.innovate(z, R));
+                    block.correct(0.0, R, &block.innovate(0.0, z, R));
                 }
                 assert_eq!(block.checked(), Ok(()), "{integrator:?}, prior {variance:e}, step {i}");
                 assert!((0..N).all(|i| block.P(i, i) > 0.0), "{integrator:?}, prior {variance:e}, step {i}");

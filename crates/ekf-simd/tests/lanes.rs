@@ -49,11 +49,6 @@ fn choices() -> impl Strategy<Value = Choice> {
 }
 
 impl Choice {
-    fn with<S>(&self, system: S) -> Filter<S> {
-        let Filter { interpolation, integrator, order, carrier, R_position, R_output, gate, .. } = self.filter;
-        Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
-    }
-
     /// Records of all runs; positions are missing, at other instants in every run, and outputs too if `gaps`.
     fn records(&self, gaps: bool) -> (Vec<f64>, Vec<f64>) {
         let mut state = self.seed;
@@ -121,7 +116,7 @@ fn agree(run: impl Fn(InstructionSet, usize) -> Vec<Final>) -> Result<Vec<Final>
 }
 
 fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
-    let filter = choice.with(Aci { sensor: choice.filter.system, q: 1e-6, tau: choice.tau });
+    let filter = choice.filter.with_system(Aci { sensor: choice.filter.system, q: 1e-6, tau: choice.tau });
     let (output, position) = choice.records(false);
     let (x, P) = prior(&[1e-5, 3e-3], N);
     let n = choice.samples;
@@ -144,7 +139,7 @@ fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
 }
 
 fn cwpa<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
-    let filter = choice.with(Cwpa { sensor: choice.filter.system, q: 25.0, low_pass: None });
+    let filter = choice.filter.with_system(Cwpa { sensor: choice.filter.system, q: 25.0, low_pass: None });
     let (output, position) = choice.records(true);
     let (x, P) = prior(&[1e-5, 3e-3, 10.0], N);
     let batch = Batch { dt: DT, samples: choice.samples, runs: RUNS, output: &output, position: &position };

@@ -78,6 +78,12 @@ pub struct Outcome<const N: usize> {
 }
 
 impl<S> Filter<S> {
+    /// The same choices for another system.
+    pub fn with_system<T>(self, system: T) -> Filter<T> {
+        let Self { system: _, interpolation, integrator, order, carrier, R_position, R_output, gate } = self;
+        Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
+    }
+
     /// Moves the belief over one step of the output; also the transition matrix.
     ///
     /// # Errors

@@ -164,20 +164,31 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.v = sixth.times_plus(c(2.0).times_plus(middle.a, af + end.a), self.v);
     }
 
-    /// `e` and `S` of a reading `z` of position with variance `R`.
+    /// `e` and `S` of a reading `z` of `p + tau v` with variance `R`; `tau` is the low-pass in front of the output.
     #[inline(always)]
     #[must_use]
-    pub fn innovate(&self, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
-        MaskedInnovation { e: z - self.p, s: self.ppp + R, present: None }
+    pub fn innovate(&self, tau: f64, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
+        if tau == 0.0 {
+            return MaskedInnovation { e: z - self.p, s: self.ppp + R, present: None };
+        }
+        let tau = R.like(tau);
+        let (dp, dv) = self.motion_covariance(tau);
+        MaskedInnovation { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R, present: None }
     }
 
-    /// Takes the reading in: `x += P H' e / S`, `P -= P H' H P / S`, with one division.
+    /// Updates by the reading: `x += P H' e / S`, `P -= P H' H P / S`, with one division.
     ///
-    /// The row of `p` is multiplied by `f = R / S`, which keeps `ppp` positive whatever the rounding.
+    /// Without a low-pass the row of `p` is multiplied by `f = R / S`, which keeps `ppp` positive whatever the rounding.
     #[inline(always)]
-    pub fn correct(&mut self, R: V::Number, taken: &MaskedInnovation<V::Number>) {
-        let i = taken.inverse();
-        let (ei, f) = (taken.e * i, taken.left(R, i));
+    pub fn correct(&mut self, tau: f64, R: V::Number, innovation: &MaskedInnovation<V::Number>) {
+        if tau != 0.0 {
+            let tau = R.like(tau);
+            let (dp, dv) = self.motion_covariance(tau);
+            self.correct_with(&CrossCovariance { dp, dv, column: self.c1.plus(tau, self.c2) }, innovation);
+            return;
+        }
+        let i = innovation.inverse();
+        let (ei, f) = (innovation.e * i, innovation.left(R, i));
         self.p = self.ppp.times_plus(ei, self.p);
         self.v = self.ppv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, self.c1);
@@ -192,21 +203,6 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.ppp = self.ppp * f;
     }
 
-    /// `e` and `S` of a reading of `p + tau v`: the encoder seen from behind a low-pass of the output.
-    #[inline(always)]
-    #[must_use]
-    pub fn innovate_ahead(&self, tau: V::Number, z: V::Number, R: V::Number) -> MaskedInnovation<V::Number> {
-        let (dp, dv) = self.ahead(tau);
-        MaskedInnovation { e: z - tau.times_plus(self.v, self.p), s: tau.times_plus(dv, dp) + R, present: None }
-    }
-
-    /// Takes a reading of `p + tau v` in.
-    #[inline(always)]
-    pub fn correct_ahead(&mut self, tau: V::Number, taken: &MaskedInnovation<V::Number>) {
-        let (dp, dv) = self.ahead(tau);
-        self.correct_with(&CrossCovariance { dp, dv, column: self.c1.plus(tau, self.c2) }, taken);
-    }
-
     /// `e` and `S` of a reading of `p + tau v + b'theta`: an encoder with effects `b` of its own; and `P H'`.
     #[inline(always)]
     #[must_use]
@@ -217,8 +213,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         z: V::Number,
         R: V::Number,
     ) -> (MaskedInnovation<V::Number>, CrossCovariance<V>) {
-        let (dp, dv) = self.ahead(tau);
-        let along = CrossCovariance {
+        let (dp, dv) = self.motion_covariance(tau);
+        let cross = CrossCovariance {
             dp: dp + b.dot(self.c1),
             dv: dv + b.dot(self.c2),
             column: self.c1.plus(tau, self.c2) + product(&self.P_theta, b),
@@ -227,19 +223,19 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         (
             MaskedInnovation {
                 e: z - expected,
-                s: tau.times_plus(along.dv, along.dp) + b.dot(along.column) + R,
+                s: tau.times_plus(cross.dv, cross.dp) + b.dot(cross.column) + R,
                 present: None,
             },
-            along,
+            cross,
         )
     }
 
-    /// Takes a reading in along its `P H'`.
+    /// Takes a reading in cross its `P H'`.
     #[inline(always)]
-    pub fn correct_with(&mut self, along: &CrossCovariance<V>, taken: &MaskedInnovation<V::Number>) {
-        let &CrossCovariance { dp, dv, column } = along;
-        let i = taken.inverse();
-        let ei = taken.e * i;
+    pub fn correct_with(&mut self, cross: &CrossCovariance<V>, innovation: &MaskedInnovation<V::Number>) {
+        let &CrossCovariance { dp, dv, column } = cross;
+        let i = innovation.inverse();
+        let ei = innovation.e * i;
         self.p = dp.times_plus(ei, self.p);
         self.v = dv.times_plus(ei, self.v);
         self.theta = self.theta.plus(ei, column);
@@ -256,7 +252,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
 
     /// `P H'` of `p + tau v` in the rows of `p` and `v`.
     #[inline(always)]
-    fn ahead(&self, tau: V::Number) -> (V::Number, V::Number) {
+    fn motion_covariance(&self, tau: V::Number) -> (V::Number, V::Number) {
         (tau.times_plus(self.ppv, self.ppp), tau.times_plus(self.pvv, self.ppv))
     }
 

@@ -125,15 +125,10 @@ impl Filter<Aci> {
             return Ok(None);
         }
         let (R, tau) = (self.R_position, self.system.tau);
-        let ahead = tau != 0.0;
-        let innovation = if ahead { block.innovate_ahead(tau, event.value, R) } else { block.innovate(event.value, R) };
+        let innovation = block.innovate(tau, event.value, R);
         let reading = GatedReading::new(innovation.e, innovation.s, self.gate)?;
         if reading.accepted {
-            if ahead {
-                block.correct_ahead(tau, &innovation);
-            } else {
-                block.correct(R, &innovation);
-            }
+            block.correct(tau, R, &innovation);
             block.checked()?;
         }
         Ok(Some(reading))

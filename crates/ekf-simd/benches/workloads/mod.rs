@@ -26,8 +26,8 @@ use ekf_simd::arch::row4::Row4;
 use ekf_simd::record::block::Block;
 use ekf_simd::record::kernel::{AciWith, CwpaWith, Kernel, runner};
 use ekf_simd::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
-use ekf_simd::record::runner::Settings;
 use ekf_simd::record::samples::Rows;
+use ekf_simd::record::settings::Settings;
 use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci};
 use nalgebra::{SMatrix, SVector};
 use pulp::NullaryFnOnce;
@@ -150,7 +150,6 @@ fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
     let c = |x: f64| witness.like(x);
     let settings = Settings::<V, M> {
         dt: DT,
-        samples: data.u.len(),
         interpolation: Interpolation::Linear,
         integrator,
         order,
@@ -255,7 +254,7 @@ impl<V: Row<Number = Fused<V3>>, const M: usize> NullaryFnOnce for Wide<'_, V, M
             let [start, middle, end] = [0.0, 0.5, 1.0].map(|f| effect.at(&table, given(f)).expect("a sensor"));
             block.rk4(DT, c(QV), &start, &middle, &end);
             if !z.is_nan() {
-                block.correct(c(R_POSITION), &block.innovate(c(*z), c(R_POSITION)));
+                block.correct(0.0, c(R_POSITION), &block.innovate(0.0, c(*z), c(R_POSITION)));
                 table = effect.table(&block.theta, &block.P_theta, Order::Second);
             }
         }

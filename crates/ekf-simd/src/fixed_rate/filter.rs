@@ -6,7 +6,6 @@ use ekf_core::dense::belief::check_covariance;
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
@@ -25,7 +24,7 @@ use crate::record::batch::Prior;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
 use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
-use crate::record::runner::Settings;
+use crate::record::settings::{Dynamics, Settings};
 
 /// Stepper between two looks at the whole covariance.
 const EVERY: u32 = 64;
@@ -268,11 +267,8 @@ where
 
 /// What every kernel is made of.
 struct Construction<'a> {
-    filter: Filter<()>,
+    filter: Filter<Dynamics<'a>>,
     dt: f64,
-    q: f64,
-    tau: f64,
-    gauss_markov: &'a [GaussMarkov],
     prior: Prior<'a>,
 }
 
@@ -285,27 +281,12 @@ impl Construction<'_> {
         V: Row<Number = W::Number> + Send + Sync + 'static,
     {
         let witness = arithmetic.witness();
-        let Filter { interpolation, integrator, order, R_position, R_output, gate, .. } = self.filter;
-        let settings = Settings {
-            dt: self.dt,
-            samples: 2,
-            interpolation,
-            integrator,
-            order,
-            q: witness.like(self.q),
-            R_position: witness.like(R_position),
-            R_output: witness.like(R_output),
-            tau: self.tau,
-            drift: GaussMarkovSet::new(
-                witness,
-                std::array::from_fn(|i| self.gauss_markov.get(i).copied().unwrap_or(GaussMarkov::CONSTANT)),
-            ),
-        };
+        let settings = Settings::of(&self.filter, self.dt, witness);
         // Places beyond the states hold zeros: a row may be wider than the filter.
         let N = self.prior.states;
         let x = |i: usize| witness.like(if i < N { self.prior.x[i] } else { 0.0 });
         let P = |i: usize, j: usize| witness.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
-        let gate = ReadingGate { gate, likelihood: LogLikelihood::new(witness), rejected: 0 };
+        let gate = ReadingGate { threshold: self.filter.gate, likelihood: LogLikelihood::new(witness), rejected: 0 };
         let at = FilterState {
             block: K::Block::new(x, P),
             gate,
@@ -337,7 +318,13 @@ where
     plan.build::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
 }
 
-fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Result<Filter<()>, SetupError> {
+fn construction<'a, S>(
+    filter: Filter<S>,
+    dynamics: Dynamics<'a>,
+    dt: f64,
+    prior: Prior<'a>,
+    least: usize,
+) -> Result<Construction<'a>, SetupError> {
     let Prior { states, x, P } = prior;
     if x.len() != states || P.len() != states * states || states < least {
         return Err(SetupError::Size { given: states });
@@ -354,8 +341,7 @@ fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Re
             _ => SetupError::Prior { state: states, pivot: f64::NAN },
         });
     }
-    let Filter { interpolation, integrator, order, carrier, R_position, R_output, gate, .. } = *filter;
-    Ok(Filter { system: (), interpolation, integrator, order, carrier, R_position, R_output, gate })
+    Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
 }
 
 /// ACI at a fixed rate, samples `dt` apart.
@@ -364,8 +350,8 @@ fn checked<S>(filter: &Filter<S>, dt: f64, prior: Prior<'_>, least: usize) -> Re
 /// [`SetupError`] for settings, sizes and a prior that cannot be used.
 pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { sensor, q, tau } = filter.system;
-    let plan =
-        Construction { filter: checked(filter, dt, prior, 4)?, dt, q, tau, gauss_markov: &sensor.gauss_markov, prior };
+    let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
+    let plan = construction(*filter, dynamics, dt, prior, 4)?;
     match (sensor.form, prior.states) {
         (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
         (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Row4<1>, 4),
@@ -387,7 +373,7 @@ pub fn aci_with_effects(
     prior: Prior<'_>,
 ) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { q, tau, .. } = filter.system;
-    let plan = Construction { filter: checked(filter, dt, prior, 4)?, dt, q, tau, gauss_markov, prior };
+    let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
     let kernel = AciWithEffects { rest };
     match prior.states - 2 {
         0..=4 => fastest!(plan, kernel, Row4<1>, 4),
@@ -406,14 +392,8 @@ pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn 
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
-    let plan = Construction {
-        filter: checked(filter, dt, prior, 5)?,
-        dt,
-        q,
-        tau: 0.0,
-        gauss_markov: &sensor.gauss_markov,
-        prior,
-    };
+    let dynamics = Dynamics { q, tau: 0.0, gauss_markov: &sensor.gauss_markov };
+    let plan = construction(*filter, dynamics, dt, prior, 5)?;
     match (sensor.form, prior.states) {
         (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear }, Plain<Fused<V3>, 2>, 2),
         (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Row4<1>, 4),

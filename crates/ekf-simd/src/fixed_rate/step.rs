@@ -1,6 +1,6 @@
 //! One step at a fixed rate: predict from the sample before to this one, then read what was measured there.
 
-use ekf_core::dense::update::Innovation;
+use ekf_core::dense::update::{GatedReading, Innovation};
 use ekf_core::error::StepError;
 use ekf_core::structured::acceleration::{AccelerationModel, Driven, WithEffects};
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
@@ -15,7 +15,7 @@ use crate::arch::fma::Scalar;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
 use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
-use crate::record::runner::Settings;
+use crate::record::settings::Settings;
 
 /// What stands at one sample.
 #[derive(Debug, Clone, Copy, Default)]
@@ -34,7 +34,7 @@ pub struct SampleInput<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct ReadingGate<T> {
     /// Readings with `e^2 / S` above this are rejected.
-    pub gate: f64,
+    pub threshold: f64,
     /// Of the readings taken in.
     pub likelihood: LogLikelihood<T>,
     /// Readings rejected.
@@ -42,17 +42,16 @@ pub struct ReadingGate<T> {
 }
 
 impl<T: Scalar> ReadingGate<T> {
-    /// `e` and `S` checked, and whether the gate lets them in.
+    /// Checks `e` and `S`, and decides whether the reading is accepted.
     #[inline(always)]
-    fn admit(&mut self, innovation: &MaskedInnovation<T>) -> Result<(Innovation, bool), StepError> {
-        let checked = Innovation::checked(innovation.e.value(), innovation.s.value())?;
-        let accepted = checked.nis() <= self.gate;
-        if accepted {
+    fn admit(&mut self, innovation: &MaskedInnovation<T>) -> Result<GatedReading, StepError> {
+        let reading = GatedReading::new(innovation.e.value(), innovation.s.value(), self.threshold)?;
+        if reading.accepted {
             self.likelihood.add(innovation);
         } else {
             self.rejected += 1;
         }
-        Ok((checked, accepted))
+        Ok(reading)
     }
 }
 
@@ -163,16 +162,12 @@ where
         if sample.z.is_nan() {
             return Ok(None);
         }
-        let (tau, z) = (q.like(tau), q.like(sample.z));
-        let ahead = settings.tau != 0.0;
-        let innovation = if ahead { block.innovate_ahead(tau, z, R) } else { block.innovate(z, R) };
-        let (read, accepted) = gate.admit(&innovation)?;
-        match (accepted, ahead) {
-            (true, true) => block.correct_ahead(tau, &innovation),
-            (true, false) => block.correct(R, &innovation),
-            _ => {}
+        let innovation = block.innovate(tau, q.like(sample.z), R);
+        let read = gate.admit(&innovation)?;
+        if read.accepted {
+            block.correct(tau, R, &innovation);
         }
-        Ok(Some(read))
+        Ok(Some(read.innovation))
     }
 }
 
@@ -229,12 +224,12 @@ where
             return Ok(None);
         }
         let b = placed(q, sample.position_columns);
-        let (innovation, along) = block.innovate_with_effects(q.like(tau), &b, q.like(sample.z), R);
-        let (read, accepted) = gate.admit(&innovation)?;
-        if accepted {
-            block.correct_with(&along, &innovation);
+        let (innovation, cross) = block.innovate_with_effects(q.like(tau), &b, q.like(sample.z), R);
+        let read = gate.admit(&innovation)?;
+        if read.accepted {
+            block.correct_with(&cross, &innovation);
         }
-        Ok(Some(read))
+        Ok(Some(read.innovation))
     }
 }
 
@@ -264,19 +259,19 @@ where
         let mut newest = None;
         if !sample.u.is_nan() {
             let innovation = block.innovate_output(&self.sensor, order, q.like(sample.u), R_output)?;
-            let (read, accepted) = gate.admit(&innovation.innovation)?;
-            if accepted {
+            let read = gate.admit(&innovation.innovation)?;
+            if read.accepted {
                 block.correct_output(&innovation);
             }
-            newest = Some(read);
+            newest = Some(read.innovation);
         }
         if !sample.z.is_nan() {
             let innovation = block.innovate_position(q.like(sample.z), R_position);
-            let (read, accepted) = gate.admit(&innovation)?;
-            if accepted {
+            let read = gate.admit(&innovation)?;
+            if read.accepted {
                 block.correct_position(R_position, &innovation);
             }
-            newest = Some(read);
+            newest = Some(read.innovation);
         }
         Ok(newest)
     }

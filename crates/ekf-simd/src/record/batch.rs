@@ -6,11 +6,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
-use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
-use ekf_core::{Aci, Channel, Cwpa, Filter, Form, GaussMarkov};
+use ekf_core::{Aci, Channel, Cwpa, Filter, Form};
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, Simd, WithSimd};
@@ -26,8 +25,8 @@ use crate::arch::row4::Row4;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith, Kernel, runner};
 use crate::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
-use crate::record::runner::Settings;
 use crate::record::samples::{LaneWindow, Rows, WINDOW};
+use crate::record::settings::{Dynamics, Settings};
 
 /// Uniform records of several runs, one row per run, samples `dt` apart.
 #[derive(Debug, Clone, Copy)]
@@ -122,30 +121,11 @@ impl Prior<'_> {
 struct Job<'a> {
     batch: Batch<'a>,
     prior: Prior<'a>,
-    filter: Filter<()>,
-    q: f64,
-    tau: f64,
-    gauss_markov: [GaussMarkov; 4],
+    filter: Filter<Dynamics<'a>>,
     counted: bool,
 }
 
 impl Job<'_> {
-    fn settings<V: Row, const M: usize>(&self, witness: V::Number) -> Settings<V, M> {
-        let Filter { interpolation, integrator, order, R_position, R_output, .. } = self.filter;
-        Settings {
-            dt: self.batch.dt,
-            samples: self.batch.samples,
-            interpolation,
-            integrator,
-            order,
-            q: witness.like(self.q),
-            R_position: witness.like(R_position),
-            R_output: witness.like(R_output),
-            tau: self.tau,
-            drift: GaussMarkovSet::new(witness, std::array::from_fn(|i| self.gauss_markov[i])),
-        }
-    }
-
     fn x(&self, run: usize, i: usize) -> f64 {
         row(self.prior.x, self.prior.states, run)[i]
     }
@@ -178,7 +158,7 @@ fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
     witness: V::Number,
     value: impl Fn(V::Number) -> f64,
 ) -> Final {
-    let settings = job.settings::<V, M>(witness);
+    let settings = Settings::<V, M>::of(&job.filter, job.batch.dt, witness);
     let mut runner =
         runner::<K, V, L, M>(witness, |i| witness.like(job.x(run, i)), |i, j| witness.like(job.P(run, i, j)));
     let (output, position) = job.rows(run);
@@ -209,7 +189,7 @@ fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Sim
     let count = Lanes::<S>::COUNT;
     let witness = Lanes::from_fn(simd, |_| 0.0);
     let run = |lane: usize| (first + lane).min(job.batch.runs - 1);
-    let settings = job.settings::<Plain<Lanes<S>, M>, M>(witness);
+    let settings = Settings::<Plain<Lanes<S>, M>, M>::of(&job.filter, job.batch.dt, witness);
     let mut runner = runner::<K, _, L, M>(
         witness,
         |i| Lanes::from_fn(simd, |lane| job.x(run(lane), i)),
@@ -403,11 +383,6 @@ where
     })
 }
 
-fn without<S>(filter: &Filter<S>) -> Filter<()> {
-    let Filter { interpolation, integrator, order, carrier, R_position, R_output, gate, .. } = *filter;
-    Filter { system: (), interpolation, integrator, order, carrier, R_position, R_output, gate }
-}
-
 /// Runs ACI over all records; `counted` asks for the log-likelihood.
 ///
 /// The forward cubic sensor must be solved at every instant, so it runs alone; all others run in lanes. Gates and the
@@ -426,7 +401,8 @@ pub fn run_aci(
     batch.check(true)?;
     prior.check(batch.runs)?;
     let Aci { sensor, q, tau } = filter.system;
-    let job = Job { batch, prior, filter: without(filter), q, tau, gauss_markov: sensor.gauss_markov, counted };
+    let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
+    let job = Job { batch, prior, filter: filter.with_system(dynamics), counted };
     match (sensor.form, prior.states) {
         (Form::Inverse, 4) => Ok(dispatch::<_, 2>(&job, AciWith { effect: InverseLinear }, path, threads)),
         (Form::Inverse, 6) => Ok(dispatch::<_, 4>(&job, AciWith { effect: InverseCubic }, path, threads)),
@@ -454,7 +430,8 @@ pub fn run_cwpa(
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
     }
-    let job = Job { batch, prior, filter: without(filter), q, tau: 0.0, gauss_markov: sensor.gauss_markov, counted };
+    let dynamics = Dynamics { q, tau: 0.0, gauss_markov: &sensor.gauss_markov };
+    let job = Job { batch, prior, filter: filter.with_system(dynamics), counted };
     match (sensor.form, prior.states) {
         (Form::Forward, 5) => Ok(dispatch::<_, 2>(&job, CwpaWith { sensor: ReadLinear }, path, threads)),
         (Form::Forward, 7) => Ok(dispatch::<_, 4>(&job, CwpaWith { sensor: ReadCubic }, path, threads)),

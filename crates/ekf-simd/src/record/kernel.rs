@@ -9,7 +9,8 @@ use ekf_core::structured::row::Row;
 
 use crate::record::block::Block;
 use crate::record::likelihood::LikelihoodSum;
-use crate::record::runner::{Record, Runner, Settings};
+use crate::record::runner::{Record, Runner};
+use crate::record::settings::Settings;
 
 /// A filter with its sensor, over a uniform record.
 pub trait Kernel<V: Row, const M: usize>: Copy {

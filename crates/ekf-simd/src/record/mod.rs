@@ -6,3 +6,4 @@ pub mod kernel;
 pub mod likelihood;
 pub mod runner;
 pub mod samples;
+pub mod settings;

@@ -8,13 +8,13 @@ use ekf_core::structured::acceleration::AccelerationModel;
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
 use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 use ekf_core::{Integrator, Interpolation, Order};
 
 use crate::record::likelihood::LikelihoodSum;
+use crate::record::settings::Settings;
 
 /// One sample of one channel, in every lane.
 #[derive(Debug, Clone, Copy)]
@@ -49,37 +49,14 @@ impl<T> Sample<T> {
 pub trait Record<T> {
     /// Whether sample `j` and all before it can be asked for; asked once, so that the loops need not ask again.
     fn reaches(&self, j: usize) -> bool;
+    /// Samples of the whole record.
+    fn samples(&self) -> usize;
     /// The output at sample `j`; always there.
     fn output(&self, j: usize) -> T;
     /// The output at sample `j` as a reading.
     fn reading(&self, j: usize) -> Sample<T>;
     /// The position at sample `j`.
     fn position(&self, j: usize) -> Sample<T>;
-}
-
-/// What all runs of a batch share.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings<V: Row, const M: usize> {
-    /// Time between samples, s.
-    pub dt: f64,
-    /// Samples of the whole record.
-    pub samples: usize,
-    /// How the output continues between samples.
-    pub interpolation: Interpolation,
-    /// How a step is integrated.
-    pub integrator: Integrator,
-    /// First or second order.
-    pub order: Order,
-    /// Density of the output's noise (ACI) or of the jerk (CWPA).
-    pub q: V::Number,
-    /// Variance of a position reading, m^2.
-    pub R_position: V::Number,
-    /// Variance of an output reading, (m/s^2)^2.
-    pub R_output: V::Number,
-    /// Time constant in front of the output, s (ACI).
-    pub tau: f64,
-    /// How the parameters move.
-    pub drift: GaussMarkovSet<V, M>,
 }
 
 /// A filter on its way through its record.
@@ -93,14 +70,14 @@ pub struct Runner<B, L> {
 
 /// The output between samples `j` and `j + 1`, at `f` of the way.
 #[inline(always)]
-fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize, f: f64) -> T {
+fn between<T: Number>(record: &impl Record<T>, how: Interpolation, j: usize, f: f64) -> T {
     let (u0, u1) = (record.output(j), record.output(j + 1));
     match how {
         Interpolation::Hold => u0,
         _ if f == 0.0 => u0,
         _ if f == 1.0 => u1,
-        Interpolation::Cubic if samples >= 4 => {
-            let first = j.saturating_sub(1).min(samples - 4);
+        Interpolation::Cubic if record.samples() >= 4 => {
+            let first = j.saturating_sub(1).min(record.samples() - 4);
             let x = (j - first) as f64 + f;
             // Lagrange's weights on 0, 1, 2, 3.
             let (a, b, c, d) = (x, x - 1.0, x - 2.0, x - 3.0);
@@ -117,12 +94,12 @@ fn between<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolatio
 
 /// The output at start, middle and end of the step from sample `j`.
 #[inline(always)]
-fn during<T: Number>(record: &impl Record<T>, samples: usize, how: Interpolation, j: usize) -> [T; 3] {
+fn during<T: Number>(record: &impl Record<T>, how: Interpolation, j: usize) -> [T; 3] {
     let (start, end) = (record.output(j), record.output(j + 1));
     match how {
         Interpolation::Hold => [start; 3],
         Interpolation::Linear => [start, start.like(0.5).times_plus(end - start, start), end],
-        Interpolation::Cubic => [start, between(record, samples, how, j, 0.5), end],
+        Interpolation::Cubic => [start, between(record, how, j, 0.5), end],
     }
 }
 
@@ -139,18 +116,14 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
         record: &impl Record<V::Number>,
         (from, to): (usize, usize),
     ) -> Result<(), DomainError> {
-        let &Settings { dt, samples, interpolation, integrator, order, q, .. } = settings;
+        let &Settings { dt, interpolation, integrator, order, q, .. } = settings;
         if !record.reaches(to) {
             return Ok(());
         }
         if integrator == Integrator::Exact || !settings.drift.is_constant() {
             for j in from..to {
-                let course = StepInput {
-                    effect: *effect,
-                    order,
-                    input: |s: f64| between(record, samples, interpolation, j, s / dt),
-                    dt,
-                };
+                let course =
+                    StepInput { effect: *effect, order, input: |s: f64| between(record, interpolation, j, s / dt), dt };
                 self.block.step(integrator, q, &settings.drift, &course)?;
                 self.read_position(settings, record.position(j + 1));
             }
@@ -166,7 +139,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
             let mut sample = Sample::None;
             if integrator == Integrator::Rk2 {
                 for j in from..to {
-                    let [start, middle, _] = during(record, samples, interpolation, j);
+                    let [start, middle, _] = during(record, interpolation, j);
                     here.block.rk2(dt, q, &effect.at(&table, start)?, &effect.at(&table, middle)?);
                     reached = j + 1;
                     sample = record.position(reached);
@@ -177,7 +150,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
             } else {
                 let mut first = effect.at(&table, record.output(from))?;
                 for j in from..to {
-                    let [_, middle, end] = during(record, samples, interpolation, j);
+                    let [_, middle, end] = during(record, interpolation, j);
                     let end = effect.at(&table, end)?;
                     here.block.rk4(dt, q, &first, &effect.at(&table, middle)?, &end);
                     reached = j + 1;
@@ -203,18 +176,10 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
         let Some((z, present)) = sample.given() else { return };
-        let (R, block) = (settings.R_position, &mut self.block);
-        let taken = if settings.tau == 0.0 {
-            let taken = MaskedInnovation { present, ..block.innovate(z, R) };
-            block.correct(R, &taken);
-            taken
-        } else {
-            let tau = R.like(settings.tau);
-            let taken = MaskedInnovation { present, ..block.innovate_ahead(tau, z, R) };
-            block.correct_ahead(tau, &taken);
-            taken
-        };
-        self.score.add(&taken);
+        let (R, tau) = (settings.R_position, settings.tau);
+        let innovation = MaskedInnovation { present, ..self.block.innovate(tau, z, R) };
+        self.block.correct(tau, R, &innovation);
+        self.score.add(&innovation);
     }
 }
 

@@ -36,6 +36,11 @@ impl<T: Number> Record<T> for Rows<'_, T> {
     }
 
     #[inline(always)]
+    fn samples(&self) -> usize {
+        self.output.len()
+    }
+
+    #[inline(always)]
     fn output(&self, j: usize) -> T {
         self.witness.like(self.output[j])
     }
@@ -60,6 +65,7 @@ pub struct LaneWindow<S: Simd> {
     output: [Lanes<S>; WINDOW + 1 + 2 * HALO],
     position: [Lanes<S>; WINDOW + 1 + 2 * HALO],
     first: usize,
+    samples: usize,
 }
 
 /// Where the runs have a number.
@@ -72,7 +78,7 @@ impl<S: Simd> LaneWindow<S> {
     /// Room for a stretch.
     pub fn new(simd: S) -> Self {
         let zero = Lanes::from_fn(simd, |_| 0.0);
-        Self { first: 0, output: [zero; WINDOW + 1 + 2 * HALO], position: [zero; WINDOW + 1 + 2 * HALO] }
+        Self { first: 0, samples: 0, output: [zero; WINDOW + 1 + 2 * HALO], position: [zero; WINDOW + 1 + 2 * HALO] }
     }
 
     /// Turns samples `from..=to` and their neighbours; one row per lane and channel.
@@ -80,6 +86,7 @@ impl<S: Simd> LaneWindow<S> {
     /// A function of its own: with the run's instructions the compiler scatters, which is slower than moving one by one.
     #[inline(never)]
     pub fn transpose(&mut self, output: &[&[f64]], position: &[&[f64]], (from, to): (usize, usize)) {
+        self.samples = output[0].len();
         self.first = from.saturating_sub(HALO);
         let last = (to + HALO).min(output[0].len() - 1);
         for (slots, rows) in [(&mut self.output, output), (&mut self.position, position)] {
@@ -96,6 +103,11 @@ impl<S: Simd> Record<Lanes<S>> for LaneWindow<S> {
     #[inline(always)]
     fn reaches(&self, j: usize) -> bool {
         self.first <= j && j - self.first < self.output.len()
+    }
+
+    #[inline(always)]
+    fn samples(&self) -> usize {
+        self.samples
     }
 
     #[inline(always)]
