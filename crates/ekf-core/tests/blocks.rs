@@ -61,8 +61,8 @@ where
         let segment = Segment { c: [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0] };
         let drive = Drive { segment, from: 0.0, to: dt };
         dense = choice.integrator.step(&system, &dense, &drive, choice.order).unwrap().0;
-        let course = StepInput { effect, order: choice.order, input: |s| segment.value(s), dt };
-        block.step(choice.integrator, q, &drift, &course).unwrap();
+        let step_input = StepInput { model: effect, order: choice.order, input: |s| segment.value(s), dt };
+        block.step(choice.integrator, q, &drift, &step_input).unwrap();
         if draw.next() > 0.0 {
             let z = dense.x[0] + choice.tau * dense.x[1] + 1e-6 * draw.next();
             dense = read(&system, &dense, R, z);
@@ -203,8 +203,8 @@ fn columns_agree<const N: usize, const M: usize>(choice: Choice) {
             let columns = Plain(core::array::from_fn(|i| if i < 2 { 0.0 } else { column(i + 2, u) }));
             Driven { u, columns }
         };
-        let course = StepInput { effect: WithEffects { rest: REST }, order: choice.order, input, dt: DT };
-        block.step(choice.integrator, system.q, &drift, &course).unwrap();
+        let step_input = StepInput { model: WithEffects { rest: REST }, order: choice.order, input, dt: DT };
+        block.step(choice.integrator, system.q, &drift, &step_input).unwrap();
         if draw.next() > 0.0 {
             // An encoder that half of the effects act on, as much as position is unknown; behind a low-pass or not.
             let mut H =

@@ -215,8 +215,8 @@ fn variances_stay_positive<const N: usize, const M: usize>(steps: usize) {
                     let effect = |i: usize| if i < 2 { 0.0 } else { Motion::effect(i - 2, now + s) };
                     Driven { u: from + (to - from) / DT * s, columns: Plain(core::array::from_fn(effect)) }
                 };
-                let course = StepInput { effect: WithEffects { rest: 0.0 }, order: Order::First, input, dt: DT };
-                block.step(integrator, Q, &drift, &course).unwrap();
+                let step_input = StepInput { model: WithEffects { rest: 0.0 }, order: Order::First, input, dt: DT };
+                block.step(integrator, Q, &drift, &step_input).unwrap();
                 if i % 2 == 1 {
                     let z = Motion::position(then) + 1e-6 * draw.next();
                     block.correct(0.0, R, &block.innovate(0.0, z, R));

@@ -189,8 +189,8 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
                     |i: usize| if i < 2 { 0.0 } else { parabola([before[i - 2], middle[i - 2], here[i - 2]]) };
                 Driven { u: segment.value(s), columns: Plain(std::array::from_fn(between)) }
             };
-            let course = StepInput { effect: WithEffects { rest }, order: choice.order, input, dt: DT };
-            block.step(Integrator::Rk4, 1e-6, &drift, &course).unwrap();
+            let step_input = StepInput { model: WithEffects { rest }, order: choice.order, input, dt: DT };
+            block.step(Integrator::Rk4, 1e-6, &drift, &step_input).unwrap();
         }
         if !z[j].is_nan() {
             let b = Plain(std::array::from_fn(|i| if i < 2 { 0.0 } else { position_columns[i - 2] }));

@@ -2,10 +2,10 @@
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 
-use crate::dense::integrate::nodes;
 use crate::dense::system::{Drive, Order, Rates, System, Transition, at_least};
 use crate::dense::update::Reading;
 use crate::error::{SetupError, StepError};
+use crate::integration::nodes;
 use crate::sensor::states::{Sensor, curvature};
 
 /// States `p, v, k, K0` (N = 4) or `p, v, k, K0, K2, K3` (N = 6).

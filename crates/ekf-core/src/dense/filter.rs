@@ -3,11 +3,11 @@
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use crate::dense::belief::{Belief, Carrier};
-use crate::dense::integrate::Integrator;
 use crate::dense::system::{Drive, Order, System, at_least};
 use crate::dense::ud::Factored;
 use crate::dense::update::{GatedReading, correct, innovate};
 use crate::error::{SetupError, StepError};
+use crate::integration::Integrator;
 use crate::signal::channel::{Channel, Event};
 use crate::signal::interpolation::Interpolation;
 use crate::stream::engine::Engine;

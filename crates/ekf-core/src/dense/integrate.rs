@@ -5,17 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use crate::dense::belief::{Belief, symmetric_part};
 use crate::dense::system::{Drive, Order, System, Transition};
 use crate::error::StepError;
-
-/// How a step is integrated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Integrator {
-    /// Second-order Runge-Kutta, midpoint: the paper's first-order filter. Can lose positive definiteness.
-    Rk2,
-    /// Fourth-order Runge-Kutta: the paper's second-order filter.
-    Rk4,
-    /// No integration error.
-    Exact,
-}
+use crate::integration::{Derivative, Integrator, Stage, runge_kutta};
 
 /// `x`, `P` and the transition matrix on their way through a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,17 +22,28 @@ impl<const N: usize> Flow<N> {
     fn start(belief: &Belief<N>) -> Self {
         Self { x: belief.x, P: belief.P, Phi: SMatrix::identity() }
     }
+}
 
-    /// `self + h rate`.
+impl<const N: usize> Stage for Flow<N> {
     fn moved(&self, h: f64, rate: &Self) -> Self {
         Self { x: self.x + rate.x * h, P: self.P + rate.P * h, Phi: self.Phi + rate.Phi * h }
     }
+}
 
-    /// `x' = f`, `P' = F P + P F' + D Q D'`, `Phi' = F Phi` at `s` seconds of the segment.
-    fn rate<S: System<N>>(&self, system: &S, drive: &Drive, s: f64, order: Order) -> Result<Self, StepError> {
-        let rates = system.rates(&self.x, &self.P, drive.segment.value(s), order)?;
-        let FP = rates.F * self.P;
-        Ok(Self { x: rates.f, P: FP + FP.transpose() + rates.DQDt, Phi: rates.F * self.Phi })
+/// `x' = f`, `P' = F P + P F' + D Q D'`, `Phi' = F Phi`; time counts from the start of the segment.
+struct FlowRate<'a, S> {
+    system: &'a S,
+    drive: &'a Drive,
+    order: Order,
+}
+
+impl<S: System<N>, const N: usize> Derivative<Flow<N>> for FlowRate<'_, S> {
+    type Error = StepError;
+
+    fn rate(&self, y: &Flow<N>, s: f64) -> Result<Flow<N>, StepError> {
+        let rates = self.system.rates(&y.x, &y.P, self.drive.segment.value(s), self.order)?;
+        let FP = rates.F * y.P;
+        Ok(Flow { x: rates.f, P: FP + FP.transpose() + rates.DQDt, Phi: rates.F * y.Phi })
     }
 }
 
@@ -97,31 +98,6 @@ impl Integrator {
         drive: &Drive,
         order: Order,
     ) -> Result<Flow<N>, StepError> {
-        let start = Flow::start(belief);
-        let h = drive.to - drive.from;
-        let middle = drive.from + 0.5 * h;
-        let k1 = start.rate(system, drive, drive.from, order)?;
-        let k2 = start.moved(0.5 * h, &k1).rate(system, drive, middle, order)?;
-        if self == Self::Rk2 {
-            return Ok(start.moved(h, &k2));
-        }
-        let k3 = start.moved(0.5 * h, &k2).rate(system, drive, middle, order)?;
-        let k4 = start.moved(h, &k3).rate(system, drive, drive.to, order)?;
-        Ok(start.moved(h / 6.0, &k1).moved(h / 3.0, &k2).moved(h / 3.0, &k3).moved(h / 6.0, &k4))
+        runge_kutta(self, &FlowRate { system, drive, order }, &Flow::start(belief), drive.from, drive.to)
     }
-}
-
-/// Abscissae on `[-1, 1]` and weights of the five-point Gauss-Legendre rule: exact to degree nine.
-const RULE: [(f64, f64); 5] = [
-    (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
-    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-    (0.0, 0.568_888_888_888_888_9),
-    (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
-    (0.906_179_845_938_664, 0.236_926_885_056_189_08),
-];
-
-/// Points and weights of the five-point Gauss-Legendre rule on `[a, b]`.
-pub(crate) fn nodes(a: f64, b: f64) -> impl Iterator<Item = (f64, f64)> {
-    let half = 0.5 * (b - a);
-    RULE.iter().map(move |&(s, weight)| (a + half * (1.0 + s), half * weight))
 }

@@ -1,14 +1,17 @@
 //! The step of ACI whose parameters stand still, as integrals over the drive: exact, or with Runge-Kutta's `Phi`.
 
-use crate::dense::integrate::{Integrator, nodes};
+use crate::dense::system::Order;
 use crate::error::DomainError;
+use crate::integration::{Integrator, nodes};
 use crate::structured::acceleration::{AccelerationModel, AccelerationPartials};
-use crate::structured::aci::StepIntegrals;
+use crate::structured::aci::{AciBlock, StepIntegrals};
+use crate::structured::aci_step::StepInput;
+use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::number::Number;
 use crate::structured::row::Row;
 
 impl<V: Row> StepIntegrals<V> {
-    /// The push over `dt` seconds, `input(s)` being what is given `s` seconds into the step.
+    /// The integrals over `dt` seconds, `input(s)` being what is given `s` seconds into the step.
     ///
     /// Exact to degree nine in `s` (five Gauss-Legendre points); `Q` is exact for every integrator, since Runge-Kutta's own
     /// can be indefinite. `q` is the output's density.
@@ -20,31 +23,31 @@ impl<V: Row> StepIntegrals<V> {
         integrator: Integrator,
         dt: f64,
         q: V::Number,
-        effect: &E,
+        model: &E,
         table: &E::Table,
         input: impl Fn(f64) -> E::Input,
     ) -> Result<Self, DomainError> {
         let zero = q.like(0.0);
         let mut exact = Self { dp: zero, dv: zero, to_p: V::every(zero), to_v: V::every(zero), Q: [zero; 3] };
         for (s, weight) in nodes(0.0, dt) {
-            exact.add(dt - s, weight, q, &effect.at(table, input(s))?);
+            exact.add(dt - s, weight, q, &model.at(table, input(s))?);
         }
         if integrator == Integrator::Exact {
             return Ok(exact);
         }
-        let start = effect.at(table, input(0.0))?;
-        let middle = effect.at(table, input(0.5 * dt))?;
+        let start = model.at(table, input(0.0))?;
+        let middle = model.at(table, input(0.5 * dt))?;
         if integrator == Integrator::Rk2 {
             return Ok(exact.with(&start, 0.5 * dt * dt, &[(&middle, dt)]));
         }
-        let end = effect.at(table, input(dt))?;
+        let end = model.at(table, input(dt))?;
         let (lever, sixth) = (dt * dt / 6.0, dt / 6.0);
         let first = exact.with(&start, lever, &[(&start, sixth), (&middle, 4.0 * sixth), (&end, sixth)]);
         let rest = exact.with(&middle, 2.0 * lever, &[]);
         Ok(Self { dp: first.dp + rest.dp, to_p: first.to_p + rest.to_p, ..first })
     }
 
-    /// The push over `dt` seconds of a drive that stands still, from its one instant: a microcontroller's step.
+    /// The integrals over `dt` seconds of a drive that stands still, from its one instant: a microcontroller's step.
     ///
     /// Evaluated in the middle of a straight output it leaves out the slope's lever, `slope dt^3 / 12` of position a step.
     #[inline(always)]
@@ -87,13 +90,115 @@ impl<V: Row> StepIntegrals<V> {
         let witness = self.dp;
         let zero = witness.like(0.0);
         let lever = witness.like(lever);
-        let mut push =
+        let mut integrals =
             Self { dp: lever * position.a, dv: zero, to_p: position.g.scaled(lever), to_v: V::every(zero), Q: self.Q };
         for (at, weight) in velocity {
             let weight = witness.like(*weight);
-            push.dv = weight.times_plus(at.a, push.dv);
-            push.to_v = push.to_v.plus(weight, at.g);
+            integrals.dv = weight.times_plus(at.a, integrals.dv);
+            integrals.to_v = integrals.to_v.plus(weight, at.g);
         }
-        push
+        integrals
+    }
+}
+
+impl<V: Row, const M: usize> AciBlock<V, M> {
+    /// Without integration error: [`StepIntegrals::over`], and for wandering parameters what [`crate::Aci`] says.
+    #[inline(always)]
+    pub(crate) fn exact<E, I>(
+        &mut self,
+        q: V::Number,
+        drift: &GaussMarkovSet<V, M>,
+        step: &StepInput<E, I>,
+    ) -> Result<(), DomainError>
+    where
+        E: AccelerationModel<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        if !drift.is_constant() {
+            return self.exact_drifting(q, drift, step);
+        }
+        let table = step.model.table(&self.theta, &self.P_theta, step.order);
+        let integrals = StepIntegrals::over(Integrator::Exact, step.dt, q, &step.model, &table, &step.input)?;
+        self.carried(q.like(step.dt), &integrals);
+        Ok(())
+    }
+
+    fn exact_drifting<E, I>(
+        &mut self,
+        q: V::Number,
+        drift: &GaussMarkovSet<V, M>,
+        step: &StepInput<E, I>,
+    ) -> Result<(), DomainError>
+    where
+        E: AccelerationModel<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let h = step.dt;
+        let zero = q.like(0.0);
+        let none = V::every(zero);
+        let mut integrals = StepIntegrals { dp: zero, dv: zero, to_p: none, to_v: none, Q: [zero; 3] };
+        for (s, weight) in nodes(0.0, h) {
+            let decay = drift.decay(q, s);
+            let (theta, P_theta) = drift.propagated(&self.theta, &self.P_theta, s);
+            let table = step.model.table(&theta, &P_theta, step.order);
+            let mut now = step.model.at(&table, (step.input)(s))?;
+            now.g = now.g * decay;
+            integrals.add(h - s, weight, q, &now);
+        }
+        let walks = self.drift_noise(q, drift, step)?;
+        self.carried(q.like(h), &integrals);
+        let decay = drift.decay(q, h);
+        (self.theta, self.P_theta) = drift.propagated(&self.theta, &self.P_theta, h);
+        self.c1 = self.c1 * decay + walks.c1;
+        self.c2 = self.c2 * decay + walks.c2;
+        self.ppp = self.ppp + walks.ppp;
+        self.ppv = self.ppv + walks.ppv;
+        self.pvv = self.pvv + walks.pvv;
+        Ok(())
+    }
+
+    /// What the noise of the parameters has done to the motion at the end of the step: the motion's blocks of `Q_d`.
+    fn drift_noise<E, I>(
+        &self,
+        q: V::Number,
+        drift: &GaussMarkovSet<V, M>,
+        step: &StepInput<E, I>,
+    ) -> Result<Self, DomainError>
+    where
+        E: AccelerationModel<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let h = step.dt;
+        let zero = q.like(0.0);
+        let none = V::every(zero);
+        let mut drift_noise = Self {
+            p: zero,
+            v: zero,
+            theta: none,
+            ppp: zero,
+            ppv: zero,
+            pvv: zero,
+            c1: none,
+            c2: none,
+            P_theta: [none; M],
+        };
+        for (s, weight) in nodes(0.0, h) {
+            let (mut bp, mut bv) = (none, none);
+            for (r, inner) in nodes(s, h) {
+                let (theta, P_theta) = drift.propagated(&self.theta, &self.P_theta, r);
+                let table = step.model.table(&theta, &P_theta, Order::First);
+                let g = step.model.at(&table, (step.input)(r))?.g * drift.decay(q, r - s);
+                bp = bp.plus(q.like(inner * (h - r)), g);
+                bv = bv.plus(q.like(inner), g);
+            }
+            let noise = drift.q().scaled(q.like(weight));
+            let left = drift.decay(q, h - s);
+            drift_noise.ppp = drift_noise.ppp + (bp * noise).dot(bp);
+            drift_noise.ppv = drift_noise.ppv + (bp * noise).dot(bv);
+            drift_noise.pvv = drift_noise.pvv + (bv * noise).dot(bv);
+            drift_noise.c1 = drift_noise.c1 + bp * noise * left;
+            drift_noise.c2 = drift_noise.c2 + bv * noise * left;
+        }
+        Ok(drift_noise)
     }
 }

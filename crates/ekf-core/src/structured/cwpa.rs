@@ -3,15 +3,17 @@
 //! White jerk of density `q` moves `a`; `Phi` acts on the motion alone, so a step never multiplies whole matrices. Equal to
 //! [`crate::Cwpa`] without a low-pass, up to rounding.
 
+use core::convert::Infallible;
+
 use crate::dense::belief::check_covariance;
-use crate::dense::integrate::Integrator;
 use crate::dense::system::Order;
 use crate::error::{DomainError, StepError};
+use crate::integration::{Derivative, Integrator, Stage, runge_kutta};
 use crate::structured::aci::MaskedInnovation;
 use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::measurement::{OutputModel, PredictedOutput};
 use crate::structured::number::Number;
-use crate::structured::row::{Row, product};
+use crate::structured::row::{Row, moved_rows, product};
 
 /// Mean and covariance of CWPA with `M` parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -115,7 +117,8 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
                 self.gauss_markov(dt, drift);
             }
         } else {
-            self.staged(integrator, dt, q, drift);
+            let Ok(moved) = runge_kutta(integrator, &BlockRate { q, drift }, self, 0.0, dt);
+            *self = moved;
         }
     }
 
@@ -149,69 +152,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.cp = self.cp * decay;
         self.cv = self.cv * decay;
         self.ca = self.ca * decay;
-        (self.theta, self.P_theta) = drift.later(&self.theta, &self.P_theta, dt);
-    }
-
-    fn staged(&mut self, integrator: Integrator, h: f64, q: V::Number, drift: &GaussMarkovSet<V, M>) {
-        let start = *self;
-        let k1 = start.rate(q, drift);
-        let k2 = start.moved(0.5 * h, &k1).rate(q, drift);
-        if integrator == Integrator::Rk2 {
-            *self = start.moved(h, &k2);
-            return;
-        }
-        let k3 = start.moved(0.5 * h, &k2).rate(q, drift);
-        let k4 = start.moved(h, &k3).rate(q, drift);
-        *self = start.moved(h / 6.0, &k1).moved(h / 3.0, &k2).moved(h / 3.0, &k3).moved(h / 6.0, &k4);
-    }
-
-    /// Time derivatives of all blocks.
-    #[inline(always)]
-    fn rate(&self, q: V::Number, drift: &GaussMarkovSet<V, M>) -> Self {
-        let two = q.like(2.0);
-        let (theta, P_theta) = drift.rate(&self.theta, &self.P_theta);
-        Self {
-            p: self.v,
-            v: self.a,
-            a: q.like(0.0),
-            theta,
-            ppp: two * self.ppv,
-            ppv: self.pvv + self.ppa,
-            ppa: self.pva,
-            pvv: two * self.pva,
-            pva: self.paa,
-            paa: q,
-            cp: self.cv + drift.fading(self.cp),
-            cv: self.ca + drift.fading(self.cv),
-            ca: drift.fading(self.ca),
-            P_theta,
-        }
-    }
-
-    /// `self + h rate`.
-    #[inline(always)]
-    fn moved(&self, h: f64, rate: &Self) -> Self {
-        let h = rate.p.like(h);
-        let mut P_theta = self.P_theta;
-        for (row, by) in P_theta.iter_mut().zip(&rate.P_theta) {
-            *row = row.plus(h, *by);
-        }
-        Self {
-            p: h.times_plus(rate.p, self.p),
-            v: h.times_plus(rate.v, self.v),
-            a: h.times_plus(rate.a, self.a),
-            theta: self.theta.plus(h, rate.theta),
-            ppp: h.times_plus(rate.ppp, self.ppp),
-            ppv: h.times_plus(rate.ppv, self.ppv),
-            ppa: h.times_plus(rate.ppa, self.ppa),
-            pvv: h.times_plus(rate.pvv, self.pvv),
-            pva: h.times_plus(rate.pva, self.pva),
-            paa: h.times_plus(rate.paa, self.paa),
-            cp: self.cp.plus(h, rate.cp),
-            cv: self.cv.plus(h, rate.cv),
-            ca: self.ca.plus(h, rate.ca),
-            P_theta,
-        }
+        (self.theta, self.P_theta) = drift.propagated(&self.theta, &self.P_theta, dt);
     }
 
     /// `e` and `S` of a reading `z` of position with variance `R`.
@@ -307,6 +248,62 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.ca = self.ca.plus(ka, gain);
         for (j, row) in self.P_theta.iter_mut().enumerate() {
             *row = row.plus(theta.at(j), gain);
+        }
+    }
+}
+
+/// The right-hand side of CWPA: autonomous, and never without a value.
+struct BlockRate<'a, V: Row, const M: usize> {
+    q: V::Number,
+    drift: &'a GaussMarkovSet<V, M>,
+}
+
+impl<V: Row, const M: usize> Derivative<CwpaBlock<V, M>> for BlockRate<'_, V, M> {
+    type Error = Infallible;
+
+    #[inline(always)]
+    fn rate(&self, y: &CwpaBlock<V, M>, _: f64) -> Result<CwpaBlock<V, M>, Infallible> {
+        let &Self { q, drift } = self;
+        let two = q.like(2.0);
+        let (theta, P_theta) = drift.rate(&y.theta, &y.P_theta);
+        Ok(CwpaBlock {
+            p: y.v,
+            v: y.a,
+            a: q.like(0.0),
+            theta,
+            ppp: two * y.ppv,
+            ppv: y.pvv + y.ppa,
+            ppa: y.pva,
+            pvv: two * y.pva,
+            pva: y.paa,
+            paa: q,
+            cp: y.cv + drift.decay_rate(y.cp),
+            cv: y.ca + drift.decay_rate(y.cv),
+            ca: drift.decay_rate(y.ca),
+            P_theta,
+        })
+    }
+}
+
+impl<V: Row, const M: usize> Stage for CwpaBlock<V, M> {
+    #[inline(always)]
+    fn moved(&self, h: f64, rate: &Self) -> Self {
+        let h = rate.p.like(h);
+        Self {
+            p: h.times_plus(rate.p, self.p),
+            v: h.times_plus(rate.v, self.v),
+            a: h.times_plus(rate.a, self.a),
+            theta: self.theta.plus(h, rate.theta),
+            ppp: h.times_plus(rate.ppp, self.ppp),
+            ppv: h.times_plus(rate.ppv, self.ppv),
+            ppa: h.times_plus(rate.ppa, self.ppa),
+            pvv: h.times_plus(rate.pvv, self.pvv),
+            pva: h.times_plus(rate.pva, self.pva),
+            paa: h.times_plus(rate.paa, self.paa),
+            cp: self.cp.plus(h, rate.cp),
+            cv: self.cv.plus(h, rate.cv),
+            ca: self.ca.plus(h, rate.ca),
+            P_theta: moved_rows(&self.P_theta, h, &rate.P_theta),
         }
     }
 }

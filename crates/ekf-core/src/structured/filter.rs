@@ -111,8 +111,8 @@ impl Filter<Aci> {
     {
         let &Drive { segment, from, to } = drive;
         let input = |s: f64| Segment::value(&segment, from + s);
-        let course = StepInput { effect, order: self.order, input, dt: to - from };
-        block.step(self.integrator, self.system.q, &drift(&self.system.sensor), &course)?;
+        let step_input = StepInput { model: effect, order: self.order, input, dt: to - from };
+        block.step(self.integrator, self.system.q, &drift(&self.system.sensor), &step_input)?;
         block.checked()
     }
 

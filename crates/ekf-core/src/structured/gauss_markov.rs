@@ -41,7 +41,7 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
 
     /// The rate at which a covariance with the parameters fades.
     #[inline(always)]
-    pub(crate) fn fading(&self, row: V) -> V {
+    pub(crate) fn decay_rate(&self, row: V) -> V {
         (self.rate * row).scaled(row.at(0).like(-1.0))
     }
 
@@ -54,19 +54,19 @@ impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
             let gathered = V::from_fn(witness, |j| if i == j { self.q.at(i) } else { witness.like(0.0) });
             *row = gathered - (self.rate + V::every(self.rate.at(i))) * *row;
         }
-        (self.fading(*theta), rates)
+        (self.decay_rate(*theta), rates)
     }
 
     /// The parameters and their covariance `s` seconds on.
-    pub(crate) fn later(&self, theta: &V, P_theta: &[V; M], s: f64) -> (V, [V; M]) {
+    pub(crate) fn propagated(&self, theta: &V, P_theta: &[V; M], s: f64) -> (V, [V; M]) {
         let witness = theta.at(0);
         let decay = self.decay(witness, s);
-        let mut later = *P_theta;
-        for (i, row) in later.iter_mut().enumerate() {
+        let mut propagated = *P_theta;
+        for (i, row) in propagated.iter_mut().enumerate() {
             let gathered = witness.like(self.each[i].variance(s));
             let diagonal = V::from_fn(witness, |j| if i == j { gathered } else { witness.like(0.0) });
             *row = row.scaled(decay.at(i)) * decay + diagonal;
         }
-        (*theta * decay, later)
+        (*theta * decay, propagated)
     }
 }

@@ -160,3 +160,13 @@ pub(crate) fn product<V: Row, const M: usize>(rows: &[V; M], a: &V) -> V {
     }
     total
 }
+
+/// `rows + h rates`.
+#[inline(always)]
+pub(crate) fn moved_rows<V: Row, const M: usize>(rows: &[V; M], h: V::Number, rates: &[V; M]) -> [V; M] {
+    let mut moved = *rows;
+    for (row, rate) in moved.iter_mut().zip(rates) {
+        *row = row.plus(h, *rate);
+    }
+    moved
+}

@@ -156,7 +156,7 @@ where
                 block.rk4(dt, q, &start, &middle, &end);
             } else {
                 let input = |s: f64| q.like(curve.at(s / dt));
-                block.step(integrator, q, &settings.drift, &StepInput { effect: self.effect, order, input, dt })?;
+                block.step(integrator, q, &settings.drift, &StepInput { model: self.effect, order, input, dt })?;
             }
         }
         if sample.z.is_nan() {
@@ -217,7 +217,7 @@ where
             block.fourth_order(
                 q,
                 &settings.drift,
-                &StepInput { effect: WithEffects { rest: self.rest }, order, input, dt },
+                &StepInput { model: WithEffects { rest: self.rest }, order, input, dt },
             )?;
         }
         if sample.z.is_nan() {

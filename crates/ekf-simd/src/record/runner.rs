@@ -122,9 +122,9 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
         }
         if integrator == Integrator::Exact || !settings.drift.is_constant() {
             for j in from..to {
-                let course =
-                    StepInput { effect: *effect, order, input: |s: f64| between(record, interpolation, j, s / dt), dt };
-                self.block.step(integrator, q, &settings.drift, &course)?;
+                let step_input =
+                    StepInput { model: *effect, order, input: |s: f64| between(record, interpolation, j, s / dt), dt };
+                self.block.step(integrator, q, &settings.drift, &step_input)?;
                 self.read_position(settings, record.position(j + 1));
             }
             return Ok(());
