@@ -1,9 +1,10 @@
 //! The replay's loops in wide registers give the bits of the plain ones.
 #![allow(non_snake_case)] // as in the crate
 
-use ekf_core::replay::columns::{FilteredReading, ReadingSpan, Response, prepare};
-use ekf_core::replay::parallel::{InterleavedReading, interleave};
-use ekf_core::replay::{Cell, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track, filter};
+use ekf_core::replay::columns::{FilteredReading, Gains, ReadingSpan, Response, prepare};
+use ekf_core::replay::filter::{InterleavedReading, Track, filter, interleave};
+use ekf_core::replay::grid::{Cell, Grid};
+use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
 use proptest::prelude::*;
 
 const READINGS: usize = 200;
@@ -74,9 +75,9 @@ fn same_columns<const N: usize>(seed: f64) -> bool {
         let mut rows = rows.iter_mut();
         core::array::from_fn::<&mut [f64], N, _>(|_| rows.next().unwrap())
     });
-    ekf_simd::replay::columns::filter_input_columns(span, columns, -1.2, &mut states[0], wide).unwrap();
+    ekf_simd::replay::filter_input_columns(span, columns, -1.2, &mut states[0], wide).unwrap();
     ekf_core::replay::columns::filter_input_columns(span, columns, -1.2, &mut states[1], plain).unwrap();
-    ekf_simd::replay::columns::filter_reading_columns(span, read, &mut states[2], wide_read).unwrap();
+    ekf_simd::replay::filter_reading_columns(span, read, &mut states[2], wide_read).unwrap();
     ekf_core::replay::columns::filter_reading_columns(span, read, &mut states[3], plain_read).unwrap();
     assert!(sums.iter().all(|rows| rows.iter().flatten().any(|x| x.abs() > 1e-3)));
     bits(&sums[0]) == bits(&sums[1])
@@ -87,15 +88,16 @@ fn same_columns<const N: usize>(seed: f64) -> bool {
 
 fn same_parts<const N: usize>(seed: f64) -> bool {
     let records: [Record; N] = core::array::from_fn(|j| Record::new(seed + j as f64));
-    let parts = records.each_ref().map(|one| (one.readings(), one.counts.as_slice()));
-    let packed: Vec<InterleavedReading<N>> = interleave(parts).unwrap().collect();
-    let wide = ekf_simd::replay::parallel::log_likelihood(&packed, NOISE, PRIOR).unwrap();
-    let plain = ekf_core::replay::parallel::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let parts = records.each_ref().map(Record::readings);
+    let counts = records.each_ref().map(|record| record.counts.as_slice());
+    let packed: Vec<InterleavedReading<N>> = interleave(parts, Some(counts)).unwrap().collect();
+    let wide = ekf_simd::replay::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let plain = ekf_core::replay::filter::log_likelihood(&packed, NOISE, PRIOR).unwrap();
 
     let (mut rows, mut expected) = (vec![0.0; N * READINGS], vec![0.0; N * READINGS]);
-    ekf_simd::replay::parallel::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
+    ekf_simd::replay::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
     let mut k = 0;
-    ekf_core::replay::parallel::innovations(interleave(parts).unwrap(), NOISE, PRIOR, |e| {
+    ekf_core::replay::filter::innovations(interleave(parts, None).unwrap(), NOISE, PRIOR, |e| {
         for (j, value) in e.into_iter().enumerate() {
             expected[j * READINGS + k] = value;
         }

@@ -1,8 +1,9 @@
 //! Python's view of the bank: a prepared stretch, columns in, sums of whitened responses out.
 
+use ekf_core::replay::ReplayError;
 use ekf_core::replay::columns::{self, FilteredReading, ReadingSpan, Response};
-use ekf_core::replay::{Cell, Grid, ReplayError};
-use ekf_simd::replay::columns::{filter_input_columns, filter_reading_columns};
+use ekf_core::replay::grid::{Cell, Grid};
+use ekf_simd::replay::{filter_input_columns, filter_reading_columns};
 use numpy::{PyReadonlyArray1, PyReadwriteArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -1,8 +1,8 @@
 //! Python's view of parts of a record side by side; see `ekf_core::replay::parallel`.
 
-use ekf_core::replay::parallel::{self, InterleavedReading};
+use ekf_core::replay::filter::{InterleavedReading, interleave};
 use ekf_core::replay::{Noise, Readings, ReplayError};
-use ekf_simd::replay::parallel as wide;
+use ekf_simd::replay as wide;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -74,8 +74,6 @@ pub fn innovations<'py>(
         .map(|(t, z, first, second, restart)| readings_of((t, z, first, second, restart)))
         .collect::<PyResult<Vec<_>>>()?;
     let n = drives.first().map_or(0, |readings| readings.t.len());
-    let nothing = vec![false; n];
-    let drives: Vec<_> = drives.into_iter().map(|readings| (readings, nothing.as_slice())).collect();
     let mut found = vec![0.0; drives.len() * n];
     py.detach(|| {
         let (fours, singles) = drives.as_chunks::<4>();
@@ -105,5 +103,6 @@ fn readings_of<'a>(
 }
 
 fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<InterleavedReading<N>>> {
-    Ok(parallel::interleave(*parts).map_err(refuse)?.collect())
+    let counts = parts.each_ref().map(|part| part.1);
+    Ok(interleave(parts.each_ref().map(|part| part.0), Some(counts)).map_err(refuse)?.collect())
 }

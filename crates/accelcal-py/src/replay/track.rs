@@ -1,6 +1,10 @@
 //! Python's view of the replay: whole records in, whole arrays out, no mathematics.
 
-use ekf_core::replay::{self, Columns, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track};
+use ekf_core::replay::columns::{Columns, Gains, carry};
+use ekf_core::replay::filter::{Track, TrackView, filter};
+use ekf_core::replay::grid::Grid;
+use ekf_core::replay::smoother::smooth;
+use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
 use ekf_core::signal::integrals::{self, Conditioning, Samples};
 use ekf_core::signal::interpolation::Interpolation;
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2};
@@ -113,7 +117,7 @@ impl ReplayTrack {
             series
         });
         let mut track = Track { e, S: s, gain_p, gain_v, p, v, pp, pv, vv };
-        py.detach(|| replay::filter(readings, noise, prior_of(prior), &mut track)).map_err(refuse)?;
+        py.detach(|| filter(readings, noise, prior_of(prior), &mut track)).map_err(refuse)?;
         Ok(Self { noise, data })
     }
 
@@ -133,7 +137,7 @@ impl ReplayTrack {
         let n = readings.t.len();
         let mut out: [Vec<f64>; 3] = core::array::from_fn(|_| vec![0.0; n]);
         let [position, velocity, wanted] = &mut out;
-        py.detach(|| replay::smooth(readings, self.noise, self.view(), position, velocity, wanted)).map_err(refuse)?;
+        py.detach(|| smooth(readings, self.noise, self.view(), position, velocity, wanted)).map_err(refuse)?;
         let [position, velocity, wanted] = out.map(|values| PyArray1::from_vec(py, values));
         Ok((position, velocity, wanted))
     }
@@ -175,7 +179,7 @@ impl ReplayTrack {
         };
         let before = from_.checked_sub(1).map(|k| t[k]);
         let (state, whitened) = (state.as_slice_mut()?, whitened.as_slice_mut()?);
-        py.detach(|| replay::carry(gains, columns, before, state, whitened)).map_err(refuse)
+        py.detach(|| carry(gains, columns, before, state, whitened)).map_err(refuse)
     }
 }
 
@@ -208,8 +212,8 @@ impl ReplayTrack {
         })
     }
 
-    fn view(&self) -> replay::TrackView<'_> {
+    fn view(&self) -> TrackView<'_> {
         let [e, s, gain_p, gain_v, p, v, pp, pv, vv] = self.all();
-        replay::TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }
+        TrackView { e, S: s, gain_p, gain_v, p, v, pp, pv, vv }
     }
 }

@@ -3,8 +3,24 @@
 //! White stays white when equal numbers of samples are summed, and below a fraction of the rate nothing is lost. The
 //! geometry of the grid is worked out once for a stretch of readings and serves every column that follows.
 
-use crate::replay::{Cell, Gains, Grid, NODES, ReplayError, cells};
+use crate::replay::grid::{Cell, Grid, NODES, cells};
+use crate::replay::{ReplayError, same_length};
 use crate::signal::integrals::ConditionError;
+
+/// Gains of the filter that the columns are carried through.
+#[derive(Debug, Clone, Copy)]
+pub struct Gains<'a> {
+    /// Reading times of the stretch, s.
+    pub t: &'a [f64],
+    /// Where the filter started again.
+    pub restart: &'a [bool],
+    /// Gain on position.
+    pub gain_p: &'a [f64],
+    /// Gain on velocity, 1/s.
+    pub gain_v: &'a [f64],
+    /// Innovation variance, m^2.
+    pub S: &'a [f64],
+}
 
 /// One reading, with the filter that the columns pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -248,5 +264,105 @@ impl<const N: usize> Packed<'_, N> {
                 packed[j] = value * self.factor;
             }
         }
+    }
+}
+
+/// Columns of a stretch of the record, and where they enter.
+#[derive(Debug, Clone, Copy)]
+pub struct Columns<'a> {
+    /// Number of columns that add to the acceleration.
+    pub inputs: usize,
+    /// Number of columns that add to the reading.
+    pub readings: usize,
+    /// Grid on which the input columns are sampled.
+    pub grid: Grid,
+    /// Input columns, row by row: one row of `inputs` values per grid time, m/s^2 per unit.
+    pub on_grid: &'a [f64],
+    /// Reading columns, row by row: one row of `readings` values per encoder reading, m per unit.
+    pub at_readings: &'a [f64],
+}
+
+/// Carries columns through the gains, stretch by stretch.
+///
+/// `state` holds the response of (p, v) to every column, `2 (inputs + readings)` numbers, zero at the start of a
+/// record and handed on unchanged from stretch to stretch; `before` is the time of the reading before the stretch.
+/// Row `k` of `whitened`, `inputs + readings` numbers, is the response of the prediction at reading `k` over
+/// `sqrt(S)`.
+///
+/// # Errors
+/// [`ReplayError`] when buffers do not fit or the grid does not reach over the stretch; `state` is then undefined.
+pub fn carry(
+    gains: Gains<'_>,
+    columns: Columns<'_>,
+    before: Option<f64>,
+    state: &mut [f64],
+    whitened: &mut [f64],
+) -> Result<(), ReplayError> {
+    let n = gains.t.len();
+    let width = columns.inputs + columns.readings;
+    for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len()] {
+        same_length(n, found)?;
+    }
+    same_length(2 * width, state.len())?;
+    same_length(n * width, whitened.len())?;
+    same_length(n * columns.readings, columns.at_readings.len())?;
+    let (sp, sv) = state.split_at_mut(width);
+    let mut previous = before;
+    for k in 0..n {
+        let now = gains.t[k];
+        match previous {
+            Some(earlier) if !gains.restart[k] => {
+                advance(&columns, earlier, now, sp, sv).ok_or(ReplayError::Grid { index: k, t: now })?;
+            }
+            _ => {
+                sp.fill(0.0);
+                sv.fill(0.0);
+            }
+        }
+        previous = Some(now);
+        let row = &mut whitened[k * width..(k + 1) * width];
+        let (gain_p, gain_v, scale) = (gains.gain_p[k], gains.gain_v[k], 1.0 / libm::sqrt(gains.S[k]));
+        let direct = &columns.at_readings[k * columns.readings..(k + 1) * columns.readings];
+        let starts = gains.restart[k] || (k == 0 && before.is_none());
+        for j in 0..width {
+            // At a start the reading itself fixes the position, so a column teaches nothing there.
+            let offset = if j < columns.inputs { 0.0 } else { direct[j - columns.inputs] };
+            let g = if starts { 0.0 } else { sp[j] + offset };
+            sp[j] -= gain_p * g;
+            sv[j] -= gain_v * g;
+            if starts && j >= columns.inputs {
+                sp[j] = -offset;
+            }
+            row[j] = g * scale;
+        }
+    }
+    Ok(())
+}
+
+/// Moves the responses from `from` to `to`, one grid cell at a time; `None` when the grid does not cover it.
+fn advance(columns: &Columns<'_>, from: f64, to: f64, sp: &mut [f64], sv: &mut [f64]) -> Option<()> {
+    let Columns { inputs, grid, on_grid, .. } = *columns;
+    let h = to - from;
+    for j in inputs..sp.len() {
+        sp[j] += h * sv[j];
+    }
+    if inputs == 0 {
+        return Some(());
+    }
+    cells(grid, on_grid.len() / inputs, from, to, |cell| {
+        let first = cell.row as usize;
+        add_cell(&on_grid[first * inputs..(first + NODES) * inputs], inputs, &cell, sp, sv);
+    })
+}
+
+fn add_cell(rows: &[f64], inputs: usize, cell: &Cell, sp: &mut [f64], sv: &mut [f64]) {
+    let [w0, w1, w2, w3] = cell.first;
+    let [x0, x1, x2, x3] = cell.second;
+    let (r0, rest) = rows.split_at(inputs);
+    let (r1, rest) = rest.split_at(inputs);
+    let (r2, r3) = rest.split_at(inputs);
+    for j in 0..inputs {
+        sp[j] += cell.h * sv[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
+        sv[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
     }
 }
