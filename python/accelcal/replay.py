@@ -390,42 +390,55 @@ class Run:
         inputs = [j for j, term in enumerate(terms) if term.port == "output"]
         direct = [j for j, term in enumerate(terms) if term.port == "position"]
         order = [*inputs, *direct]
-        gain = -self.rig.polarity / signals.scale
+        factor = -self.rig.polarity / signals.scale
         on_grid = list(evaluate([terms[j] for j in inputs], signals))
         at_readings = signals.resampled(self.t - self.origins.t) if direct else signals
         direct_columns = list(evaluate([terms[j] for j in direct], at_readings))
-        start, step = float(signals.t[0]) + self.origins.t, signals.step
-        state = np.zeros(2 * len(terms))
-        straight = order == sorted(order)
-        for begin in range(0, len(self.t), CHUNK):
-            end = min(begin + CHUNK, len(self.t))
+        grid = float(signals.t[0]) + self.origins.t, signals.step
+        for readings, rows in filter_columns(track, self.t, drive.restart, grid, on_grid, factor, direct_columns):
+            whitened = np.empty((readings.stop - readings.start, len(terms)))
+            whitened[:, order] = rows.T
+            yield readings, whitened
+
+
+def filter_columns(
+    track: _core.ReplayTrack,
+    t: Array,
+    restart: Flags,
+    grid: tuple[float, float],
+    inputs: Sequence[Array],
+    factor: float,
+    direct: Sequence[Array],
+) -> Iterator[tuple[slice, Array]]:
+    """Whitened responses to columns, stretch by stretch: accelerations on a grid times `factor`, then readings.
+
+    Parameters
+    ----------
+    grid : first time and spacing of the grid on which `inputs` are sampled, s.
+
+    Yields
+    ------
+    The readings of the stretch, and the responses (columns, readings).
+    """
+    start, step = grid
+    inputs = [np.ascontiguousarray(y) for y in inputs]
+    direct = [np.ascontiguousarray(y) for y in direct]
+    m, counts = len(inputs), np.ones(len(t), dtype=np.bool_)
+    state = np.zeros((m + len(direct), 2))
+    for begin in range(0, len(t), CHUNK):
+        end = min(begin + CHUNK, len(t))
+        low = high = 0
+        if inputs:
             # Two grid rows on either side shape the curve inside the cells that the stretch touches.
-            low = max(0, int((self.t[max(begin - 1, 0)] - start) / step) - 2)
-            high = min(len(signals.t), int((self.t[end - 1] - start) / step) + 4)
+            low = max(0, int((t[max(begin - 1, 0)] - start) / step) - 2)
+            high = min(len(inputs[0]), int((t[end - 1] - start) / step) + 4)
             low = max(0, min(low, high - 4))
-            block = np.empty((high - low, len(inputs)))
-            for column, y in enumerate(on_grid):
-                np.multiply(y[low:high], gain, out=block[:, column])
-            readings = np.empty((end - begin, len(direct)))
-            for column, y in enumerate(direct_columns):
-                readings[:, column] = y[begin:end]
-            whitened = np.empty((end - begin, len(terms)))
-            track.carry(
-                self.t,
-                drive.restart,
-                block,
-                readings,
-                start=start + low * step,
-                step=step,
-                from_=begin,
-                to=end,
-                state=state,
-                whitened=whitened,
-            )
-            ordered = whitened if straight else np.empty_like(whitened)
-            if not straight:
-                ordered[:, order] = whitened
-            yield slice(begin, end), ordered
+        place = start + low * step, step, high - low
+        bank = _core.Bank(track, t, restart, counts, grid=place, from_=begin, to=end, group=1)
+        rows = np.empty((len(state), end - begin))
+        bank.carry_inputs([y[low:high] for y in inputs], factor, state[:m], rows[:m])
+        bank.carry_readings([y[begin:end] for y in direct], state[m:], rows[m:])
+        yield slice(begin, end), rows
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,19 +66,12 @@ def by_replay(c: Case, *, restart: Array | None = None) -> tuple[Array, Array]:
     begins = np.zeros(n, dtype=np.bool_) if restart is None else restart
     begins[0] = True
     track = _core.ReplayTrack(c.t, c.z, c.first, c.second, begins, q=c.q, r=c.R, prior=c.prior)
-    X, state = np.empty((n, m)), np.zeros(2 * m)
-    track.carry(
-        c.t,
-        begins,
-        c.grid,
-        c.at_readings,
-        start=c.start,
-        step=c.step,
-        from_=0,
-        to=n,
-        state=state,
-        whitened=X,
-    )
+    counts, state, X = np.ones(n, dtype=np.bool_), np.zeros((m, 2)), np.empty((m, n))
+    grid = c.start, c.step, len(c.grid)
+    bank = _core.Bank(track, c.t, begins, counts, grid=grid, from_=0, to=n, group=1)
+    bank.carry_inputs([np.ascontiguousarray(y) for y in c.grid.T], 1.0, state[:INPUTS], X[:INPUTS])
+    bank.carry_readings([np.ascontiguousarray(y) for y in c.at_readings.T], state[INPUTS:], X[INPUTS:])
+    X = X.T
     y = track.series("e") / np.sqrt(track.series("S"))
     covariance = np.linalg.inv(X.T @ X + np.diag(c.precision))
     return covariance @ (X.T @ y), covariance

@@ -72,5 +72,5 @@ def over_position(seen: Residuals, cell: float, travel: float) -> Array:
 def cyclic_fit(seen: Residuals, kappa: float) -> tuple[float, float, float, float]:
     """Gain of twice the log-likelihood, amplitude, its standard deviation, and 1/period, by exact columns."""
     phase = 2.0 * np.pi * kappa * seen.smooth_position
-    X = carried(seen, np.zeros((4, 0)), np.column_stack([np.cos(phase), np.sin(phase)]), seen.step)
+    X = carried(seen, [], [np.cos(phase), np.sin(phase)], seen.step)
     return (*pair_fit(X, seen.readings), kappa)

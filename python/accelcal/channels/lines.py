@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
@@ -12,6 +13,7 @@ from accelcal.channels.finding import ALARM, LEAST_BLOCKS, ChannelFinding
 from accelcal.channels.motion_noise import rank_correlation
 from accelcal.channels.residuals import Residuals, coarse
 from accelcal.recording import Array
+from accelcal.replay import filter_columns
 from accelcal.signals import Signals
 
 MOST_LINES = 5
@@ -207,30 +209,18 @@ def driven(s: Signals, frequency: float, amplitude: float) -> bool:
 def line_fit(seen: Residuals, frequency: float) -> tuple[float, float]:
     """Amplitude of a line at the output and its standard deviation, by exact columns of the replay, m/s²."""
     phase = 2.0 * np.pi * frequency * np.arange(int((seen.run.t[-1] - seen.run.t[0]) / seen.step) + 4) * seen.step
-    grid = np.column_stack([np.cos(phase), np.sin(phase)]) / seen.state.values.scale
-    X = carried(seen, grid, np.zeros((len(seen.run.t), 0)), seen.step)
+    scale = seen.state.values.scale
+    X = carried(seen, [np.cos(phase) / scale, np.sin(phase) / scale], [], seen.step)
     _, amplitude, std = pair_fit(X, seen.readings)
     return amplitude, std
 
 
-def carried(seen: Residuals, on_grid: Array, direct: Array, step: float) -> Array:
+def carried(seen: Residuals, on_grid: Sequence[Array], direct: Sequence[Array], step: float) -> Array:
     """Whitened columns of settled readings, either driven by accelerations on a grid or added to the readings."""
     run, state = seen.run, seen.state
-    columns = on_grid.shape[1] + direct.shape[1]
-    whitened = np.empty((len(run.t), columns))
-    state.track.carry(
-        run.t,
-        state.drive.restart,
-        on_grid,
-        direct,
-        start=float(run.t[0]),
-        step=step,
-        from_=0,
-        to=len(run.t),
-        state=np.zeros(2 * columns),
-        whitened=whitened,
-    )
-    return np.asarray(whitened[state.counts])
+    grid = float(run.t[0]), step
+    parts = filter_columns(state.track, run.t, state.drive.restart, grid, on_grid, 1.0, direct)
+    return np.concatenate([np.ascontiguousarray(rows[:, state.counts[part]].T) for part, rows in parts])
 
 
 def pair_fit(X: Array, y: Array) -> tuple[float, float, float]:

@@ -1,13 +1,12 @@
 //! Python's view of the replay: whole records in, whole arrays out, no mathematics.
 
-use ekf_core::replay::columns::{Columns, Gains, carry};
+use ekf_core::replay::columns::Gains;
 use ekf_core::replay::filter::{Track, TrackView, filter};
-use ekf_core::replay::grid::Grid;
 use ekf_core::replay::smoother::smooth;
 use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
 use ekf_core::signal::integrals::{self, Conditioning, Samples};
 use ekf_core::signal::interpolation::Interpolation;
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray1, PyReadwriteArray2};
+use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -149,37 +148,6 @@ impl ReplayTrack {
             .position(|&known| known == name)
             .ok_or_else(|| PyValueError::new_err(format!("no series {name:?}; present are {SERIES:?}")))?;
         Ok(PyArray1::from_slice(py, self.all()[index]))
-    }
-
-    /// Carries columns of readings `from..to` through the gains; see `ekf_core::replay::carry`.
-    #[pyo3(signature = (t, restart, on_grid, at_readings, *, start, step, from_, to, state, whitened))]
-    #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
-    fn carry(
-        &self,
-        py: Python<'_>,
-        t: Floats<'_>,
-        restart: Flags<'_>,
-        on_grid: PyReadonlyArray2<'_, f64>,
-        at_readings: PyReadonlyArray2<'_, f64>,
-        start: f64,
-        step: f64,
-        from_: usize,
-        to: usize,
-        mut state: PyReadwriteArray1<'_, f64>,
-        mut whitened: PyReadwriteArray2<'_, f64>,
-    ) -> PyResult<()> {
-        let (t, restart) = (t.as_slice()?, restart.as_slice()?);
-        let gains = self.gains(t, restart, from_, to)?;
-        let columns = Columns {
-            inputs: on_grid.as_array().ncols(),
-            readings: at_readings.as_array().ncols(),
-            grid: Grid { start, step },
-            on_grid: on_grid.as_slice()?,
-            at_readings: at_readings.as_slice()?,
-        };
-        let before = from_.checked_sub(1).map(|k| t[k]);
-        let (state, whitened) = (state.as_slice_mut()?, whitened.as_slice_mut()?);
-        py.detach(|| carry(gains, columns, before, state, whitened)).map_err(refuse)
     }
 }
 

@@ -1,16 +1,16 @@
-//! The replay of many columns at once: a few side by side through the same gains, whitened samples summed in groups.
+//! Columns of effects filtered with the gains of the replay, a few at once, whitened samples summed in groups.
 //!
 //! White stays white when equal numbers of samples are summed, and below a fraction of the rate nothing is lost. The
-//! geometry of the grid is worked out once for a stretch of readings and serves every column that follows.
+//! geometry of the grid is computed once for a span of readings and used by every column.
 
 use crate::replay::grid::{Cell, Grid, NODES, cells};
 use crate::replay::{ReplayError, same_length};
 use crate::signal::integrals::ConditionError;
 
-/// Gains of the filter that the columns are carried through.
+/// Gains of the filter that the columns pass.
 #[derive(Debug, Clone, Copy)]
 pub struct Gains<'a> {
-    /// Reading times of the stretch, s.
+    /// Reading times, s.
     pub t: &'a [f64],
     /// Where the filter started again.
     pub restart: &'a [bool],
@@ -22,7 +22,7 @@ pub struct Gains<'a> {
     pub S: &'a [f64],
 }
 
-/// One reading, with the filter that the columns pass.
+/// One reading, with the gains and the weight that a column meets there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilteredReading {
     /// Time since the reading before, s.
@@ -33,7 +33,7 @@ pub struct FilteredReading {
     pub gain_v: f64,
     /// `1/sqrt(S)`, 1/m; 0 where the reading does not count.
     pub weight: f64,
-    /// Cells of the grid between the reading before and this one.
+    /// Cells of the grid since the reading before.
     pub cells: u32,
     /// The filter starts anew here.
     pub starts: bool,
@@ -41,7 +41,7 @@ pub struct FilteredReading {
     pub counts: bool,
 }
 
-/// A stretch of readings.
+/// A span of readings, prepared for columns.
 #[derive(Debug, Clone, Copy)]
 pub struct ReadingSpan<'a> {
     /// One entry for each reading.
@@ -52,9 +52,10 @@ pub struct ReadingSpan<'a> {
     pub group: usize,
 }
 
-/// Works out a stretch: hands out each cell and each passage, in order of time.
+/// Prepares a span of readings; `take_cell` and `take` receive each cell and each reading in order of time.
 ///
-/// `before` is the time of the reading before the stretch. The grid must reach over the stretch, `rows` rows of it.
+/// `before` is the time of the reading before the span. The grid, `rows` rows of it, must reach over the span; no rows serve
+/// columns of the reading alone.
 ///
 /// # Errors
 /// [`ReplayError`] when lengths differ or the grid does not reach.
@@ -68,16 +69,14 @@ pub fn prepare(
 ) -> Result<(), ReplayError> {
     let n = gains.t.len();
     for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len(), counts.len()] {
-        if found != n {
-            return Err(ConditionError::Length { expected: n, found }.into());
-        }
+        same_length(n, found)?;
     }
     let mut previous = before;
     for (k, &counted) in counts.iter().enumerate() {
         let now = gains.t[k];
         let from = previous.filter(|_| !gains.restart[k]);
         let mut passed = 0;
-        if let Some(earlier) = from {
+        if let Some(earlier) = from.filter(|_| rows > 0) {
             cells(grid, rows, earlier, now, |cell| {
                 passed += 1;
                 take_cell(cell);
@@ -98,7 +97,7 @@ pub fn prepare(
     Ok(())
 }
 
-/// Response of (p, v) to `N` columns; zero at the start of a record, handed on from stretch to stretch.
+/// Response of (p, v) to `N` columns; zero at the start of a record, kept from span to span.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response<const N: usize> {
     /// Of position, m per unit.
@@ -107,12 +106,18 @@ pub struct Response<const N: usize> {
     pub v: [f64; N],
 }
 
-/// Carries `N` columns that add to the acceleration, sampled on the grid, each times `factor`.
+impl<const N: usize> Default for Response<N> {
+    fn default() -> Self {
+        Self { p: [0.0; N], v: [0.0; N] }
+    }
+}
+
+/// Filters `N` columns that add to the acceleration, sampled on the grid, each times `factor`.
 ///
 /// `sums` holds one row per column: sums over the groups of whitened responses, over the square root of the group.
 ///
 /// # Errors
-/// [`ReplayError::Condition`] when a column is shorter than the grid that the stretch needs, or `sums` do not fit.
+/// [`ReplayError::Condition`] when a column is shorter than the grid that the span needs, or `sums` do not fit.
 #[inline(always)]
 pub fn filter_input_columns<const N: usize>(
     span: ReadingSpan<'_>,
@@ -150,12 +155,12 @@ pub fn filter_input_columns<const N: usize>(
     )
 }
 
-/// Carries `N` columns that add to the reading, one value for each reading of the stretch.
+/// Filters `N` columns that add to the reading, one value for each reading of the span.
 ///
-/// `sums` are those of [`carry_inputs`].
+/// `sums` are those of [`filter_input_columns`].
 ///
 /// # Errors
-/// [`ReplayError::Condition`] when a column or `sums` do not fit the stretch.
+/// [`ReplayError::Condition`] when a column or `sums` do not fit the span.
 #[inline(always)]
 pub fn filter_reading_columns<const N: usize>(
     span: ReadingSpan<'_>,
@@ -164,10 +169,7 @@ pub fn filter_reading_columns<const N: usize>(
     sums: [&mut [f64]; N],
 ) -> Result<(), ReplayError> {
     for column in columns {
-        if column.len() != span.readings.len() {
-            let (expected, found) = (span.readings.len(), column.len());
-            return Err(ConditionError::Length { expected, found }.into());
-        }
+        same_length(span.readings.len(), column.len())?;
     }
     let mut k = 0;
     run_columns(
@@ -185,7 +187,7 @@ pub fn filter_reading_columns<const N: usize>(
     )
 }
 
-/// The filter of each reading in turn; `advance` moves the responses up to it and returns those of its prediction.
+/// Runs the filter over the readings; `advance` moves the responses up to it and returns those of its prediction.
 #[inline(always)] // with the closure, or the columns do not stay side by side in registers
 fn run_columns<const N: usize>(
     span: ReadingSpan<'_>,
@@ -196,16 +198,14 @@ fn run_columns<const N: usize>(
     let counted = span.readings.iter().filter(|reading| reading.counts).count();
     let groups = counted / span.group.max(1);
     for found in sums.iter().map(|sum| sum.len()) {
-        if found != groups {
-            return Err(ConditionError::Length { expected: groups, found }.into());
-        }
+        same_length(groups, found)?;
     }
     let mean = 1.0 / libm::sqrt(span.group as f64);
     let Response { mut p, mut v } = *response;
     let (mut sum, mut held, mut row) = ([0.0; N], 0, 0);
     for reading in span.readings {
         if reading.starts {
-            // The reading itself fixes the position, so a column teaches nothing here.
+            // The reading itself fixes the position, so the response of the prediction is zero here.
             (p, v) = ([0.0; N], [0.0; N]);
             p = advance(reading, &mut p, &mut v).map(|g| -g);
             v = [0.0; N];
@@ -231,7 +231,7 @@ fn run_columns<const N: usize>(
     Ok(())
 }
 
-/// Grid rows that are laid side by side at a time.
+/// Grid rows that are interleaved at a time.
 const PACKED: usize = 256;
 
 /// A window of the columns, row by row.
@@ -244,7 +244,7 @@ struct Packed<'a, const N: usize> {
 }
 
 impl<const N: usize> Packed<'_, N> {
-    /// The four rows from `row` on; rows are asked for in rising order.
+    /// The four rows from `row` on; `row` never falls from call to call.
     #[inline(always)]
     fn at(&mut self, row: usize) -> &[[f64; N]; NODES] {
         if row + NODES > self.high {
@@ -264,105 +264,5 @@ impl<const N: usize> Packed<'_, N> {
                 packed[j] = value * self.factor;
             }
         }
-    }
-}
-
-/// Columns of a stretch of the record, and where they enter.
-#[derive(Debug, Clone, Copy)]
-pub struct Columns<'a> {
-    /// Number of columns that add to the acceleration.
-    pub inputs: usize,
-    /// Number of columns that add to the reading.
-    pub readings: usize,
-    /// Grid on which the input columns are sampled.
-    pub grid: Grid,
-    /// Input columns, row by row: one row of `inputs` values per grid time, m/s^2 per unit.
-    pub on_grid: &'a [f64],
-    /// Reading columns, row by row: one row of `readings` values per encoder reading, m per unit.
-    pub at_readings: &'a [f64],
-}
-
-/// Carries columns through the gains, stretch by stretch.
-///
-/// `state` holds the response of (p, v) to every column, `2 (inputs + readings)` numbers, zero at the start of a
-/// record and handed on unchanged from stretch to stretch; `before` is the time of the reading before the stretch.
-/// Row `k` of `whitened`, `inputs + readings` numbers, is the response of the prediction at reading `k` over
-/// `sqrt(S)`.
-///
-/// # Errors
-/// [`ReplayError`] when buffers do not fit or the grid does not reach over the stretch; `state` is then undefined.
-pub fn carry(
-    gains: Gains<'_>,
-    columns: Columns<'_>,
-    before: Option<f64>,
-    state: &mut [f64],
-    whitened: &mut [f64],
-) -> Result<(), ReplayError> {
-    let n = gains.t.len();
-    let width = columns.inputs + columns.readings;
-    for found in [gains.restart.len(), gains.gain_p.len(), gains.gain_v.len(), gains.S.len()] {
-        same_length(n, found)?;
-    }
-    same_length(2 * width, state.len())?;
-    same_length(n * width, whitened.len())?;
-    same_length(n * columns.readings, columns.at_readings.len())?;
-    let (sp, sv) = state.split_at_mut(width);
-    let mut previous = before;
-    for k in 0..n {
-        let now = gains.t[k];
-        match previous {
-            Some(earlier) if !gains.restart[k] => {
-                advance(&columns, earlier, now, sp, sv).ok_or(ReplayError::Grid { index: k, t: now })?;
-            }
-            _ => {
-                sp.fill(0.0);
-                sv.fill(0.0);
-            }
-        }
-        previous = Some(now);
-        let row = &mut whitened[k * width..(k + 1) * width];
-        let (gain_p, gain_v, scale) = (gains.gain_p[k], gains.gain_v[k], 1.0 / libm::sqrt(gains.S[k]));
-        let direct = &columns.at_readings[k * columns.readings..(k + 1) * columns.readings];
-        let starts = gains.restart[k] || (k == 0 && before.is_none());
-        for j in 0..width {
-            // At a start the reading itself fixes the position, so a column teaches nothing there.
-            let offset = if j < columns.inputs { 0.0 } else { direct[j - columns.inputs] };
-            let g = if starts { 0.0 } else { sp[j] + offset };
-            sp[j] -= gain_p * g;
-            sv[j] -= gain_v * g;
-            if starts && j >= columns.inputs {
-                sp[j] = -offset;
-            }
-            row[j] = g * scale;
-        }
-    }
-    Ok(())
-}
-
-/// Moves the responses from `from` to `to`, one grid cell at a time; `None` when the grid does not cover it.
-fn advance(columns: &Columns<'_>, from: f64, to: f64, sp: &mut [f64], sv: &mut [f64]) -> Option<()> {
-    let Columns { inputs, grid, on_grid, .. } = *columns;
-    let h = to - from;
-    for j in inputs..sp.len() {
-        sp[j] += h * sv[j];
-    }
-    if inputs == 0 {
-        return Some(());
-    }
-    cells(grid, on_grid.len() / inputs, from, to, |cell| {
-        let first = cell.row as usize;
-        add_cell(&on_grid[first * inputs..(first + NODES) * inputs], inputs, &cell, sp, sv);
-    })
-}
-
-fn add_cell(rows: &[f64], inputs: usize, cell: &Cell, sp: &mut [f64], sv: &mut [f64]) {
-    let [w0, w1, w2, w3] = cell.first;
-    let [x0, x1, x2, x3] = cell.second;
-    let (r0, rest) = rows.split_at(inputs);
-    let (r1, rest) = rest.split_at(inputs);
-    let (r2, r3) = rest.split_at(inputs);
-    for j in 0..inputs {
-        sp[j] += cell.h * sv[j] + (x0 * r0[j] + x1 * r1[j]) + (x2 * r2[j] + x3 * r3[j]);
-        sv[j] += (w0 * r0[j] + w1 * r1[j]) + (w2 * r2[j] + w3 * r3[j]);
     }
 }

@@ -1,8 +1,10 @@
 //! The replay against dense Gaussian algebra, and several records at once against each alone.
 
-use super::columns::{Columns, Gains, carry};
+use super::columns::{
+    FilteredReading, Gains, ReadingSpan, Response, filter_input_columns, filter_reading_columns, prepare,
+};
 use super::filter::{InterleavedReading, Track, TrackView, filter, innovations, interleave, log_likelihood};
-use super::grid::Grid;
+use super::grid::{Cell, Grid};
 use super::smoother::smooth;
 use super::*;
 use nalgebra::{SMatrix, SVector};
@@ -144,7 +146,7 @@ fn smoothed_noise_drives_the_smoothed_motion() {
         assert!((v[k] - v[k - 1] - gained).abs() < 1e-13, "v {k}");
         assert!((p[k] - p[k - 1] - moved).abs() < 1e-14, "p {k}");
     }
-    assert!(w.iter().any(|w| w.abs() > 0.1)); // the readings do ask for noise
+    assert!(w.iter().any(|w| w.abs() > 0.1)); // the smoothed noise is not zero
 }
 
 #[test]
@@ -205,24 +207,58 @@ fn twice(t: f64) -> f64 {
     1.5 * t * t - 20.0 / 3.0 * t.powi(3) + 25.0 * t.powi(4) - 25.0 * t.powi(5)
 }
 
-fn on_grid() -> [f64; 2 * ROWS] {
-    core::array::from_fn(|i| if i % 2 == 0 { column(GRID.start + (i / 2) as f64 * GRID.step) } else { 1.0 })
-}
-
 const DIRECT: [f64; N] = [0.3, -0.2, 0.5, 0.1, 0.7, -0.4, 0.2, 0.6];
 
-fn columns<'a>(on_grid: &'a [f64], at_readings: &'a [f64]) -> Columns<'a> {
-    Columns { inputs: 2, readings: 1, grid: GRID, on_grid, at_readings }
+/// Readings prepared for columns, in memory of their own.
+struct Prepared {
+    readings: Vec<FilteredReading>,
+    cells: Vec<Cell>,
+}
+
+impl Prepared {
+    fn new(gains: Gains<'_>, rows: usize, before: Option<f64>) -> Result<Self, ReplayError> {
+        let (mut readings, mut cells) = (Vec::new(), Vec::new());
+        let counts = vec![true; gains.t.len()];
+        prepare(gains, &counts, (GRID, rows), before, |cell| cells.push(cell), |reading| readings.push(reading))?;
+        Ok(Self { readings, cells })
+    }
+
+    fn span(&self) -> ReadingSpan<'_> {
+        ReadingSpan { readings: &self.readings, cells: &self.cells, group: 1 }
+    }
+}
+
+/// A cubic and a constant on the grid, and a column of the readings; each whitened sample by itself.
+#[derive(Default)]
+struct Filtered {
+    inputs: Response<2>,
+    direct: Response<1>,
+    whitened: [Vec<f64>; 3],
+}
+
+impl Filtered {
+    /// Appends readings `rows` of the record.
+    fn extend(&mut self, kept: &Kept, restart: &[bool], rows: core::ops::Range<usize>) {
+        let before = rows.start.checked_sub(1).map(|k| T[k]);
+        let prepared = Prepared::new(kept.gains(restart, rows.clone()), ROWS, before).unwrap();
+        let curve: [f64; ROWS] = core::array::from_fn(|i| column(GRID.start + i as f64 * GRID.step));
+        let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; rows.len()]);
+        let columns: [&[f64]; 2] = [&curve, &[1.0; ROWS]];
+        filter_input_columns(prepared.span(), columns, 1.0, &mut self.inputs, [&mut a, &mut b]).unwrap();
+        filter_reading_columns(prepared.span(), [&DIRECT[rows]], &mut self.direct, [&mut c]).unwrap();
+        for (whole, part) in self.whitened.iter_mut().zip([a, b, c]) {
+            whole.extend(part);
+        }
+    }
 }
 
 #[test]
-fn carried_columns_equal_differences_of_the_filter() {
+fn filtered_columns_equal_differences_of_the_filter() {
     for restart in [WHOLE, BROKEN] {
         let base = Kept::of(readings(&restart), NOISE, PRIOR).unwrap();
         let [e, S, ..] = base.0;
-        let (mut state, mut whitened) = ([0.0; 6], [0.0; 3 * N]);
-        let grid = on_grid();
-        carry(base.gains(&restart, 0..N), columns(&grid, &DIRECT), None, &mut state, &mut whitened).unwrap();
+        let mut filtered = Filtered::default();
+        filtered.extend(&base, &restart, 0..N);
 
         let step = |k: usize| if k == 0 || restart[k] { 0.0 } else { T[k] - T[k - 1] };
         let from = |k: usize| T[k] - step(k);
@@ -242,26 +278,23 @@ fn carried_columns_equal_differences_of_the_filter() {
             for k in 0..N {
                 // The filter is linear: a whole unit is as good as a small one. Differences of numbers near 1.
                 let expected = (e[k] - after[k]) / libm::sqrt(S[k]);
-                assert!((whitened[3 * k + j] - expected).abs() < 1e-12, "column {j}, reading {k}");
+                assert!((filtered.whitened[j][k] - expected).abs() < 1e-12, "column {j}, reading {k}");
             }
         }
-        assert!((1..3 * N).any(|i| whitened[i].abs() > 0.1)); // and present is something to carry
+        assert!(filtered.whitened.iter().flatten().any(|x| x.abs() > 0.1)); // and there is something to filter
     }
 }
 
 #[test]
-fn columns_carried_in_stretches_equal_the_whole() {
+fn columns_filtered_in_two_spans_equal_the_whole() {
     let base = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
-    let grid = on_grid();
-    let (mut state, mut whole) = ([0.0; 6], [0.0; 3 * N]);
-    carry(base.gains(&BROKEN, 0..N), columns(&grid, &DIRECT), None, &mut state, &mut whole).unwrap();
+    let mut whole = Filtered::default();
+    whole.extend(&base, &BROKEN, 0..N);
     for cut in 1..N {
-        let (mut state, mut parts) = ([0.0; 6], [0.0; 3 * N]);
-        let (left, right) = parts.split_at_mut(3 * cut);
-        let (early, late) = DIRECT.split_at(cut);
-        carry(base.gains(&BROKEN, 0..cut), columns(&grid, early), None, &mut state, left).unwrap();
-        carry(base.gains(&BROKEN, cut..N), columns(&grid, late), Some(T[cut - 1]), &mut state, right).unwrap();
-        assert_eq!(whole.map(f64::to_bits), parts.map(f64::to_bits));
+        let mut parts = Filtered::default();
+        parts.extend(&base, &BROKEN, 0..cut);
+        parts.extend(&base, &BROKEN, cut..N);
+        assert_eq!(whole.whitened, parts.whitened);
     }
 }
 
@@ -307,16 +340,12 @@ fn unusable_readings_are_refused_with_the_place() {
 #[test]
 fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
     let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let grid = on_grid();
-    let (mut state, mut whitened) = ([0.0; 6], [0.0; 3 * N]);
-    let short = columns(&grid[..2 * (ROWS - 1)], &DIRECT); // ends at 0.22 s
-    let found = carry(kept.gains(&WHOLE, 0..N), short, None, &mut state, &mut whitened);
-    assert_eq!(found, Err(ReplayError::Grid { index: 6, t: T[6] }));
-    let late = Columns { grid: Grid { start: 0.005, ..GRID }, ..columns(&grid, &DIRECT) };
-    let found = carry(kept.gains(&WHOLE, 0..N), late, None, &mut state, &mut whitened);
-    assert_eq!(found, Err(ReplayError::Grid { index: 1, t: T[1] }));
-    let found = carry(kept.gains(&WHOLE, 0..N), columns(&grid, &DIRECT), None, &mut state[..5], &mut whitened);
-    assert_eq!(found, Err(ReplayError::Condition(ConditionError::Length { expected: 6, found: 5 })));
+    let short = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS - 1, None).err(); // ends at 0.22 s
+    assert_eq!(short, Some(ReplayError::Grid { index: 6, t: T[6] }));
+    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS, None).unwrap();
+    let mut sums = [0.0; N - 1];
+    let found = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);
+    assert_eq!(found, Err(ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 })));
 }
 
 const LENGTH: usize = 40;
@@ -405,7 +434,7 @@ fn innovations_are_those_of_the_filter() {
     for part in 0..4 {
         let [e, ..] = history(parts.part(part).0);
         for (k, row) in found.iter().enumerate() {
-            assert_eq!(row[part].to_bits(), e[k].to_bits(), "{part} {k}"); // the same operations in the same order
+            assert_eq!(row[part].to_bits(), e[k].to_bits(), "{part} {k}"); // equal operations in equal order
         }
     }
 }
