@@ -28,7 +28,7 @@ impl FixedRateFilter {
 
 #[pymethods]
 impl FixedRateFilter {
-    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects stand behind `k, K0`.
+    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects follow `k, K0`.
     #[new]
     #[pyo3(signature = (setup, x0, P0, dt, effects=None))]
     fn new(
@@ -184,7 +184,7 @@ impl FixedRateFilter {
         self.filter.innovation().map(|innovation| innovation.nis())
     }
 
-    /// Samples taken in.
+    /// Samples processed.
     #[getter]
     fn samples(&self) -> usize {
         self.filter.samples()
@@ -196,7 +196,7 @@ impl FixedRateFilter {
         self.filter.rejected()
     }
 
-    /// Of the readings taken in.
+    /// Log-likelihood of the accepted readings.
     #[getter]
     fn log_likelihood(&self) -> f64 {
         self.filter.log_likelihood()

@@ -41,7 +41,7 @@ pub(crate) enum AnySystem {
     Cwpa(Cwpa),
 }
 
-/// A filter whose number of states is not chosen yet.
+/// A filter before its number of states is known.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct FilterSetup {
     pub(crate) system: AnySystem,
@@ -126,7 +126,7 @@ macro_rules! sized {
     };
 }
 
-/// The same for filters in blocks; `None` where there is no structured kernel or the dense one was asked for.
+/// As `sized`, for filters in blocks; `None` without a structured kernel, or if the dense one is chosen.
 macro_rules! blocks {
     ($setup:expr, $states:expr, |$filter:ident, $N:ident| $body:expr) => {
         blocks!(@ $setup, $states, $filter, $N, $body, (Aci, 4), (Aci, 6), (Cwpa, 5), (Cwpa, 7))

@@ -1,6 +1,6 @@
 //! The play operator: the memory behind hysteresis and backlash.
 //!
-//! `y` follows `x` at a distance of at most half the width and stands still inside it: rate independent, and kept
+//! `y` follows `x` at a distance of at most half the width and is constant inside it: rate independent, and kept
 //! through rests (Krasnosel'skii, Pokrovskii 1989, ch. 1).
 
 /// Writes into `y` what a slack of full `width` lets through of `x`, starting from `start`.

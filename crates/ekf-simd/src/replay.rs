@@ -1,6 +1,6 @@
 //! The loops of [`ekf_core::replay`] compiled for the widest registers of this processor.
 //!
-//! The operations are those of the plain loops, in their order and none of them fused, so the bits are the same.
+//! The operations are those of the plain loops, in their order and none of them fused, so the bits are equal.
 
 use ekf_core::replay::columns::{self, ReadingSpan, Response};
 use ekf_core::replay::filter::{self, InterleavedReading, interleave};

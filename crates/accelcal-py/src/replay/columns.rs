@@ -1,4 +1,4 @@
-//! Python's view of the bank: a prepared stretch, columns in, sums of whitened responses out.
+//! Columns of effects filtered with the gains of the replay; `Bank` in Python.
 
 use ekf_core::replay::ReplayError;
 use ekf_core::replay::columns::{self, FilteredReading, ReadingSpan, Response};
@@ -12,7 +12,7 @@ use crate::replay::track::{ReplayTrack, refuse};
 
 type Column<'py> = PyReadonlyArray1<'py, f64>;
 
-/// A stretch of readings, ready to carry columns; see `ekf_core::replay::columns`.
+/// Readings prepared for columns; see `ekf_core::replay::columns`.
 #[pyclass(frozen, module = "accelcal._core")]
 pub struct Bank {
     readings: Vec<FilteredReading>,
@@ -71,7 +71,7 @@ impl Bank {
         self.carry(py, &columns, Port::Input { factor }, state, sums)
     }
 
-    /// Columns at the readings of the stretch; otherwise like `carry_inputs`.
+    /// Columns at the prepared readings; otherwise like `carry_inputs`.
     fn carry_readings(
         &self,
         py: Python<'_>,

@@ -18,7 +18,7 @@ pub struct Aci {
     /// Time constant of the low-pass in front of the output, s; zero for none.
     ///
     /// `p` and `v` are then the low-passed motion, and the encoder is read as `p + tau v`: exact for a linear sensor,
-    /// off by `K2 (tau j)^2` for a cubic one (physics 7.3a, E3).
+    /// off by `K2 (tau j)^2` for a cubic one (derivations 7.3a).
     pub tau: f64,
 }
 
@@ -59,7 +59,7 @@ impl<const N: usize> System<N> for Aci {
     /// Integrals of `g` and its partials over the step by Gauss-Legendre quadrature.
     ///
     /// Exact to rounding while `u` is held or linear and parameters are constant (degree 9; `Phi = I + F dt + F^2 dt^2/2`
-    /// under hold, physics 3.2). Otherwise the tenth power of what changes over the step is left: `rate dt` of a wandering
+    /// under hold, derivations 3.2). Otherwise the tenth power of what changes over the step is left: `rate dt` of a drifting
     /// parameter, `K2 du` where the forward model is inverted under a moving `u`.
     fn transition(
         &self,
@@ -134,7 +134,7 @@ impl Aci {
         P
     }
 
-    /// What a unit push of parameter `i` (partial `j`) at `s` has done to the state at the end of the step.
+    /// Response of the state at the end of the step to a unit impulse on parameter `i` (partial `j`) at `s`.
     fn influence<const N: usize>(
         &self,
         x: &SVector<f64, N>,
@@ -215,7 +215,7 @@ mod tests {
         for i in 0..6 {
             for j in 0..6 {
                 let scale = libm::sqrt(Q[(i, i)] * Q[(j, j)]);
-                // A wandering K3 makes the integrand one degree too high: 2e-5 (du / u)^6 of the last term.
+                // A drifting K3 makes the integrand one degree too high: 2e-5 (du / u)^6 of the last term.
                 assert!((whole.Q - Q)[(i, j)].abs() <= 1e-12 * scale);
             }
         }

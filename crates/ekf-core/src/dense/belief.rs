@@ -1,4 +1,4 @@
-//! What is believed of the state: mean and covariance, and the check that the covariance is one.
+//! The belief about the state, mean and covariance, and the check that the covariance can be one.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -40,7 +40,7 @@ impl<const N: usize> Belief<N> {
     }
 }
 
-/// Whether no variance is negative and no two of the `n` states correlate by more than one; `P(i, j)` is asked for `j <= i`.
+/// Checks that no variance is negative and no two of the `n` states correlate by more than one; calls `P(i, j)` for `j <= i`.
 ///
 /// # Errors
 /// [`StepError::Variance`], [`StepError::Correlation`].

@@ -11,7 +11,7 @@ use crate::sensor::states::{Sensor, curvature};
 /// States `p, v, a, k, K0` (N = 5) or `p, v, a, k, K0, K2, K3` (N = 7).
 ///
 /// A low-pass in front of the output adds its state `y` after `a` (N = 6, 8): `y' = (f(a) + noise - y) / tau`, and the
-/// accelerometer then reads `y` (physics 7.3a, E3).
+/// accelerometer then reads `y` (derivations 7.3a).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Cwpa {
     /// The accelerometer.
@@ -52,7 +52,7 @@ impl<const N: usize> System<N> for Cwpa {
             at_least("tau", tau, f64::MIN_POSITIVE)?;
             at_least("low-pass q", q, 0.0)?;
             for gauss_markov in &self.sensor.gauss_markov {
-                // A parameter as fast as the filter in front of it cannot be told from noise.
+                // A parameter as fast as the low-pass is indistinguishable from noise.
                 at_least("1/2 - rate tau", 0.5 - gauss_markov.rate * tau, 0.0)?;
             }
         }
@@ -91,7 +91,7 @@ impl<const N: usize> System<N> for Cwpa {
         Ok(Rates { f, F, DQDt })
     }
 
-    /// Closed form (physics 4.1); the low-pass is linearised about the estimate at the start of the step.
+    /// Closed form (derivations 4.1); the low-pass is linearised about the estimate at the start of the step.
     fn transition(
         &self,
         x: &SVector<f64, N>,
@@ -314,7 +314,7 @@ mod tests {
     fn the_low_pass_splits_on_both_sides_of_its_short_step() {
         let low_pass = LowPass { tau: TAU, q: 1e-6 };
         let system = cwpa(Some(low_pass));
-        // Without k and wander in it, f(a) is the same at every start: the linearisation does not move.
+        // Without drift of k, f(a) is equal at every start: the linearisation does not move.
         let mut fixed = system;
         fixed.sensor.gauss_markov[0] = GaussMarkov::CONSTANT;
         let x = SVector::from([0.1, 0.2, 3.0, -1.0, 0.01, 0.05]);

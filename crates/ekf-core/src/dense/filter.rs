@@ -1,4 +1,4 @@
-//! The five choices put together: from one event to the next, over a record.
+//! The dense filter: a system and the five choices, from one event to the next.
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 
@@ -33,7 +33,7 @@ pub struct Filter<S> {
     pub gate: f64,
 }
 
-/// The belief in the form its carrier keeps it.
+/// The belief in the form of its carrier.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CarriedBelief<const N: usize> {
     /// `P`.
@@ -110,7 +110,7 @@ impl<S> Filter<S> {
         }
     }
 
-    /// Takes one sample in, unless it drives the state.
+    /// Updates by one sample, unless it drives the state.
     ///
     /// # Errors
     /// [`StepError`]; `carried` is untouched.

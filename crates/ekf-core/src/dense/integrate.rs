@@ -7,7 +7,7 @@ use crate::dense::system::{Drive, Order, System, Transition};
 use crate::error::StepError;
 use crate::integration::{Derivative, Integrator, Stage, runge_kutta};
 
-/// `x`, `P` and the transition matrix on their way through a step.
+/// `x`, `P` and the transition matrix within a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Flow<const N: usize> {
     /// Mean.

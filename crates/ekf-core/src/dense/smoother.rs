@@ -1,6 +1,6 @@
 //! The fixed-interval smoother in the modified Bryson-Frazier form.
 //!
-//! Equal to Rauch-Tung-Striebel (physics 6.4) without inverting the predicted `P`, which constant parameters and exactly
+//! Equal to Rauch-Tung-Striebel (derivations 6.4) without inverting the predicted `P`, which constant parameters and exactly
 //! known ones make singular (Bierman 1977, ch. X).
 
 use nalgebra::{SMatrix, SVector};

@@ -1,4 +1,4 @@
-//! What a system must tell the integrators and the updates, and how its parameters may wander.
+//! The interface between a system and the integrators and updates, and the Gauss-Markov process of a parameter.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -15,7 +15,7 @@ pub enum Order {
     Second,
 }
 
-/// How one sensor parameter moves: `theta' = -rate theta + white noise of density q` (paper II-D).
+/// The drift of one sensor parameter: `theta' = -rate theta + white noise of density q` (paper II-D).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GaussMarkov {
     /// Inverse correlation time, 1/s; zero for a constant or a random walk.
@@ -32,7 +32,7 @@ impl GaussMarkov {
     #[must_use]
     pub fn decay(&self, h: f64) -> f64 {
         if self.rate == 0.0 {
-            return 1.0; // the same bits as exp(0), without its price at every node
+            return 1.0; // equals exp(0) to the last bit, without its cost at every node
         }
         libm::exp(-self.rate * h)
     }
@@ -82,7 +82,7 @@ pub struct Transition<const N: usize> {
     pub Q: SMatrix<f64, N, N>,
 }
 
-/// A state that moves and is read; [`crate::Aci`] and [`crate::Cwpa`].
+/// A state-space model: dynamics and readings; [`crate::Aci`] and [`crate::Cwpa`].
 pub trait System<const N: usize> {
     /// Whether the accelerometer output drives the state, rather than being a reading of it.
     const DRIVEN: bool;
@@ -111,10 +111,10 @@ pub trait System<const N: usize> {
         order: Order,
     ) -> Result<Transition<N>, StepError>;
 
-    /// What the encoder is expected to say.
+    /// The predicted reading of the encoder.
     fn position(&self, x: &SVector<f64, N>) -> Reading<N>;
 
-    /// What the accelerometer is expected to say; `None` if its output drives the state.
+    /// The predicted reading of the accelerometer; `None` if its output drives the state.
     ///
     /// # Errors
     /// [`StepError::Domain`] where the sensor has no inverse.

@@ -1,11 +1,11 @@
-//! One scalar reading taken in: `z = h(x) + noise`, first or second order, Joseph form.
+//! The update by one scalar reading: `z = h(x) + noise`, first or second order, Joseph form.
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use crate::dense::belief::{Belief, symmetric_part};
 use crate::error::StepError;
 
-/// What the filter expects a reading to be, about the estimate.
+/// The predicted reading and its linearisation about the estimate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading<const N: usize> {
     /// `h(x)`, and `+ 1/2 tr(h_xx P)` in second order.
@@ -16,7 +16,7 @@ pub struct Reading<const N: usize> {
     pub curvature_variance: f64,
 }
 
-/// What one reading taught the filter.
+/// The innovation of one reading and its variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Innovation {
     /// `e = z - expected`, in the unit of `z`.
@@ -46,7 +46,7 @@ impl Innovation {
         self.e * self.e / self.s
     }
 
-    /// `-1/2 (e^2 / S + ln(2 pi S))`, physics 6.3.
+    /// `-1/2 (e^2 / S + ln(2 pi S))` (derivations 6.3).
     #[must_use]
     pub fn log_likelihood(&self) -> f64 {
         -0.5 * (self.nis() + libm::log(core::f64::consts::TAU * self.s))
@@ -74,7 +74,7 @@ impl GatedReading {
     }
 }
 
-/// The innovation of `z`, and the gain `P H' / S` it would be taken in with.
+/// The innovation of `z`, and the gain `P H' / S`.
 ///
 /// # Errors
 /// [`StepError::InnovationVariance`], [`StepError::Innovation`].
@@ -90,7 +90,7 @@ pub fn innovate<const N: usize>(
     Ok((innovation, PHt / s))
 }
 
-/// Takes an innovation in: x(k|k-1), P(k|k-1) become x(k|k), P(k|k).
+/// Updates by an innovation: x(k|k-1), P(k|k-1) become x(k|k), P(k|k).
 ///
 /// Joseph form: `P` stays symmetric, and an error of the gain costs in second order only (Bar-Shalom, Li, Kirubarajan
 /// 2001, ch. 5). In second order `spread` counts as reading noise, which keeps `P - gain S gain'`.

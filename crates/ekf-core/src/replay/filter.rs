@@ -114,7 +114,7 @@ struct Update<const N: usize> {
     gain_v: [f64; N],
 }
 
-/// `N` filters of the same noise and prior, between two readings.
+/// `N` filters of equal noise and prior, between two readings.
 struct MotionFilter<const N: usize> {
     noise: Noise,
     prior: Prior,
@@ -228,7 +228,7 @@ pub fn innovations<const N: usize>(
     )
 }
 
-/// Readings whose variances are multiplied before one logarithm is taken.
+/// Readings whose variances are multiplied before their logarithm is computed.
 const PRODUCT: usize = 8;
 
 /// Sum over the records of `-1/2 sum (e^2/S + ln 2 pi S)` over the readings that count (derivations 6.3).

@@ -26,7 +26,7 @@ pub struct Cell {
     pub second: [f64; NODES],
 }
 
-/// Hands out the cells between `from` and `to` in turn; `None` when a grid of `rows` rows does not cover them.
+/// Passes the cells between `from` and `to` to `take`, in order; `None` when a grid of `rows` rows does not cover them.
 pub fn cells(grid: Grid, rows: usize, from: f64, to: f64, mut take: impl FnMut(Cell)) -> Option<()> {
     let place = (from - grid.start) / grid.step;
     let end = (to - grid.start) / grid.step;

@@ -1,4 +1,4 @@
-//! The replay: one two-state filter over the encoder, and every column carried through its gains.
+//! The replay, Friedland's separate-bias filter run offline: one two-state filter over the encoder, columns through its gains.
 //!
 //! State (p, v) with `p'' = input + w`, `E w w' = q`, reading `z = p + e`, `var e = R`. The gains depend on the
 //! noise and on the times alone, so any column that adds to the acceleration or to the reading can be replayed
@@ -35,7 +35,7 @@ pub struct MotionCovariance {
 
 /// What is known of (p, v) before the first reading, and again after each break of the record.
 ///
-/// The expected position is the reading at hand, which therefore teaches nothing.
+/// The expected position is the first reading itself, whose innovation is therefore zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
     /// Expected velocity, m/s.
@@ -53,7 +53,7 @@ pub struct Readings<'a> {
     pub z: &'a [f64],
     /// Integral of the input over the interval that ends at each reading, m/s.
     pub first: &'a [f64],
-    /// Double integral of the input over the same interval, m.
+    /// Double integral of the input over that interval, m.
     pub second: &'a [f64],
     /// Where the chain of inputs is broken before the reading: the filter starts again there.
     pub restart: &'a [bool],

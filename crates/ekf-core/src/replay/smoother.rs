@@ -3,7 +3,7 @@
 use crate::replay::filter::TrackView;
 use crate::replay::{Noise, Readings, ReplayError, same_length};
 
-/// Smooths a finished track: position, velocity and the process noise that the readings ask for.
+/// Smooths a finished track: position, velocity and process noise given all readings.
 ///
 /// Modified Bryson-Frazier form of the RTS smoother: no inverse, exact for any gap. `noise_wanted[k]` is the
 /// smoothed process noise at reading `k`, m/s^2; between two readings it is a straight line, and adding it to the

@@ -73,7 +73,7 @@ impl Form {
 
     /// The same sensor in the other form, to third order in the output, with `d(other) / d(this)`.
     ///
-    /// `s' = 1/s, K2' = -K2/s^3, K3' = (2 K2^2 - s K3)/s^5` (physics 2.3): its own inverse. Left out are the terms
+    /// `s' = 1/s, K2' = -K2/s^3, K3' = (2 K2^2 - s K3)/s^5` (derivations 2.3): its own inverse. Left out are the terms
     /// of fourth order, up to 2e-3 m/s^2 at 20 m/s^2 for a 0.1 %FS part. A covariance travels as `J P J'`.
     ///
     /// # Errors
@@ -141,7 +141,7 @@ impl Curve {
         2.0 * self.K2 + 6.0 * self.K3 * r
     }
 
-    /// `G(r)`; physics 4.2.
+    /// `G(r)` (derivations 4.2).
     fn value(&self, r: f64) -> Response {
         let mixed = self.mixed(r);
         let mut hessian = SMatrix::<f64, 5, 5>::zeros();
@@ -155,7 +155,7 @@ impl Curve {
         }
     }
 
-    /// `r` with `G(r) = y`; physics 2.3, exact inverse.
+    /// `r` with `G(r) = y`, the exact inverse (derivations 2.3).
     fn solve(&self, y: f64) -> Result<Response, DomainError> {
         let r = self.root(y)?;
         let J = self.slope(r);
@@ -166,7 +166,7 @@ impl Curve {
         Ok(Response { value: r, gradient, hessian })
     }
 
-    /// `d^2 G / dr dq` for `q = (input, k, K0, K2, K3)`; the first is kept apart as [`Self::bend`].
+    /// `d^2 G / dr dq` for `q = (input, k, K0, K2, K3)`; the first is separate, [`Self::curvature`].
     fn mixed(&self, r: f64) -> SVector<f64, 5> {
         SVector::from([0.0, self.sign, 0.0, 2.0 * r, 3.0 * r * r])
     }

@@ -1,4 +1,4 @@
-//! The accelerometer inside a state vector: which states are its parameters, and how they wander.
+//! The accelerometer inside a state vector: which states are its parameters, and how they drift.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -11,7 +11,7 @@ use crate::sensor::polynomial::{Form, Parameters, Response};
 pub struct Sensor {
     /// Which direction is the polynomial.
     pub form: Form,
-    /// How `k, K0, K2, K3` move.
+    /// How `k, K0, K2, K3` drift.
     pub gauss_markov: [GaussMarkov; 4],
 }
 
@@ -33,7 +33,7 @@ impl Sensor {
         Parameters { k: at(0), K0: at(1), K2: at(2), K3: at(3) }
     }
 
-    /// `(state, partial index in Response, wander)` of every parameter.
+    /// `(state, partial index in Response, process)` of every parameter.
     pub(crate) fn each<const N: usize>(&self, first: usize) -> impl Iterator<Item = (usize, usize, GaussMarkov)> + '_ {
         (first..N).map(move |i| (i, i - first + 1, self.gauss_markov[i - first]))
     }
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn curvature_has_its_published_terms() {
-        // Physics 4.2, second order of the reading f(a), for the state (a, k, K0, K2, K3).
+        // Derivations 4.2, second order of the reading f(a), for the state (a, k, K0, K2, K3).
         let (a, K2, K3) = (6.0, -2e-3, 3e-4);
         let theta = Parameters { k: 0.01, K0: 0.2, K2, K3 };
         let B = SMatrix::<f64, 5, 5>::from_fn(|i, j| 1.0 / (1.0 + (i * 3 + j * 5) as f64));

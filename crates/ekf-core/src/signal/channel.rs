@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// Which instrument spoke.
+/// The instrument of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channel {
     /// The accelerometer.

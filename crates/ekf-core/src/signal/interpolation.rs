@@ -3,7 +3,7 @@
 /// How the output is continued between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Interpolation {
-    /// The last sample is held: a delay of half a sample (physics 3.3).
+    /// The last sample is held: a delay of half a sample (derivations 3.3).
     Hold,
     /// A straight line: costs a gain of `-(w dt)^2 / 12`.
     Linear,
@@ -18,9 +18,9 @@ pub struct Segment {
     pub c: [f64; 4],
 }
 
-/// A neighbour farther away than this many segment lengths is no witness of the curve inside.
+/// A neighbour farther away than this many segment lengths says nothing about the curve inside.
 const FAR: f64 = 5.0;
-/// Nor do neighbours see across a segment this many times as long as their own distance: noise would be magnified.
+/// A segment this many times as long as the distance of its neighbours is not bridged by them: noise would be magnified.
 const LONG: f64 = 4.0;
 
 impl Segment {

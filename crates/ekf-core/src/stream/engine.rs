@@ -42,7 +42,7 @@ pub trait Engine<const N: usize> {
     /// [`SetupError`] if a setting, the number of states or the prior is unusable.
     fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError>;
 
-    /// The belief that a state stands for.
+    /// Mean and covariance of a state.
     fn belief(&self, state: &Self::State) -> Belief<N>;
 
     /// The reading of an outcome; `None` where an output drives the state.

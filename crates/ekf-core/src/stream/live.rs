@@ -1,4 +1,4 @@
-//! The filter as a stream: the same steps as over a record, bit for bit, as soon as each can be made.
+//! The filter as a stream: the steps over a record, bit for bit, each as soon as its output is known.
 
 use crate::dense::belief::Belief;
 use crate::error::{RunError, SetupError, StepError};
@@ -33,7 +33,7 @@ pub struct Live<E: Engine<N>, const N: usize> {
 }
 
 impl<E: Engine<N>, const N: usize> Live<E, N> {
-    /// A filter that has met no event; `prior` belongs to the first one.
+    /// A filter before its first event, to which `prior` belongs.
     ///
     /// # Errors
     /// [`SetupError`] if a setting or the prior is unusable.
@@ -70,7 +70,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         self.waiting
     }
 
-    /// Receives one event and processes all that can be; at a tie push the output first, as a record does.
+    /// Receives one event and processes all that are ready; at a tie push the output first, as in a record.
     ///
     /// # Errors
     /// [`RunError::Step`]: [`StepError::TimeOrder`] and [`StepError::Backlog`] leave the filter as it was; after any other
@@ -149,7 +149,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         Ok(())
     }
 
-    /// Whether a whole record would continue the output in the same way.
+    /// Whether the window already determines the output up to the next event, as a whole record would.
     fn ready(&self) -> bool {
         if !E::DRIVEN {
             return true;

@@ -1,6 +1,6 @@
-//! What drives ACI at one instant, seen from the parameters: acceleration, its gradient, and the gradient's covariance.
+//! The acceleration as a function of output and parameters: value, gradient, and `M` times the gradient.
 //!
-//! Parameters stand in the order `k, K0` (linear) or `k, K0, K2, K3` (cubic), extra effects behind them.
+//! Parameters have the order `k, K0` (linear) or `k, K0, K2, K3` (cubic), further effects last.
 
 use crate::dense::system::Order;
 use crate::error::DomainError;
@@ -8,7 +8,7 @@ use crate::sensor::polynomial::{Form, Parameters};
 use crate::structured::number::Number;
 use crate::structured::row::{Row, product, row};
 
-/// The acceleration at one instant of a step over which the parameters stand still.
+/// The acceleration at one instant of a step with constant parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AccelerationPartials<V: Row> {
     /// `a(u, theta)`, and `+ 1/2 tr(a_theta,theta M)` in second order, m/s^2.
@@ -23,9 +23,9 @@ pub struct AccelerationPartials<V: Row> {
 
 /// How acceleration follows from the output and the parameters.
 pub trait AccelerationModel<V: Row, const M: usize>: Copy {
-    /// What is given at every instant.
+    /// The input at every instant.
     type Input: Copy;
-    /// What has to be worked out once per estimate.
+    /// Coefficients computed once per estimate.
     type Table: Copy;
 
     /// The table for the parameters `theta` with covariance `M`; both stay as they are between two readings.
@@ -52,7 +52,7 @@ fn unit<V: Row>(witness: V::Number, i: usize, x: V::Number) -> V {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InverseLinear;
 
-/// What [`InverseLinear`] needs of the estimate; `-(1 - k)` and, at an instant, `-w`, because both stand in `g`.
+/// What [`InverseLinear`] needs of the estimate; `-(1 - k)` and, at an instant, `-w`, because both enter `g`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LinearTable<V: Row> {
     minus_slope: V::Number,
@@ -94,8 +94,8 @@ impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
 /// The inverse cubic sensor (6), `a = (1 - k) w + K2 w^2 + K3 w^3`.
 ///
 /// `g` and `h = M g` are cubic polynomials in `w` with coefficients that only a reading changes: three multiplications per
-/// instant instead of a product with `M`. Where elements stand apart, `g = (-w, -slope, w^2, w^3)` is written down, with the
-/// same bits.
+/// instant instead of a product with `M`. Where elements are separate numbers, `g = (-w, -slope, w^2, w^3)` is used directly, with
+/// equal bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct InverseCubic;
 
@@ -247,10 +247,10 @@ impl<V: Row<Number = f64>, const M: usize> AccelerationModel<V, M> for ForwardCu
 /// The forward linear sensor with further effects that add to its output, `u = K0 + (1 + k) f + sum c_j e_j`.
 ///
 /// `f` is the specific force along the input axis, the acceleration `f - rest`. The effects `e_j` are given at every instant
-/// and stand behind `k, K0` among the parameters; how they lean on the state is left out of the gradient.
+/// and follow `k, K0` among the parameters; their dependence on the state is left out of the gradient.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WithEffects {
-    /// Specific force while the stage stands still, m/s^2.
+    /// Specific force while the stage is at rest, m/s^2.
     pub rest: f64,
 }
 

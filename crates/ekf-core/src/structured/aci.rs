@@ -1,6 +1,6 @@
-//! ACI (9) in blocks: `P = [[ppp, ppv, c1'], [ppv, pvv, c2'], [c1, c2, spread]]`, states `p, v, theta`; `M` below is `spread`.
+//! ACI (9) in blocks: `P = [[ppp, ppv, c1'], [ppv, pvv, c2'], [c1, c2, P_theta]]`, states `p, v, theta`; `M` below is `P_theta`.
 //!
-//! `F` has two rows that are not zero, so while parameters are constant `M` stands still and a step costs inner products:
+//! `F` has two rows that are not zero, so while parameters are constant `M` does not change and a step costs inner products:
 //! `ppp' = 2 ppv, ppv' = pvv + g'c1, pvv' = 2 g'c2 + q, c1' = c2, c2' = M g`. Equal to [`crate::Aci`] up to rounding.
 
 use crate::dense::belief::check_covariance;
@@ -32,14 +32,14 @@ pub struct AciBlock<V: Row, const M: usize> {
     pub P_theta: [V; M],
 }
 
-/// What a reading of `p + tau v` brings, before it is taken in.
+/// `e` and `S` of a reading before the update, masked where lanes lack it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MaskedInnovation<T> {
     /// `e = z - H x`.
     pub e: T,
     /// `S = H P H' + R`.
     pub s: T,
-    /// One where the reading is there, zero where it is missing; `None` if it is there in every lane.
+    /// One where the reading is present, zero where it is missing; `None` if every lane has it.
     pub present: Option<T>,
 }
 
@@ -50,7 +50,7 @@ impl<T: Number> MaskedInnovation<T> {
         self.present.unwrap_or(self.s.like(1.0)) / self.s
     }
 
-    /// What the row of `p` is multiplied by: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
+    /// The factor of the row of `p`: `R / S`, or one where the reading is missing; `i` is [`Self::inverse`].
     #[inline(always)]
     pub(crate) fn left(&self, R: T, i: T) -> T {
         match self.present {
@@ -285,7 +285,7 @@ pub struct CrossCovariance<V: Row> {
     pub column: V,
 }
 
-/// What the acceleration does to the motion over one step, with parameters that stand still.
+/// Integrals of the acceleration, its gradient and its noise over one step with constant parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepIntegrals<V: Row> {
     /// `int (dt - s) a ds`, m.

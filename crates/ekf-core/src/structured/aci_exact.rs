@@ -1,4 +1,4 @@
-//! The step of ACI whose parameters stand still, as integrals over the drive: exact, or with Runge-Kutta's `Phi`.
+//! The step of ACI as integrals over the drive: exact, or with the `Phi` of Runge-Kutta.
 
 use crate::dense::system::Order;
 use crate::error::DomainError;
@@ -47,7 +47,7 @@ impl<V: Row> StepIntegrals<V> {
         Ok(Self { dp: first.dp + rest.dp, to_p: first.to_p + rest.to_p, ..first })
     }
 
-    /// The integrals over `dt` seconds of a drive that stands still, from its one instant: a microcontroller's step.
+    /// The integrals over `dt` seconds of a constant drive, from one instant: the step of a microcontroller.
     ///
     /// Evaluated in the middle of a straight output it leaves out the slope's lever, `slope dt^3 / 12` of position a step.
     #[inline(always)]
@@ -102,7 +102,7 @@ impl<V: Row> StepIntegrals<V> {
 }
 
 impl<V: Row, const M: usize> AciBlock<V, M> {
-    /// Without integration error: [`StepIntegrals::over`], and for wandering parameters what [`crate::Aci`] says.
+    /// Without integration error: [`StepIntegrals::over`], and for drifting parameters the quadrature of [`crate::Aci`].
     #[inline(always)]
     pub(crate) fn exact<E, I>(
         &mut self,
@@ -157,7 +157,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         Ok(())
     }
 
-    /// What the noise of the parameters has done to the motion at the end of the step: the motion's blocks of `Q_d`.
+    /// Blocks of `Q_d` that the noise of the parameters adds to the motion.
     fn drift_noise<E, I>(
         &self,
         q: V::Number,

@@ -1,4 +1,4 @@
-//! ACI in blocks with parameters that wander: random walks and Gauss-Markov processes, stage by stage.
+//! One step of ACI by any integrator, parameters constant or drifting (random walks, Gauss-Markov processes).
 //!
 //! `theta' = -rate theta + noise`: every block of the parameters decays, `c' = ... - rate c`, `M_ij' = -(r_i + r_j) M_ij`
 //! and `M_ii' += q_i`.
@@ -26,10 +26,10 @@ pub struct StepInput<E, I> {
 }
 
 impl<V: Row, const M: usize> AciBlock<V, M> {
-    /// One step of any integrator, any order, wandering parameters or none.
+    /// One step of any integrator, any order, parameters constant or drifting.
     ///
     /// # Errors
-    /// [`DomainError`] where the sensor has no inverse; the block is then half-way and must be dropped.
+    /// [`DomainError`] where the sensor has no inverse; the block is then incomplete and must be dropped.
     #[inline(always)]
     pub fn step<E, I>(
         &mut self,
@@ -59,7 +59,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         Ok(())
     }
 
-    /// One step of RK4, any order, wandering parameters or none.
+    /// One step of RK4, any order, parameters constant or drifting.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse; the block is then as it was.

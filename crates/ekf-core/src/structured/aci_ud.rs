@@ -1,6 +1,6 @@
-//! ACI with constant parameters and `P = U D U'`: the portable filter, the same bits on every IEEE 754 processor.
+//! ACI with constant parameters and `P = U D U'`: the portable filter, with equal bits on every IEEE 754 processor.
 //!
-//! Parameters stand last, so Thornton's step touches two rows of `U`; the reading is Bierman's (Bierman 1977, ch. V, VI).
+//! Parameters are last, so Thornton's step touches two rows of `U`; the reading is Bierman's (Bierman 1977, ch. V, VI).
 //! Nothing is fused and every sum has one order.
 
 use core::array::from_fn;

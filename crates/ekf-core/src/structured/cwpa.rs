@@ -48,7 +48,7 @@ pub struct CwpaBlock<V: Row, const M: usize> {
     pub P_theta: [V; M],
 }
 
-/// A reading of the output before it is taken in.
+/// The innovation of an output reading, and its `P H'`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OutputInnovation<V: Row> {
     /// `e` and `S`.
@@ -108,7 +108,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         }
     }
 
-    /// One step of `dt` seconds; the parameters may wander.
+    /// One step of `dt` seconds; the parameters may drift.
     #[inline(always)]
     pub fn step(&mut self, integrator: Integrator, dt: f64, q: V::Number, drift: &GaussMarkovSet<V, M>) {
         if integrator == Integrator::Exact {
@@ -122,7 +122,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         }
     }
 
-    /// `P = Phi P Phi' + Q` of the motion in closed form (physics 4.1), parameters standing still.
+    /// `P = Phi P Phi' + Q` of the motion in closed form (derivations 4.1), parameters constant.
     #[inline(always)]
     pub fn exact(&mut self, dt: f64, q: V::Number) {
         let c = |x: f64| q.like(x);
@@ -146,7 +146,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.v = h.times_plus(self.a, self.v);
     }
 
-    /// What `dt` seconds do to wandering parameters.
+    /// Propagates drifting parameters over `dt` seconds.
     fn gauss_markov(&mut self, dt: f64, drift: &GaussMarkovSet<V, M>) {
         let decay = drift.decay(self.p, dt);
         self.cp = self.cp * decay;
@@ -162,7 +162,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         MaskedInnovation { e: z - self.p, s: self.ppp + R, present: None }
     }
 
-    /// Takes a reading of position in; the row of `p` is multiplied by `R / S`.
+    /// Updates by a reading of position; the row of `p` is multiplied by `R / S`.
     #[inline(always)]
     pub fn correct_position(&mut self, R: V::Number, taken: &MaskedInnovation<V::Number>) {
         let i = taken.inverse();
@@ -198,7 +198,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         ];
         let theta = product(&self.P_theta, &h).plus(slope, self.ca);
         let mut e = z - expected;
-        // The parameters' part is known last.
+        // The part of the parameters depends on the longest chain, so it is added last.
         let mut s = slope.times_plus(motion[2], R) + h.dot(theta);
         if order == Order::Second {
             let dPd = da
@@ -217,7 +217,7 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         Ok(OutputInnovation { innovation: MaskedInnovation { e, s, present: None }, motion, theta })
     }
 
-    /// Takes a reading of the output in.
+    /// Updates by a reading of the output.
     #[inline(always)]
     pub fn correct_output(&mut self, taken: &OutputInnovation<V>) {
         let i = taken.innovation.inverse();

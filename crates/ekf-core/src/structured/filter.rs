@@ -1,6 +1,6 @@
-//! The filters of [`crate::dense::filter`] on structured kernels: the same choices, events, checks and errors.
+//! The filters of [`crate::dense::filter`] on structured kernels, with equal choices, events, checks and errors.
 //!
-//! A step in place, no matrices and no outcome of its own: what a stream needs. Smoothing needs `Phi` and gains, which the
+//! A step in place, without matrices: what a stream needs. Smoothing needs `Phi` and gains, which the
 //! dense twin keeps; so does a low-pass in CWPA and the factored carrier.
 
 use crate::dense::aci::Aci;
@@ -43,7 +43,7 @@ pub trait Structured<const N: usize> {
     /// [`StepError`]; the block is then to be dropped.
     fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError>;
 
-    /// Takes one sample in, unless it drives the state.
+    /// Updates by one sample, unless it drives the state.
     ///
     /// # Errors
     /// [`StepError`]; the block is then to be dropped.

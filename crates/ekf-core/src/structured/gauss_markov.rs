@@ -1,10 +1,10 @@
-//! All parameters of a structured kernel on the move: `theta' = -rate theta + noise`, one [`GaussMarkov`] each.
+//! The drift of all parameters of a structured kernel: `theta' = -rate theta + noise`, one [`GaussMarkov`] each.
 
 use crate::dense::system::GaussMarkov;
 use crate::structured::number::Number;
 use crate::structured::row::Row;
 
-/// How all parameters move.
+/// The processes of all parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GaussMarkovSet<V: Row, const M: usize> {
     each: [GaussMarkov; M],
@@ -13,7 +13,7 @@ pub struct GaussMarkovSet<V: Row, const M: usize> {
 }
 
 impl<V: Row, const M: usize> GaussMarkovSet<V, M> {
-    /// One [`GaussMarkov`] per parameter; `kind` lends its kind.
+    /// One [`GaussMarkov`] per parameter; of `witness` only the type is used.
     #[must_use]
     #[inline(always)]
     pub fn new(witness: V::Number, each: [GaussMarkov; M]) -> Self {

@@ -5,7 +5,7 @@ use crate::sensor::polynomial::{Form, Parameters};
 use crate::structured::number::Number;
 use crate::structured::row::{Row, row};
 
-/// What the output is expected to say, and how it leans on `a` and the parameters.
+/// The predicted output, and its partials in `a` and the parameters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PredictedOutput<V: Row> {
     /// Output at the estimate, m/s^2.

@@ -4,13 +4,13 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A real number, or one per lane.
 ///
-/// The implementations here round after every operation, so a kernel gives the same bits on every processor that follows
+/// The implementations here round after every operation, so a kernel gives equal bits on every processor that follows
 /// IEEE 754. Fused multiply-add belongs to the lane types of `ekf-simd`: without the processor's own instruction it is a
 /// library call, twenty times as slow.
 pub trait Number:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self> + 'static
 {
-    /// `x` in this arithmetic, in every lane; `self` lends its kind, not its value.
+    /// `x` in this arithmetic, in every lane; of `self` only the type is used.
     #[must_use]
     fn like(self, x: f64) -> Self;
 
@@ -19,9 +19,9 @@ pub trait Number:
     fn times_plus(self, a: Self, b: Self) -> Self;
 }
 
-/// One real number, which branches can ask for its sign.
+/// One real number, whose sign can decide a branch.
 pub trait Real: Number {
-    /// Above zero; not a number is not.
+    /// Whether it is above zero; false for not a number.
     fn is_positive(self) -> bool;
 }
 
@@ -53,7 +53,7 @@ impl Number for f64 {
 
 impl Number for f32 {
     #[inline(always)]
-    #[allow(clippy::cast_possible_truncation)] // single precision is what was asked for
+    #[allow(clippy::cast_possible_truncation)] // single precision is intended
     fn like(self, x: f64) -> Self {
         x as Self
     }

@@ -12,14 +12,14 @@ pub trait Row: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Sel
     /// How many.
     const LENGTH: usize;
 
-    /// Whether every element is a number of its own, so that a known zero saves its operation.
+    /// Whether elements are separate numbers, so that a known zero saves its operation.
     const APART: bool;
 
-    /// `f(i)` at place `i`; `kind` lends its kind.
+    /// `f(i)` at place `i`; `witness` carries the vector-unit token, its value is ignored.
     #[must_use]
     fn from_fn(witness: Self::Number, f: impl FnMut(usize) -> Self::Number) -> Self;
 
-    /// The same number everywhere.
+    /// One number in every place.
     #[must_use]
     fn every(x: Self::Number) -> Self;
 

@@ -1,7 +1,7 @@
 //! The workloads W1 to W4: 1667 Hz output, position at every second sample, three sinusoids; structured and dense.
 //!
 //! W1: ACI linear, first order, RK2. W2: ACI cubic, second order, RK4. W3: CWPA linear, first order. W4: CWPA cubic, second
-//! order. The noise stands at the acceleration, not at the output: `q` alone, whatever the slope.
+//! order. The noise acts on the acceleration, not on the output: `q` alone, whatever the slope.
 #![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
 
 use std::marker::PhantomData;

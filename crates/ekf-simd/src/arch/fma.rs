@@ -32,7 +32,7 @@ impl<S: Simd> Scalar for Fused<S> {
 pub struct Fused<S> {
     /// The number.
     pub x: f64,
-    /// Witness that the processor has the instructions.
+    /// Token that proves that the processor has the instructions.
     pub simd: S,
 }
 

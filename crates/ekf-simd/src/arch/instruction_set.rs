@@ -1,9 +1,9 @@
-//! Which instructions a run uses: asked of the processor once per run.
+//! The instruction sets a run can be compiled for, and which of them this processor has.
 
-/// A way through the same kernels.
+/// The instructions that a batch runs on, and how many runs share a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum InstructionSet {
-    /// One run at a time on plain numbers, nothing fused: any processor, the same bits on all.
+    /// One run at a time on plain numbers, nothing fused: any processor, equal bits on all.
     Portable,
     /// One run at a time, AVX2 and FMA; four parameters share a register.
     Fused,
@@ -14,7 +14,7 @@ pub enum InstructionSet {
 }
 
 impl InstructionSet {
-    /// Whether this processor can go this way.
+    /// Whether this processor has the instructions.
     #[must_use]
     pub fn is_available(self) -> bool {
         match self {
@@ -28,7 +28,7 @@ impl InstructionSet {
         }
     }
 
-    /// The widest way open.
+    /// The widest set that this processor has.
     #[must_use]
     pub fn best() -> Self {
         [Self::Eight, Self::Four].into_iter().find(|path| path.is_available()).unwrap_or(Self::Portable)

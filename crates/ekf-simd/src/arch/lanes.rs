@@ -27,7 +27,7 @@ impl<S: Simd> Lanes<S> {
         Self { values, simd }
     }
 
-    /// The witness of the vector unit.
+    /// The token that proves that the processor has the vector unit.
     #[inline(always)]
     pub fn simd(&self) -> S {
         self.simd

@@ -1,4 +1,4 @@
-//! A filter fed one sample at a time at a fixed rate, or a record at once: the same steps, the same bits.
+//! A filter fed one sample per call at a fixed rate, or a record per call with equal bits.
 //!
 //! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
 
@@ -26,7 +26,7 @@ use crate::record::kernel::{AciWith, CwpaWith};
 use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
 use crate::record::settings::{Dynamics, Settings};
 
-/// Stepper between two looks at the whole covariance.
+/// Steps between two checks of the whole covariance.
 const EVERY: u32 = 64;
 
 /// Effects that a filter can track beside `k, K0`.
@@ -34,17 +34,17 @@ pub const EFFECTS: usize = 14;
 
 /// A filter at a fixed rate, whatever its system, size and arithmetic.
 pub trait FixedRate: Send + Sync {
-    /// Takes one sample in; the newest innovation.
+    /// Processes one sample and returns the newest innovation.
     ///
-    /// The first sample meets the prior, which belongs to its instant. The covariance as a whole is looked at every 64
-    /// steps; an innovation variance that is not positive is found at once.
+    /// The prior belongs to the first sample. The whole covariance is checked every 64 steps, the innovation variance at every
+    /// reading.
     ///
     /// # Errors
-    /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] is a
-    /// filter whose numbers have failed, and every later step says so again.
+    /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] means that
+    /// the numbers of the filter have failed, and every later step returns it again.
     fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError>;
 
-    /// Takes a record of outputs `u` and positions `z` in, and writes what was asked for.
+    /// Processes a record of outputs `u` and positions `z`, and writes the histories that are present.
     ///
     /// # Errors
     /// The sample that failed and [`StepError`], as in [`FixedRate::step`].
@@ -62,17 +62,17 @@ pub trait FixedRate: Send + Sync {
     /// The newest innovation of all.
     fn innovation(&self) -> Option<Innovation>;
 
-    /// Samples taken in.
+    /// Samples processed.
     fn samples(&self) -> usize;
 
     /// Readings that the gate rejected.
     fn rejected(&self) -> usize;
 
-    /// Of the readings taken in.
+    /// Log-likelihood of the accepted readings.
     fn log_likelihood(&self) -> f64;
 }
 
-/// Where a record's history goes: one row per sample, nothing where nothing is wanted.
+/// Buffers for the history of a record, one row per sample; `None` where it is not wanted.
 #[derive(Debug, Default)]
 pub struct Histories<'a> {
     /// States, `N` a row.
@@ -115,7 +115,7 @@ impl Histories<'_> {
     }
 }
 
-/// What a step is compiled for.
+/// The instructions that a step is compiled for.
 trait Arithmetic: Copy + Send + Sync {
     type Number: Scalar;
 
@@ -124,7 +124,7 @@ trait Arithmetic: Copy + Send + Sync {
     fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output;
 }
 
-/// Plain numbers, nothing fused: any processor, the same bits on all.
+/// Plain numbers, nothing fused: any processor, equal bits on all.
 #[derive(Clone, Copy)]
 struct Portable;
 
@@ -163,7 +163,7 @@ struct Stepper<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>
     at: FilterState<K::Block, W::Number>,
 }
 
-/// Where a filter is.
+/// The state of a filter between two samples.
 struct FilterState<B, T> {
     block: B,
     gate: ReadingGate<T>,
@@ -203,7 +203,7 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
     }
 }
 
-/// One step, to be compiled for the instructions of its way.
+/// One step, to be compiled for its instructions.
 struct OneStep<'a, 'b, S>(&'a mut S, &'a SampleInput<'b>);
 
 impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> NullaryFnOnce
@@ -265,7 +265,7 @@ where
     }
 }
 
-/// What every kernel is made of.
+/// The numbers that every kernel is built from.
 struct Construction<'a> {
     filter: Filter<Dynamics<'a>>,
     dt: f64,
@@ -361,7 +361,8 @@ pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn Fi
     }
 }
 
-/// ACI with a forward linear sensor and effects given at every step, by RK4; `wander` is that of all parameters, `k` and `K0` first.
+/// ACI with a forward linear sensor and effects given at every step, by RK4; `gauss_markov` holds all parameters, `k` and `K0`
+/// first.
 ///
 /// # Errors
 /// [`SetupError`] likewise; at most [`EFFECTS`] effects.

@@ -1,4 +1,4 @@
-//! One step at a fixed rate: predict from the sample before to this one, then read what was measured there.
+//! One step at a fixed rate: predict from the sample before to this one, then update by its readings.
 
 use ekf_core::dense::update::{GatedReading, Innovation};
 use ekf_core::error::StepError;
@@ -17,7 +17,7 @@ use crate::record::kernel::{AciWith, CwpaWith};
 use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
 use crate::record::settings::Settings;
 
-/// What stands at one sample.
+/// The input of one step: a sample of both channels, and effects over the step.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SampleInput<'a> {
     /// The output, m/s^2; not a number where missing (CWPA).
@@ -26,16 +26,16 @@ pub struct SampleInput<'a> {
     pub z: f64,
     /// Effects per unit of their coefficients, m/s^2: at the sample before, half-way, and here. Empty without effects.
     pub effects: [&'a [f64]; 3],
-    /// What a unit of each coefficient adds to the position read here, m. Empty where none does.
+    /// Response of the position reading to a unit of each coefficient, m. Empty where there is none.
     pub position_columns: &'a [f64],
 }
 
-/// What readings led to: the gate, and sums over what it let in.
+/// The gate, and sums over the readings that it accepts.
 #[derive(Debug, Clone, Copy)]
 pub struct ReadingGate<T> {
     /// Readings with `e^2 / S` above this are rejected.
     pub threshold: f64,
-    /// Of the readings taken in.
+    /// Log-likelihood of the accepted readings.
     pub likelihood: LogLikelihood<T>,
     /// Readings rejected.
     pub rejected: usize,
@@ -55,16 +55,16 @@ impl<T: Scalar> ReadingGate<T> {
     }
 }
 
-/// The outputs before a sample, the newest first, and how many samples there were in all.
+/// The last three outputs, the newest first, and the number of samples so far.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OutputHistory {
     u: [f64; 3],
-    /// Samples taken in.
+    /// Samples processed.
     pub samples: usize,
 }
 
 impl OutputHistory {
-    /// A sample later.
+    /// Appends an output.
     #[inline(always)]
     pub fn push(&mut self, u: f64) {
         self.u = [u, self.u[0], self.u[1]];
@@ -93,7 +93,7 @@ struct BackwardCubic {
 }
 
 impl BackwardCubic {
-    /// The output at `x` of the way.
+    /// The output at the fraction `x` of the step.
     #[inline(always)]
     fn at(&self, x: f64) -> f64 {
         let [d1, d2, d3] = self.d;
@@ -174,7 +174,7 @@ where
 /// ACI whose sensor has further effects, by RK4.
 #[derive(Debug, Clone, Copy)]
 pub struct AciWithEffects {
-    /// Specific force while the stage stands still, m/s^2.
+    /// Specific force while the stage is at rest, m/s^2.
     pub rest: f64,
 }
 

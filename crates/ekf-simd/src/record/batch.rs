@@ -61,7 +61,7 @@ pub struct Final {
     pub x: Vec<f64>,
     /// Covariance by rows.
     pub P: Vec<f64>,
-    /// Of all readings; zero if it was not asked for.
+    /// Log-likelihood of all readings; zero if it is not computed.
     pub log_likelihood: f64,
     /// Why the numbers are not to be used.
     pub fault: Option<StepError>,
@@ -72,9 +72,9 @@ fn row(all: &[f64], width: usize, run: usize) -> &[f64] {
     if all.len() == width { all } else { &all[run * width..(run + 1) * width] }
 }
 
-/// Where the first value is that `unusable` names.
+/// Index of the first unusable value.
 fn first(values: &[f64], unusable: impl Fn(f64) -> bool) -> Option<usize> {
-    // A stretch is asked as a whole: what never leaves early runs in vectors.
+    // Chunks without an early exit compile to vector instructions.
     let any = |stretch: &[f64]| stretch.iter().fold(false, |found, x| found | unusable(*x));
     let stretch = values.chunks(WINDOW).position(any)?;
     (stretch * WINDOW..values.len()).find(|&index| unusable(values[index]))

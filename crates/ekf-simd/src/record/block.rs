@@ -1,4 +1,4 @@
-//! Mean and covariance in blocks, for whoever need not know of which system.
+//! One trait for the blocks of ACI and CWPA.
 
 use ekf_core::structured::aci::AciBlock;
 use ekf_core::structured::cwpa::CwpaBlock;

@@ -1,4 +1,4 @@
-//! ACI and CWPA under one name for whoever drives them over a record, and the sensors that fit in lanes.
+//! One trait for ACI and CWPA with their sensors, driven over a uniform record.
 
 use ekf_core::error::DomainError;
 use ekf_core::structured::acceleration::AccelerationModel;
@@ -17,7 +17,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     /// Mean and covariance.
     type Block: Block<V, M>;
 
-    /// Reads what stands at sample 0.
+    /// Updates by the readings of sample 0.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.

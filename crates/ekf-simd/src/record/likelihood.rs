@@ -10,7 +10,7 @@ use crate::arch::lanes::Lanes;
 /// Readings between two logarithms.
 const EVERY: u32 = 8;
 
-/// `sum of -(e^2 / S + ln 2 pi S) / 2` on its way.
+/// `sum of -(e^2 / S + ln 2 pi S) / 2` over the readings so far.
 ///
 /// `S` is gathered as a product of eight, so every `S` must lie between `1e-38` and `1e38`.
 #[derive(Debug, Clone, Copy)]
@@ -49,7 +49,7 @@ impl<S: Simd> Logarithm for Lanes<S> {
     }
 }
 
-/// What is kept of the readings: their log-likelihood, or nothing.
+/// What is summed over the readings: their log-likelihood, or nothing.
 pub trait LikelihoodSum<T>: Copy {
     /// No reading yet.
     #[must_use]
@@ -62,7 +62,7 @@ pub trait LikelihoodSum<T>: Copy {
     fn value(&self) -> T;
 }
 
-/// Nothing is kept.
+/// No sum at all: kernels that need no likelihood compile without it.
 #[derive(Debug, Clone, Copy)]
 pub struct NoLikelihood<T>(T);
 

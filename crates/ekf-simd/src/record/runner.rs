@@ -1,6 +1,6 @@
 //! One filter over a uniform record: predict, read, again; in any number type.
 //!
-//! Sample `j` stands at `j dt`. The prior belongs to sample 0, which is read like all others; at each instant the output
+//! Sample `j` belongs to the time `j dt`. The prior belongs to sample 0, which is read like all others; at each instant the output
 //! comes first, as in [`ekf_core::Engine::run`].
 
 use ekf_core::error::DomainError;
@@ -21,9 +21,9 @@ use crate::record::settings::Settings;
 pub enum Sample<T> {
     /// Missing in all lanes.
     None,
-    /// There in all lanes.
+    /// Present in all lanes.
     All(T),
-    /// There where the second number is one, missing where it is zero (the first is then any finite number).
+    /// Present where the second number is one, missing where it is zero (the first is then any finite number).
     Some(T, T),
 }
 
@@ -34,7 +34,7 @@ impl<T> Sample<T> {
         !matches!(self, Self::None)
     }
 
-    /// The number and, unless it is there in all lanes, where it is; `None` if it is missing in all.
+    /// The number and, unless all lanes have it, the mask of those that do; `None` if none has it.
     #[inline(always)]
     fn given(self) -> Option<(T, Option<T>)> {
         match self {
@@ -47,11 +47,11 @@ impl<T> Sample<T> {
 
 /// A uniform record as a run sees it.
 pub trait Record<T> {
-    /// Whether sample `j` and all before it can be asked for; asked once, so that the loops need not ask again.
+    /// Whether samples up to `j` can be read; checked once, so that the loops need no bounds checks.
     fn reaches(&self, j: usize) -> bool;
     /// Samples of the whole record.
     fn samples(&self) -> usize;
-    /// The output at sample `j`; always there.
+    /// The output at sample `j`; never missing.
     fn output(&self, j: usize) -> T;
     /// The output at sample `j` as a reading.
     fn reading(&self, j: usize) -> Sample<T>;
@@ -59,12 +59,12 @@ pub trait Record<T> {
     fn position(&self, j: usize) -> Sample<T>;
 }
 
-/// A filter on its way through its record.
+/// The state of a filter within its record.
 #[derive(Debug, Clone, Copy)]
 pub struct Runner<B, L> {
     /// Mean and covariance.
     pub block: B,
-    /// What is kept of the readings so far.
+    /// Sum over the readings so far.
     pub score: L,
 }
 
@@ -129,9 +129,9 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
             }
             return Ok(());
         }
-        // A copy that nobody else can see stays in registers.
+        // A local copy stays in registers.
         let mut here = *self;
-        // Between two readings the parameters stand still, and so does all that follows from them.
+        // Between two readings the parameters are constant, and so is the table.
         let mut reached = from;
         while reached < to {
             let from = reached;
@@ -172,7 +172,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
         Ok(())
     }
 
-    /// Takes a position in, if there is one.
+    /// Updates by a position, if there is one.
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
         let Some((z, present)) = sample.given() else { return };
@@ -228,7 +228,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
         Ok(())
     }
 
-    /// Takes an output in, if there is one.
+    /// Updates by an output, if there is one.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
@@ -248,7 +248,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
         Ok(())
     }
 
-    /// Takes a position in, if there is one.
+    /// Updates by a position, if there is one.
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
         let Some((z, present)) = sample.given() else { return };

@@ -1,4 +1,4 @@
-//! Uniform records as kernels see them: one run's own rows, or rows of several runs turned into lanes.
+//! Uniform records as kernels read them: the rows of one run, or those of several runs transposed to lanes.
 
 use ekf_core::structured::number::Number;
 use pulp::Simd;
@@ -6,9 +6,9 @@ use pulp::Simd;
 use crate::arch::lanes::Lanes;
 use crate::record::runner::{Record, Sample};
 
-/// Samples turned at a time: two channels of eight lanes stay in the first cache.
+/// Samples transposed at a time: two channels of eight lanes stay in the first cache.
 pub const WINDOW: usize = 64;
-/// Samples on either side of a stretch that an interpolation may ask for.
+/// Samples on either side of a window that an interpolation may need.
 const HALO: usize = 3;
 
 /// The record of one run.
@@ -18,7 +18,7 @@ pub struct Rows<'a, T> {
     pub output: &'a [f64],
     /// Position, m; not a number where missing.
     pub position: &'a [f64],
-    /// Lends its kind.
+    /// Only its type is used.
     pub witness: T,
 }
 
@@ -56,10 +56,10 @@ impl<T: Number> Record<T> for Rows<'_, T> {
     }
 }
 
-/// A stretch of the records of several runs, samples of all runs side by side; not a number where missing.
+/// A window of the records of several runs, transposed to lanes; not a number where missing.
 ///
-/// Its alignment is that of the whole stack frame: vectors that registers cannot hold then never lie across two lines of
-/// the cache, which costs eight lanes a third of their speed.
+/// Its alignment becomes that of the stack frame: spilled vectors then never cross a line of the cache, which would cost
+/// eight lanes a third of their speed.
 #[repr(C, align(64))]
 pub struct LaneWindow<S: Simd> {
     output: [Lanes<S>; WINDOW + 1 + 2 * HALO],
@@ -75,13 +75,13 @@ fn sample<S: Simd>(values: Lanes<S>) -> Sample<Lanes<S>> {
 }
 
 impl<S: Simd> LaneWindow<S> {
-    /// Room for a stretch.
+    /// An empty window.
     pub fn new(simd: S) -> Self {
         let zero = Lanes::from_fn(simd, |_| 0.0);
         Self { first: 0, samples: 0, output: [zero; WINDOW + 1 + 2 * HALO], position: [zero; WINDOW + 1 + 2 * HALO] }
     }
 
-    /// Turns samples `from..=to` and their neighbours; one row per lane and channel.
+    /// Transposes samples `from..=to` and their neighbours; one row per lane and channel.
     ///
     /// A function of its own: with the run's instructions the compiler scatters, which is slower than moving one by one.
     #[inline(never)]
