@@ -95,15 +95,24 @@ pub fn interleave<const N: usize>(
     ))
 }
 
-/// The filter at one reading of each record.
+/// One array per quantity, so that `N` filters fill vector registers.
+#[derive(Debug, Clone, Copy)]
+struct Motion<const N: usize> {
+    /// Position, m.
+    p: [f64; N],
+    /// Velocity, m/s.
+    v: [f64; N],
+    /// Variance of position.
+    pp: [f64; N],
+    /// Covariance of position and velocity.
+    pv: [f64; N],
+    /// Variance of velocity.
+    vv: [f64; N],
+}
+
+/// The update by one reading of each record.
 #[derive(Debug, Clone, Copy)]
 struct Update<const N: usize> {
-    /// Predicted position, m.
-    p: [f64; N],
-    /// Predicted velocity, m/s.
-    v: [f64; N],
-    /// Predicted covariance.
-    P: [MotionCovariance; N],
     /// Innovation, m.
     e: [f64; N],
     /// Its variance, m^2.
@@ -118,70 +127,76 @@ struct Update<const N: usize> {
 struct MotionFilter<const N: usize> {
     noise: Noise,
     prior: Prior,
-    p: [f64; N],
-    v: [f64; N],
-    P: [MotionCovariance; N],
+    state: Motion<N>,
 }
 
 impl<const N: usize> MotionFilter<N> {
     #[inline(always)]
     fn new(noise: Noise, prior: Prior) -> Self {
-        Self { noise, prior, p: [0.0; N], v: [0.0; N], P: [prior.P; N] }
+        let none = [0.0; N];
+        Self { noise, prior, state: Motion { p: none, v: none, pp: none, pv: none, vv: none } }
     }
 
     /// Predicts to a reading; where a record starts, the reading and the prior replace the prediction.
     #[inline(always)]
     fn predict(&mut self, reading: &InterleavedReading<N>) {
+        let Motion { p, v, pp, pv, vv } = &mut self.state;
         for j in 0..N {
             let h = reading.h[j];
-            self.p[j] += h * self.v[j] + reading.second[j];
-            self.v[j] += reading.first[j];
-            self.P[j] = self.P[j].predict(h, self.noise.q);
+            p[j] += h * v[j] + reading.second[j];
+            v[j] += reading.first[j];
+            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, self.noise.q);
+            (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
         }
         if reading.any_starts {
+            let Prior { v: velocity, P } = self.prior;
             for j in (0..N).filter(|&j| reading.starts[j]) {
-                (self.p[j], self.v[j], self.P[j]) = (reading.z[j], self.prior.v, self.prior.P);
+                (p[j], v[j]) = (reading.z[j], velocity);
+                (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
             }
         }
     }
 
-    /// Updates by the reading.
+    /// Updates by the reading. The factor `R/S` keeps `pp` positive.
     #[inline(always)]
     fn update(&mut self, reading: &InterleavedReading<N>) -> Update<N> {
         let R = self.noise.R;
-        let Self { p, v, P, .. } = *self;
-        let none = [0.0; N];
-        let mut update = Update { p, v, P, e: none, S: none, gain_p: none, gain_v: none };
+        let Motion { p, v, pp, pv, vv } = &mut self.state;
+        let (mut e, mut S, mut gain_p, mut gain_v) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
         for j in 0..N {
-            let (S, e) = (P[j].pp + R, reading.z[j] - p[j]);
-            let inverse = 1.0 / S;
-            let (gain_p, gain_v) = (P[j].pp * inverse, P[j].pv * inverse);
-            self.p[j] += gain_p * e;
-            self.v[j] += gain_v * e;
-            self.P[j] = P[j].update(R, inverse);
-            (update.e[j], update.S[j], update.gain_p[j], update.gain_v[j]) = (e, S, gain_p, gain_v);
+            S[j] = pp[j] + R;
+            e[j] = reading.z[j] - p[j];
+            let inverse = 1.0 / S[j];
+            (gain_p[j], gain_v[j]) = (pp[j] * inverse, pv[j] * inverse);
+            let keep = R * inverse;
+            p[j] += gain_p[j] * e[j];
+            v[j] += gain_v[j] * e[j];
+            vv[j] -= pv[j] * gain_v[j];
+            pp[j] *= keep;
+            pv[j] *= keep;
         }
-        update
+        Update { e, S, gain_p, gain_v }
     }
 }
 
-/// Runs the filters; `take` receives each reading with its update.
+/// Runs the filters; `take` receives each reading, the prediction and the update.
 #[inline(always)] // with the closure, or the records do not stay side by side in registers
 fn run_filters<const N: usize>(
     readings: impl Iterator<Item = InterleavedReading<N>>,
     noise: Noise,
     prior: Prior,
-    mut take: impl FnMut(&InterleavedReading<N>, &Update<N>),
+    mut take: impl FnMut(&InterleavedReading<N>, &Motion<N>, &Update<N>),
 ) -> Result<(), ReplayError> {
     noise.check()?;
     let mut filter = MotionFilter::new(noise, prior);
     for (index, reading) in readings.enumerate() {
         filter.predict(&reading);
+        let predicted = filter.state;
         let update = filter.update(&reading);
         if let Some(&S) = update.S.iter().find(|&&variance| !(variance > 0.0)) {
             return Err(ReplayError::InnovationVariance { index, S });
         }
-        take(&reading, &update);
+        take(&reading, &predicted, &update);
     }
     Ok(())
 }
@@ -199,11 +214,11 @@ pub fn filter(readings: Readings<'_>, noise: Noise, prior: Prior, track: &mut Tr
         same_length(n, found)?;
     }
     let mut k = 0;
-    run_filters(interleave([readings], None)?, noise, prior, |_, update| {
-        let Update { p: [p], v: [v], P: [P], e: [e], S: [S], gain_p: [gain_p], gain_v: [gain_v] } = *update;
-        (track.e[k], track.S[k], track.gain_p[k], track.gain_v[k]) = (e, S, gain_p, gain_v);
-        (track.p[k], track.v[k]) = (p, v);
-        (track.pp[k], track.pv[k], track.vv[k]) = (P.pp, P.pv, P.vv);
+    run_filters(interleave([readings], None)?, noise, prior, |_, predicted, update| {
+        (track.e[k], track.S[k]) = (update.e[0], update.S[0]);
+        (track.gain_p[k], track.gain_v[k]) = (update.gain_p[0], update.gain_v[0]);
+        (track.p[k], track.v[k]) = (predicted.p[0], predicted.v[0]);
+        (track.pp[k], track.pv[k], track.vv[k]) = (predicted.pp[0], predicted.pv[0], predicted.vv[0]);
         k += 1;
     })
 }
@@ -224,7 +239,7 @@ pub fn innovations<const N: usize>(
         noise,
         prior,
         #[inline(always)]
-        |_, update| take(update.e),
+        |_, _, update| take(update.e),
     )
 }
 
@@ -248,7 +263,7 @@ pub fn log_likelihood<const N: usize>(
         noise,
         prior,
         #[inline(always)]
-        |reading, &Update { e, S, .. }| {
+        |reading, _, &Update { e, S, .. }| {
             for j in 0..N {
                 squares[j] += reading.counts[j] * (e[j] * e[j] / S[j]);
                 counted[j] += reading.counts[j];

@@ -153,11 +153,4 @@ impl MotionCovariance {
             vv: self.vv + h * q,
         }
     }
-
-    /// After one reading of position; `1/S` comes from the caller. The factor `R/S` keeps `pp` positive.
-    #[inline(always)]
-    pub(crate) fn update(self, R: f64, inverse: f64) -> Self {
-        let keep = R * inverse;
-        Self { pp: self.pp * keep, pv: self.pv * keep, vv: self.vv - self.pv * (self.pv * inverse) }
-    }
 }

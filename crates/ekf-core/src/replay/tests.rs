@@ -125,7 +125,7 @@ fn filter_equals_the_dense_gaussian_posterior_at_the_last_reading() {
     let (expected, spread) = (mean + PH * solved.solve(&e), P - PH * solved.solve(&PH.transpose()));
     let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
     let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = kept.0.map(|series| series[N - 1]);
-    let after = MotionCovariance { pp, pv, vv }.update(NOISE.R, 1.0 / S);
+    let after = MotionCovariance { pp: pp * NOISE.R / S, pv: pv * NOISE.R / S, vv: vv - pv * pv / S };
     let last = 2 * (N - 1);
     assert!((p + gain_p * e - expected[last]).abs() < 1e-12);
     assert!((v + gain_v * e - expected[last + 1]).abs() < 1e-11);
