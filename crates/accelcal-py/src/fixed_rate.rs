@@ -10,7 +10,7 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::run::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
+use crate::setup::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
 
 /// A filter fed sample by sample, `dt` apart.
 #[pyclass(module = "accelcal._core")]

@@ -4,10 +4,13 @@
 #![allow(clippy::needless_pass_by_value)] // pyo3 hands views over by value
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in ekf-core
 
+mod batch;
 mod fixed_rate;
 mod hysteresis;
 mod replay;
 mod run;
+mod setup;
+mod stream;
 
 /// The compiled core of accelcal.
 #[pyo3::pymodule]
@@ -26,7 +29,16 @@ mod _core {
     use super::hysteresis::play_operator;
 
     #[pymodule_export]
-    use super::run::{FilterError, FilterRows, FilterSetup, FilterStream, run_filter, run_filter_batch, swap_form};
+    use super::setup::{FilterError, FilterSetup, swap_form};
+
+    #[pymodule_export]
+    use super::run::{FilterRows, run_filter};
+
+    #[pymodule_export]
+    use super::batch::run_filter_batch;
+
+    #[pymodule_export]
+    use super::stream::FilterStream;
 
     #[pymodule_export]
     use super::fixed_rate::{FixedRateFilter, empty_call};

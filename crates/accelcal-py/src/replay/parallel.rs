@@ -1,16 +1,14 @@
-//! Python's view of parts of a record side by side; see `ekf_core::replay::parallel`.
+//! Several records behind one filter at a time; `Parts` and `innovations` in Python.
 
 use ekf_core::replay::filter::{InterleavedReading, interleave};
 use ekf_core::replay::{Noise, Readings, ReplayError};
 use ekf_simd::replay as wide;
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::replay::track::{prior_of, refuse};
+use crate::replay::track::{Flags, Floats, prior_of, readings_of, refuse};
 
-type Floats<'py> = PyReadonlyArray1<'py, f64>;
-type Flags<'py> = PyReadonlyArray1<'py, bool>;
-type Driven<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>);
+type Record<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>);
 type Part<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Flags<'py>);
 
 /// Parts of equal length, ready for filters of any noise.
@@ -63,7 +61,7 @@ impl Parts {
 #[pyo3(signature = (drives, *, q, r, prior))]
 pub fn innovations<'py>(
     py: Python<'py>,
-    drives: Vec<Driven<'_>>,
+    drives: Vec<Record<'_>>,
     q: f64,
     r: f64,
     prior: (f64, f64, f64, f64),
@@ -88,18 +86,6 @@ pub fn innovations<'py>(
     })
     .map_err(|error: ReplayError| refuse(error))?;
     PyArray1::from_vec(py, found).reshape([drives.len(), n])
-}
-
-fn readings_of<'a>(
-    (t, z, first, second, restart): (&'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Flags<'_>),
-) -> PyResult<Readings<'a>> {
-    Ok(Readings {
-        t: t.as_slice()?,
-        z: z.as_slice()?,
-        first: first.as_slice()?,
-        second: second.as_slice()?,
-        restart: restart.as_slice()?,
-    })
 }
 
 fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<InterleavedReading<N>>> {

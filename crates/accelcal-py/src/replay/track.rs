@@ -10,8 +10,8 @@ use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-type Floats<'py> = PyReadonlyArray1<'py, f64>;
-type Flags<'py> = PyReadonlyArray1<'py, bool>;
+pub(crate) type Floats<'py> = PyReadonlyArray1<'py, f64>;
+pub(crate) type Flags<'py> = PyReadonlyArray1<'py, bool>;
 type Out<'py> = Bound<'py, PyArray1<f64>>;
 
 /// Every error of the core reaches Python as a `ValueError` with its sentence.
@@ -52,25 +52,17 @@ pub fn drive<'py>(
     Ok((PyArray1::from_vec(py, first), PyArray1::from_vec(py, second), PyArray1::from_vec(py, covered)))
 }
 
-/// Encoder readings with what drives the motion between them, kept as views.
-struct Views<'py> {
-    t: Floats<'py>,
-    z: Floats<'py>,
-    first: Floats<'py>,
-    second: Floats<'py>,
-    restart: Flags<'py>,
-}
-
-impl Views<'_> {
-    fn readings(&self) -> PyResult<Readings<'_>> {
-        Ok(Readings {
-            t: self.t.as_slice()?,
-            z: self.z.as_slice()?,
-            first: self.first.as_slice()?,
-            second: self.second.as_slice()?,
-            restart: self.restart.as_slice()?,
-        })
-    }
+/// Encoder readings with the integrals between them, as views of arrays.
+pub(crate) fn readings_of<'a>(
+    (t, z, first, second, restart): (&'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Flags<'_>),
+) -> PyResult<Readings<'a>> {
+    Ok(Readings {
+        t: t.as_slice()?,
+        z: z.as_slice()?,
+        first: first.as_slice()?,
+        second: second.as_slice()?,
+        restart: restart.as_slice()?,
+    })
 }
 
 pub(crate) fn prior_of((v, pp, pv, vv): (f64, f64, f64, f64)) -> Prior {
@@ -105,8 +97,7 @@ impl ReplayTrack {
         r: f64,
         prior: (f64, f64, f64, f64),
     ) -> PyResult<Self> {
-        let views = Views { t, z, first, second, restart };
-        let readings = views.readings()?;
+        let readings = readings_of((&t, &z, &first, &second, &restart))?;
         let noise = Noise { q, R: r };
         let mut data = vec![0.0; SERIES.len() * readings.t.len()];
         let mut left = data.as_mut_slice();
@@ -131,8 +122,7 @@ impl ReplayTrack {
         second: Floats<'py>,
         restart: Flags<'py>,
     ) -> PyResult<(Out<'py>, Out<'py>, Out<'py>)> {
-        let views = Views { t, z, first, second, restart };
-        let readings = views.readings()?;
+        let readings = readings_of((&t, &z, &first, &second, &restart))?;
         let n = readings.t.len();
         let mut out: [Vec<f64>; 3] = core::array::from_fn(|_| vec![0.0; n]);
         let [position, velocity, wanted] = &mut out;
