@@ -75,7 +75,7 @@ fn output(j: usize) -> f64 {
     8.0 * (0.02 * j as f64).sin()
 }
 
-/// Where that leads from rest: a cubic sensor that is told otherwise leaves its domain.
+/// The position under that output from rest: with any other, a cubic sensor leaves its domain.
 fn position(j: usize) -> f64 {
     let (w, turned) = (0.02 / DT, 0.02 * j as f64);
     8.0 / (w * w) * (turned - turned.sin())

@@ -74,3 +74,10 @@ impl<S: Simd> Number for Fused<S> {
         Self { x: self.x.mul_add(a.x, b.x), simd: self.simd }
     }
 }
+
+impl<S: Simd> Logarithm for Fused<S> {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self { x: self.x.ln(), simd: self.simd }
+    }
+}

@@ -4,7 +4,6 @@ use ekf_core::structured::aci::MaskedInnovation;
 use ekf_core::structured::number::Number;
 use pulp::Simd;
 
-use crate::arch::fma::Fused;
 use crate::arch::lanes::Lanes;
 
 /// Readings between two logarithms.
@@ -32,13 +31,6 @@ impl Logarithm for f64 {
     #[inline(always)]
     fn ln(self) -> Self {
         f64::ln(self)
-    }
-}
-
-impl<S: Simd> Logarithm for Fused<S> {
-    #[inline(always)]
-    fn ln(self) -> Self {
-        Self { x: self.x.ln(), simd: self.simd }
     }
 }
 
