@@ -1,6 +1,6 @@
 //! The tracker on a Cortex-M in QEMU: start-up, the run with instructions and stack counted, the report, the end.
 //!
-//! Instructions are ticks of the system timer under `-icount`, which lets every instruction take the same time. The report
+//! Instructions are ticks of the system timer under `-icount`, under which every instruction takes equal time. The report
 //! is lines of a name and sixteen hexadecimal digits.
 #![no_std]
 #![no_main]

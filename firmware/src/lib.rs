@@ -1,6 +1,6 @@
 //! A tracker of position, velocity and the sensor's `k, K0, K2, K3`, and a record that every machine draws alike.
 //!
-//! Device and host [`run`] the same steps and compare the [`Outcome`]; nothing here knows which of them it is on.
+//! Device and host [`run`] equal steps and compare the [`Outcome`]; no code here depends on which of them it runs on.
 #![no_std]
 #![deny(unsafe_code)]
 #![allow(non_snake_case)] // as in ekf-core

@@ -1,6 +1,6 @@
 //! A run over the record and what comes out of it: all bits of all beliefs in one number, and the last estimate.
 
-use ekf_core::aci_factored::AciFactored;
+use ekf_core::structured::aci_ud::AciFactored;
 
 use crate::record::{Record, TRUTH};
 use crate::{Number, Sample, Tracker};

@@ -1,4 +1,4 @@
-//! A stage on two tones and the sensor on it, by `+ - *` on single precision alone: the same bits wherever it is drawn.
+//! A stage on two tones and the sensor on it, by `+ - *` on single precision alone: with equal bits on every machine.
 
 /// Time between two samples, s.
 pub(crate) const DT: f64 = 0.0006;

@@ -1,11 +1,11 @@
 //! The filter as a device holds it: one call per output, with the encoder's reading where there is one.
 
 use ekf_core::Order;
-use ekf_core::aci_block::Push;
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::effect::{Effect, InverseCubic};
-use ekf_core::number::Real;
-use ekf_core::row::Plain;
+use ekf_core::structured::acceleration::{AccelerationModel, InverseCubic};
+use ekf_core::structured::aci::StepIntegrals;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::number::Real;
+use ekf_core::structured::row::Plain;
 
 use crate::record::DT;
 
@@ -37,8 +37,8 @@ impl<T: Real> Tracker<T> {
         self.predict(output);
         if let Some(z) = position {
             let R = z.like(VARIANCE);
-            let surprise = self.filter.innovate(z, R);
-            self.filter.correct(R, &surprise);
+            let innovation = self.filter.innovate(z, R);
+            self.filter.correct(R, &innovation);
         }
     }
 
@@ -47,10 +47,10 @@ impl<T: Real> Tracker<T> {
     fn predict(&mut self, output: T) {
         let between = output.like(0.5) * (self.before + output);
         self.before = output;
-        let spread = [Plain([output.like(0.0); 4]); 4]; // only the second order looks at it
-        let table = Effect::<_, 4>::table(&InverseCubic, &self.filter.theta, &spread, Order::First);
-        if let Ok(at) = Effect::<_, 4>::at(&InverseCubic, &table, between) {
-            self.filter.predict(output.like(DT), &Push::held(DT, output.like(DENSITY), &at));
+        let P_theta = [Plain([output.like(0.0); 4]); 4]; // only the second order looks at it
+        let table = AccelerationModel::<_, 4>::table(&InverseCubic, &self.filter.theta, &P_theta, Order::First);
+        if let Ok(at) = AccelerationModel::<_, 4>::at(&InverseCubic, &table, between) {
+            self.filter.predict(output.like(DT), &StepIntegrals::held(DT, output.like(DENSITY), &at));
         }
     }
 }

@@ -200,17 +200,3 @@ class ReplayTrack:
         self, t: _Array, z: _Array, first: _Array, second: _Array, restart: _Flags
     ) -> tuple[_Array, _Array, _Array]: ...
     def series(self, name: str) -> _Array: ...
-    def carry(
-        self,
-        t: _Array,
-        restart: _Flags,
-        on_grid: _Array,
-        at_readings: _Array,
-        *,
-        start: float,
-        step: float,
-        from_: int,
-        to: int,
-        state: _Array,
-        whitened: _Array,
-    ) -> None: ...

@@ -136,7 +136,7 @@ def test_another_division_begins_models_anew_and_undo_brings_them_back(grown, tm
     assert bench.state is grown.state
     bench.hold_out(-5.0, 100.0)
     assert bench.state is grown.state
-    assert "no data would be left" in bench.sentence
+    assert "nothing is left" in bench.sentence
     bench.hold_out(50.0, 60.0)
     assert "outside the used range" in bench.sentence
 

@@ -281,7 +281,7 @@ CHOICES = {
 def test_no_function_name_contains_two_choices() -> None:
     names = [
         name
-        for path in [*CORE.glob("*.rs"), CORE.parents[1] / "accelcal-py/src/filters.rs", Path(filters.__file__)]
+        for path in [*CORE.rglob("*.rs"), *(CORE.parents[1] / "accelcal-py/src").rglob("*.rs"), Path(filters.__file__)]
         for name in re.findall(
             r"^\s*(?:pub )?(?:fn|def) (\w+)", path.read_text().split("#[cfg(test)]")[0], re.MULTILINE
         )

@@ -1,8 +1,8 @@
 //! A filter at a fixed rate for Python: a sample per call, or a record per call into the caller's arrays.
 
-use ekf_core::{RunError, Wander};
-use ekf_simd::fixed_rate::{self, FixedRate, Histories};
-use ekf_simd::paced::Arrival;
+use ekf_core::{GaussMarkov, RunError};
+use ekf_simd::fixed_rate::filter::{self, FixedRate, Histories};
+use ekf_simd::fixed_rate::step::SampleInput;
 use numpy::{
     Element, IntoPyArray, PyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadwriteArray,
     PyUntypedArrayMethods,
@@ -10,7 +10,7 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::filters::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
+use crate::setup::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
 
 /// A filter fed sample by sample, `dt` apart.
 #[pyclass(module = "accelcal._core")]
@@ -28,7 +28,7 @@ impl FixedRateFilter {
 
 #[pymethods]
 impl FixedRateFilter {
-    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects stand behind `k, K0`.
+    /// `effects` is the specific force at rest and `(rate, q)` of every parameter where effects follow `k, K0`.
     #[new]
     #[pyo3(signature = (setup, x0, P0, dt, effects=None))]
     fn new(
@@ -44,11 +44,11 @@ impl FixedRateFilter {
         let count = effects.as_ref().map_or(0, |_| states.saturating_sub(4));
         let filter = match (setup.system, effects) {
             (AnySystem::Aci(system), Some((rest, wander))) => {
-                let wander: Vec<Wander> = wander.into_iter().map(|(rate, q)| Wander { rate, q }).collect();
-                fixed_rate::aci_with_effects(&setup.with(system), dt, rest, &wander, prior)
+                let wander: Vec<GaussMarkov> = wander.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
+                filter::aci_with_effects(&setup.choices.with_system(system), dt, rest, &wander, prior)
             }
-            (AnySystem::Aci(system), None) => fixed_rate::aci(&setup.with(system), dt, prior),
-            (AnySystem::Cwpa(system), _) => fixed_rate::cwpa(&setup.with(system), dt, prior),
+            (AnySystem::Aci(system), None) => filter::aci(&setup.choices.with_system(system), dt, prior),
+            (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),
         };
         Ok(Self { filter: filter.map_err(|error| raise(py, error.into()))?, dt, effects: count })
     }
@@ -64,8 +64,8 @@ impl FixedRateFilter {
                 self.effects
             )));
         }
-        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), ..Arrival::default() };
-        match self.filter.step(&arrival) {
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), ..SampleInput::default() };
+        match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
         }
@@ -92,8 +92,8 @@ impl FixedRateFilter {
         let (before, rest) = columns.as_slice()?.split_at(self.effects);
         let (middle, here) = rest.split_at(self.effects);
         let effects = [before, middle, here];
-        let arrival = Arrival { u, z: z.unwrap_or(f64::NAN), effects, leaning: leaning.as_slice()? };
-        match self.filter.step(&arrival) {
+        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns: leaning.as_slice()? };
+        match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),
         }
@@ -184,7 +184,7 @@ impl FixedRateFilter {
         self.filter.innovation().map(|innovation| innovation.nis())
     }
 
-    /// Samples taken in.
+    /// Samples processed.
     #[getter]
     fn samples(&self) -> usize {
         self.filter.samples()
@@ -196,7 +196,7 @@ impl FixedRateFilter {
         self.filter.rejected()
     }
 
-    /// Of the readings taken in.
+    /// Log-likelihood of the accepted readings.
     #[getter]
     fn log_likelihood(&self) -> f64 {
         self.filter.log_likelihood()

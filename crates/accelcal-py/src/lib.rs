@@ -4,36 +4,41 @@
 #![allow(clippy::needless_pass_by_value)] // pyo3 hands views over by value
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in ekf-core
 
-mod abreast;
-
-mod bank;
-
-mod effects;
-
-mod filters;
-
+mod batch;
 mod fixed_rate;
-
+mod hysteresis;
 mod replay;
+mod run;
+mod setup;
+mod stream;
 
 /// The compiled core of accelcal.
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]
-    use super::replay::{ReplayTrack, drive};
+    use super::replay::track::{ReplayTrack, drive};
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::abreast::{Parts, innovations};
+    use super::replay::parallel::{Parts, innovations};
 
     #[pymodule_export]
-    use super::bank::Bank;
+    use super::replay::columns::Bank;
 
     #[pymodule_export]
-    use super::effects::play_operator;
+    use super::hysteresis::play_operator;
 
     #[pymodule_export]
-    use super::filters::{FilterError, FilterRows, FilterSetup, FilterStream, run_filter, run_filter_batch, swap_form};
+    use super::setup::{FilterError, FilterSetup, swap_form};
+
+    #[pymodule_export]
+    use super::run::{FilterRows, run_filter};
+
+    #[pymodule_export]
+    use super::batch::run_filter_batch;
+
+    #[pymodule_export]
+    use super::stream::FilterStream;
 
     #[pymodule_export]
     use super::fixed_rate::{FixedRateFilter, empty_call};

@@ -1,11 +1,11 @@
-//! What can go wrong in a set-up, a step or a run, with the numbers that say why.
+//! Errors of a set-up, a step and a run, with the numbers that explain them.
 
 use core::error::Error;
 use core::fmt;
 
-use crate::timeline::Channel;
+use crate::signal::channel::Channel;
 
-/// A sensor model was asked for a value where it has none.
+/// A sensor model has no value at the argument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
 pub enum DomainError {

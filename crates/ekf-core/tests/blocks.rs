@@ -3,17 +3,19 @@
 
 mod common;
 
-use common::{DT, Draw, cases, distance, integrators, orders, prior, read, wanders};
-use ekf_core::aci_block::AciBlock;
-use ekf_core::aci_staged::Course;
-use ekf_core::cwpa_block::CwpaBlock;
-use ekf_core::effect::{Driven, Effect, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear, WithEffects};
-use ekf_core::output::{Output, ReadCubic, ReadInverse, ReadLinear};
-use ekf_core::row::Plain;
-use ekf_core::system::{Drive, Rates, System, Transition};
-use ekf_core::update::{Reading, correct, innovate};
-use ekf_core::wandering::Wandering;
-use ekf_core::{Aci, Cwpa, Form, Integrator, Order, Segment, Sensor, SetupError, StepError, Wander};
+use common::{DT, Draw, cases, distance, drawn_processes, integrators, orders, prior, read};
+use ekf_core::dense::system::{Drive, Rates, System, Transition};
+use ekf_core::dense::update::{Reading, correct, innovate};
+use ekf_core::structured::acceleration::{
+    AccelerationModel, Driven, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear, WithEffects,
+};
+use ekf_core::structured::aci::AciBlock;
+use ekf_core::structured::aci_step::StepInput;
+use ekf_core::structured::cwpa::CwpaBlock;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
+use ekf_core::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
+use ekf_core::structured::row::Plain;
+use ekf_core::{Aci, Cwpa, Form, GaussMarkov, Integrator, Order, Segment, Sensor, SetupError, StepError};
 use nalgebra::{RowSVector, SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -29,46 +31,42 @@ struct Choice {
     seed: u64,
     integrator: Integrator,
     order: Order,
-    wander: u8,
+    gauss_markov: u8,
     tau: f64,
 }
 
 fn choices() -> impl Strategy<Value = Choice> {
     (any::<u64>(), integrators(), orders(), 0..3u8, prop_oneof![Just(0.0), Just(1e-3)])
-        .prop_map(|(seed, integrator, order, wander, tau)| Choice { seed, integrator, order, wander, tau })
+        .prop_map(|(seed, integrator, order, gauss_markov, tau)| Choice { seed, integrator, order, gauss_markov, tau })
 }
 
-fn four(draw: &mut Draw, kind: u8) -> [Wander; 4] {
-    wanders(draw, kind, &SIGMA).try_into().unwrap()
+fn four(draw: &mut Draw, kind: u8) -> [GaussMarkov; 4] {
+    drawn_processes(draw, kind, &SIGMA).try_into().unwrap()
 }
 
 fn aci_agrees<const N: usize, const M: usize, E>(form: Form, effect: E, choice: Choice)
 where
-    E: Effect<Plain<f64, M>, M, Input = f64>,
+    E: AccelerationModel<Plain<f64, M>, M, Input = f64>,
 {
     let mut draw = Draw(choice.seed);
-    let wander = four(&mut draw, choice.wander);
+    let gauss_markov = four(&mut draw, choice.gauss_markov);
     let q = 1e-6;
-    let system = Aci { sensor: Sensor { form, wander }, q, tau: choice.tau };
+    let system = Aci { sensor: Sensor { form, gauss_markov }, q, tau: choice.tau };
     let pick = |head: [f64; 2], tail: [f64; 4]| core::array::from_fn(|i| if i < 2 { head[i] } else { tail[i - 2] });
     let mut dense = prior::<N>(&mut draw, pick([1e-5, 3e-3], SIGMA), pick([0.0, 0.1], MEAN));
     let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| dense.x[i], |i, j| dense.P[(i, j)]);
-    let wandering = Wandering::new(0.0, core::array::from_fn(|i| wander[i]));
+    let drift = GaussMarkovSet::new(0.0, core::array::from_fn(|i| gauss_markov[i]));
     for _ in 0..STEPS {
         let dt = DT * (1.0 + 0.5 * draw.next());
         let segment = Segment { c: [8.0 * draw.next(), 500.0 * draw.next(), 0.0, 0.0] };
         let drive = Drive { segment, from: 0.0, to: dt };
         dense = choice.integrator.step(&system, &dense, &drive, choice.order).unwrap().0;
-        let course = Course { effect, order: choice.order, input: |s| segment.value(s), dt };
-        block.step(choice.integrator, q, &wandering, &course).unwrap();
+        let step_input = StepInput { model: effect, order: choice.order, input: |s| segment.value(s), dt };
+        block.step(choice.integrator, q, &drift, &step_input).unwrap();
         if draw.next() > 0.0 {
             let z = dense.x[0] + choice.tau * dense.x[1] + 1e-6 * draw.next();
             dense = read(&system, &dense, R, z);
-            if choice.tau == 0.0 {
-                block.correct(R, &block.innovate(z, R));
-            } else {
-                block.correct_ahead(choice.tau, &block.innovate_ahead(choice.tau, z, R));
-            }
+            block.correct(choice.tau, R, &block.innovate(choice.tau, z, R));
         }
     }
     let off = distance(&dense, |i| block.x(i), |i, j| block.P(i, j));
@@ -78,20 +76,20 @@ where
 
 fn cwpa_agrees<const N: usize, const M: usize, O>(form: Form, sensor: &O, choice: Choice)
 where
-    O: Output<Plain<f64, M>>,
+    O: OutputModel<Plain<f64, M>>,
 {
     let mut draw = Draw(choice.seed);
-    let wander = four(&mut draw, choice.wander);
+    let gauss_markov = four(&mut draw, choice.gauss_markov);
     let q = 25.0;
-    let system = Cwpa { sensor: Sensor { form, wander }, q, low_pass: None };
+    let system = Cwpa { sensor: Sensor { form, gauss_markov }, q, low_pass: None };
     let pick = |head: [f64; 3], tail: [f64; 4]| core::array::from_fn(|i| if i < 3 { head[i] } else { tail[i - 3] });
     let mut dense = prior::<N>(&mut draw, pick([1e-5, 3e-3, 0.5], SIGMA), pick([0.0, 0.1, 3.0], MEAN));
     let mut block = CwpaBlock::<Plain<f64, M>, M>::new(|i| dense.x[i], |i, j| dense.P[(i, j)]);
-    let wandering = Wandering::new(0.0, core::array::from_fn(|i| wander[i]));
+    let drift = GaussMarkovSet::new(0.0, core::array::from_fn(|i| gauss_markov[i]));
     for _ in 0..STEPS {
         let dt = DT * (1.0 + 0.5 * draw.next());
         let drive = Drive { segment: Segment { c: [0.0; 4] }, from: 0.0, to: dt };
-        block.step(choice.integrator, dt, q, &wandering);
+        block.step(choice.integrator, dt, q, &drift);
         match choice.integrator.step(&system, &dense, &drive, choice.order) {
             Ok((stepped, _)) => dense = stepped,
             // RK2 leaves out two powers of the step: where one kernel sees that it failed, so does the other.
@@ -149,12 +147,12 @@ impl<const N: usize> System<N> for Dense {
         g[2] = -a / s;
         g[3] = -1.0 / s;
         // 1/2 tr(a_xx P): only partials with k are not zero, a_kk = 2 a / s^2, a_k,K0 = 1 / s^2, a_k,j = e_j / s^2.
-        let bend = (a * P[(2, 2)] + P[(2, 3)] + (P.row(2) * e)[0]) / (s * s);
+        let curvature_mean = (a * P[(2, 2)] + P[(2, 3)] + (P.row(2) * e)[0]) / (s * s);
         let mut f = SVector::zeros();
         let mut F = SMatrix::<f64, N, N>::zeros();
         let mut DQDt = SMatrix::zeros();
         f[0] = x[1];
-        f[1] = a - REST + if order == Order::Second { bend } else { 0.0 };
+        f[1] = a - REST + if order == Order::Second { curvature_mean } else { 0.0 };
         F[(0, 1)] = 1.0;
         F.set_row(1, &g.transpose());
         DQDt[(1, 1)] = self.q / (s * s);
@@ -174,7 +172,7 @@ impl<const N: usize> System<N> for Dense {
     fn position(&self, x: &SVector<f64, N>) -> Reading<N> {
         let mut H = RowSVector::zeros();
         H[0] = 1.0;
-        Reading { expected: x[0], H, spread: 0.0 }
+        Reading { expected: x[0], H, curvature_variance: 0.0 }
     }
 
     fn output(&self, _: &SVector<f64, N>, _: &SMatrix<f64, N, N>, _: Order) -> Result<Option<Reading<N>>, StepError> {
@@ -187,7 +185,7 @@ fn columns_agree<const N: usize, const M: usize>(choice: Choice) {
     let sigma = core::array::from_fn(|i| [1e-5, 3e-3, 1e-2, 0.1].get(i).copied().unwrap_or(1e-3));
     let mut dense = prior::<N>(&mut draw, sigma, [0.0; N]);
     let mut block = AciBlock::<Plain<f64, M>, M>::new(|i| dense.x[i], |i, j| dense.P[(i, j)]);
-    let wandering = Wandering::new(0.0, [Wander::CONSTANT; M]);
+    let drift = GaussMarkovSet::new(0.0, [GaussMarkov::CONSTANT; M]);
     // The exact step has no dense twin here: Runge-Kutta in 32 pieces leaves 1e-6 of its error.
     let (twin, pieces) = match choice.integrator {
         Integrator::Exact => (Integrator::Rk4, 32),
@@ -205,20 +203,20 @@ fn columns_agree<const N: usize, const M: usize>(choice: Choice) {
             let columns = Plain(core::array::from_fn(|i| if i < 2 { 0.0 } else { column(i + 2, u) }));
             Driven { u, columns }
         };
-        let course = Course { effect: WithEffects { rest: REST }, order: choice.order, input, dt: DT };
-        block.step(choice.integrator, system.q, &wandering, &course).unwrap();
+        let step_input = StepInput { model: WithEffects { rest: REST }, order: choice.order, input, dt: DT };
+        block.step(choice.integrator, system.q, &drift, &step_input).unwrap();
         if draw.next() > 0.0 {
             // An encoder that half of the effects act on, as much as position is unknown; behind a low-pass or not.
             let mut H =
                 RowSVector::<f64, N>::from_fn(|_, i| if i > 3 && i % 2 == 0 { 1e-2 * draw.next() } else { 0.0 });
             (H[0], H[1]) = (1.0, choice.tau);
-            let reading = Reading { expected: (H * dense.x)[0], H, spread: 0.0 };
+            let reading = Reading { expected: (H * dense.x)[0], H, curvature_variance: 0.0 };
             let z = reading.expected + 1e-6 * draw.next();
             let (innovation, gain) = innovate(&dense, &reading, R, z).unwrap();
             dense = correct(&dense, &reading, R, &innovation, &gain);
             let b = Plain(core::array::from_fn(|i| H[i + 2]));
-            let (surprise, along) = block.innovate_along(choice.tau, &b, z, R);
-            block.correct_along(&along, &surprise);
+            let (innovation, along) = block.innovate_with_effects(choice.tau, &b, z, R);
+            block.correct_with(&along, &innovation);
         }
     }
     let off = distance(&dense, |i| block.x(i), |i, j| block.P(i, j));

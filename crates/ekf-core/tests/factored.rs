@@ -4,16 +4,16 @@
 mod common;
 
 use common::{DT, Draw, cases, distance, orders, prior, read};
-use ekf_core::aci_block::{AciBlock, Push};
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::aci_staged::Course;
-use ekf_core::effect::{Driven, Effect, InverseCubic, WithEffects};
-use ekf_core::factored::factorise;
-use ekf_core::number::Real;
-use ekf_core::row::Plain;
-use ekf_core::system::Drive;
-use ekf_core::wandering::Wandering;
-use ekf_core::{Aci, Belief, Form, Integrator, Order, Segment, Sensor, Wander};
+use ekf_core::dense::system::Drive;
+use ekf_core::dense::ud::factorise;
+use ekf_core::structured::acceleration::{AccelerationModel, Driven, InverseCubic, WithEffects};
+use ekf_core::structured::aci::{AciBlock, StepIntegrals};
+use ekf_core::structured::aci_step::StepInput;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
+use ekf_core::structured::number::Real;
+use ekf_core::structured::row::Plain;
+use ekf_core::{Aci, Belief, Form, GaussMarkov, Integrator, Order, Segment, Sensor};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -30,10 +30,10 @@ fn from_belief<T: Real, const N: usize, const M: usize>(
 
 /// One step under a straight output, the second-order term from `spread`.
 fn step<T: Real>(filter: &mut AciFactored<T, 6, 4>, integrator: Integrator, order: Order, from: T, slope: T) {
-    let spread: [_; 4] = core::array::from_fn(|i| Plain(core::array::from_fn(|j| filter.P(i + 2, j + 2))));
-    let table = Effect::<_, 4>::table(&InverseCubic, &filter.theta, &spread, order);
+    let P_theta: [_; 4] = core::array::from_fn(|i| Plain(core::array::from_fn(|j| filter.P(i + 2, j + 2))));
+    let table = AccelerationModel::<_, 4>::table(&InverseCubic, &filter.theta, &P_theta, order);
     let input = |s: f64| from + slope * from.like(s);
-    let push = Push::over::<_, 4>(integrator, DT, from.like(Q), &InverseCubic, &table, input).unwrap();
+    let push = StepIntegrals::over::<_, 4>(integrator, DT, from.like(Q), &InverseCubic, &table, input).unwrap();
     filter.predict(from.like(DT), &push);
 }
 
@@ -47,7 +47,7 @@ proptest! {
         integrator in prop_oneof![Just(Integrator::Rk4), Just(Integrator::Exact)],
     ) {
         let mut draw = Draw(seed);
-        let system = Aci { sensor: Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] }, q: Q, tau: 0.0 };
+        let system = Aci { sensor: Sensor { form: Form::Inverse, gauss_markov: [GaussMarkov::CONSTANT; 4] }, q: Q, tau: 0.0 };
         let sigma = [1e-5, 3e-3, 1e-2, 0.1, 1e-3, 1e-4];
         let mut dense = prior::<6>(&mut draw, sigma, [0.0; 6]);
         let mut filter = from_belief::<f64, 6, 4>(&dense, |x| x);
@@ -74,24 +74,24 @@ proptest! {
 #[test]
 fn a_held_push_is_the_exact_one_and_lacks_the_lever_of_a_slope() {
     let theta = Plain([0.02, 0.1, 1e-3, 1e-4]);
-    let table = Effect::<_, 4>::table(&InverseCubic, &theta, &[Plain([0.0; 4]); 4], Order::First);
+    let table = AccelerationModel::<_, 4>::table(&InverseCubic, &theta, &[Plain([0.0; 4]); 4], Order::First);
     let (u, slope) = (3.0, 200.0);
     let exact = |slope: f64| {
         let input = |s: f64| u + slope * (s - 0.5 * DT);
-        Push::over::<_, 4>(Integrator::Exact, DT, Q, &InverseCubic, &table, input).unwrap()
+        StepIntegrals::over::<_, 4>(Integrator::Exact, DT, Q, &InverseCubic, &table, input).unwrap()
     };
-    let at = Effect::<_, 4>::at(&InverseCubic, &table, u).unwrap();
-    let held = Push::held(DT, Q, &at);
+    let at = AccelerationModel::<_, 4>::at(&InverseCubic, &table, u).unwrap();
+    let held = StepIntegrals::held(DT, Q, &at);
     let same = |x: f64, y: f64| assert!((x - y).abs() <= 1e-14 * y.abs(), "{x} {y}"); // ten products and sums
-    let still = exact(0.0);
-    same(held.dp, still.dp);
-    same(held.dv, still.dv);
+    let is_constant = exact(0.0);
+    same(held.dp, is_constant.dp);
+    same(held.dv, is_constant.dv);
     for i in 0..4 {
-        same(held.to_p.0[i], still.to_p.0[i]);
-        same(held.to_v.0[i], still.to_v.0[i]);
+        same(held.to_p.0[i], is_constant.to_p.0[i]);
+        same(held.to_v.0[i], is_constant.to_v.0[i]);
     }
     for i in 0..3 {
-        same(held.Q[i], still.Q[i]);
+        same(held.Q[i], is_constant.Q[i]);
     }
 
     let lever = held.dp - exact(slope).dp;
@@ -142,17 +142,17 @@ fn diagonal<const N: usize>(variance: f64) -> Belief<N> {
 
 /// One precision of a filter with `M - 2` effects.
 fn stepped<T: Real, const N: usize, const M: usize>(filter: &mut AciFactored<T, N, M>, i: usize, u: [f64; 2]) {
-    let kind = filter.p;
-    let spread: [_; M] = core::array::from_fn(|i| Plain(core::array::from_fn(|j| filter.P(i + 2, j + 2))));
+    let witness = filter.p;
+    let P_theta: [_; M] = core::array::from_fn(|i| Plain(core::array::from_fn(|j| filter.P(i + 2, j + 2))));
     let sensor = WithEffects { rest: 0.0 };
-    let table = Effect::<_, M>::table(&sensor, &filter.theta, &spread, Order::First);
+    let table = AccelerationModel::<_, M>::table(&sensor, &filter.theta, &P_theta, Order::First);
     let input = |s: f64| {
         let t = i as f64 * DT + s;
-        let effect = |i: usize| kind.like(if i < 2 { 0.0 } else { Motion::effect(i - 2, t) });
-        Driven { u: kind.like(u[0] + (u[1] - u[0]) / DT * s), columns: Plain(core::array::from_fn(effect)) }
+        let effect = |i: usize| witness.like(if i < 2 { 0.0 } else { Motion::effect(i - 2, t) });
+        Driven { u: witness.like(u[0] + (u[1] - u[0]) / DT * s), columns: Plain(core::array::from_fn(effect)) }
     };
-    let push = Push::over::<_, M>(Integrator::Rk4, DT, kind.like(Q), &sensor, &table, input).unwrap();
-    filter.predict(kind.like(DT), &push);
+    let push = StepIntegrals::over::<_, M>(Integrator::Rk4, DT, witness.like(Q), &sensor, &table, input).unwrap();
+    filter.predict(witness.like(DT), &push);
 }
 
 /// Runs both precisions side by side; the worst distance in sigma after the first tenth.
@@ -202,7 +202,7 @@ fn single_precision_stays_near(steps: usize) {
 
 /// The covariance form in double precision, the same motion: every step must leave a covariance.
 fn variances_stay_positive<const N: usize, const M: usize>(steps: usize) {
-    let wandering = Wandering::new(0.0, [Wander::CONSTANT; M]);
+    let drift = GaussMarkovSet::new(0.0, [GaussMarkov::CONSTANT; M]);
     for integrator in [Integrator::Rk4, Integrator::Exact] {
         for variance in [1.0, 1e-2, 1e-4] {
             let belief = diagonal::<N>(variance);
@@ -215,11 +215,11 @@ fn variances_stay_positive<const N: usize, const M: usize>(steps: usize) {
                     let effect = |i: usize| if i < 2 { 0.0 } else { Motion::effect(i - 2, now + s) };
                     Driven { u: from + (to - from) / DT * s, columns: Plain(core::array::from_fn(effect)) }
                 };
-                let course = Course { effect: WithEffects { rest: 0.0 }, order: Order::First, input, dt: DT };
-                block.step(integrator, Q, &wandering, &course).unwrap();
+                let step_input = StepInput { model: WithEffects { rest: 0.0 }, order: Order::First, input, dt: DT };
+                block.step(integrator, Q, &drift, &step_input).unwrap();
                 if i % 2 == 1 {
                     let z = Motion::position(then) + 1e-6 * draw.next();
-                    block.correct(R, &block.innovate(z, R));
+                    block.correct(0.0, R, &block.innovate(0.0, z, R));
                 }
                 assert_eq!(block.checked(), Ok(()), "{integrator:?}, prior {variance:e}, step {i}");
                 assert!((0..N).all(|i| block.P(i, i) > 0.0), "{integrator:?}, prior {variance:e}, step {i}");

@@ -13,7 +13,7 @@ mod table {
 
     use cpu_time::ProcessTime;
     use criterion::{Criterion, Throughput};
-    use ekf_simd::Path;
+    use ekf_simd::InstructionSet;
 
     use crate::workloads::{WIDTHS, apart, batch, data, dense, many, portable, structured, with_effects};
 
@@ -116,8 +116,8 @@ mod table {
     fn batches() {
         let samples = 2_001;
         let data = &many(RUNS, samples - 1);
-        let bars = [(Path::Fused, 1.0), (Path::Four, 0.50), (Path::Eight, 0.30)];
-        let open: Vec<(Path, f64)> = bars.into_iter().filter(|(path, _)| path.is_open()).collect();
+        let bars = [(InstructionSet::Fused, 1.0), (InstructionSet::Four, 0.50), (InstructionSet::Eight, 0.30)];
+        let open: Vec<(InstructionSet, f64)> = bars.into_iter().filter(|(path, _)| path.is_available()).collect();
         let works: Vec<Work<'_>> = open
             .iter()
             .map(|&(path, _)| Box::new(move || drop(black_box(batch(data, RUNS, path, 1)))) as Work<'_>)
@@ -139,7 +139,7 @@ mod table {
         for _ in 0..ROUNDS {
             for (threads, times) in (1..).zip(&mut times) {
                 let start = Instant::now();
-                drop(black_box(batch(&data, RUNS, Path::best(), threads)));
+                drop(black_box(batch(&data, RUNS, InstructionSet::best(), threads)));
                 times.push(start.elapsed().as_secs_f64());
             }
         }

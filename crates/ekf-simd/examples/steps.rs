@@ -8,14 +8,14 @@ mod workloads;
 use std::hint::black_box;
 
 #[cfg(target_arch = "x86_64")]
-use ekf_simd::Path;
+use ekf_simd::InstructionSet;
 
 /// Runs side by side that share the steps.
 #[cfg(target_arch = "x86_64")]
 const RUNS: usize = 4;
 
 #[cfg(target_arch = "x86_64")]
-fn in_runs(path: Path, steps: usize) -> Vec<f64> {
+fn in_runs(path: InstructionSet, steps: usize) -> Vec<f64> {
     let ended = workloads::batch(&workloads::many(RUNS, steps / RUNS), RUNS, path, 1);
     ended.into_iter().flat_map(|run| run.x).collect()
 }
@@ -42,8 +42,8 @@ fn main() {
             drop(black_box(workloads::with_effects(workload as usize, &data)));
             Vec::new()
         }
-        "alone" => in_runs(Path::Fused, steps),
-        "four" => in_runs(Path::Four, steps),
+        "alone" => in_runs(InstructionSet::Fused, steps),
+        "four" => in_runs(InstructionSet::Four, steps),
         // What making the records of several runs costs, to be taken off.
         "runs" => black_box(workloads::many(RUNS, steps / RUNS)).u.into_iter().take(1).collect(),
         // What reading arguments and making the record costs, to be taken off.

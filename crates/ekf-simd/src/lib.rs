@@ -1,29 +1,16 @@
 //! The structured kernels of `ekf-core` on the processor's vector unit: many runs side by side, over threads.
 //!
-//! What the processor can do is asked once per run. The same kernels run on plain numbers where it can do nothing, and
-//! results do not depend on how many lanes or threads there were, up to rounding.
+//! The instruction set is detected once per run. Without a vector unit the kernels run on plain numbers; results do not
+//! depend on the number of lanes or threads, up to rounding.
 #![forbid(unsafe_code)]
 #![allow(non_snake_case)] // x, P, R, S as in ekf-core
 #![allow(clippy::inline_always)] // a kernel must be compiled into the run that calls it, with that run's instructions
 #![allow(clippy::float_cmp)] // 0.0 and 1.0 are written down, not computed
 
-pub mod abreast;
-pub mod bank;
-pub mod batch;
-pub mod block;
+pub mod arch;
 pub mod fixed_rate;
-pub mod fused;
-pub mod kernel;
-pub mod lanes;
-pub mod likelihood;
-pub mod paced;
-#[cfg(target_arch = "x86_64")]
-pub mod pair;
-pub mod path;
-#[cfg(target_arch = "x86_64")]
-pub mod quads;
 pub mod record;
-pub mod run;
+pub mod replay;
 
-pub use batch::{Batch, Final, Prior, run_aci, run_cwpa};
-pub use path::Path;
+pub use arch::instruction_set::InstructionSet;
+pub use record::batch::{Batch, Final, Prior, run_aci, run_cwpa};

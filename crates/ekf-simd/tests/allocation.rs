@@ -5,17 +5,17 @@ use std::alloc::{GlobalAlloc, Layout, System as Heap};
 use std::cell::Cell;
 use std::hint::black_box;
 
-use ekf_core::aci_block::Push;
-use ekf_core::aci_factored::AciFactored;
-use ekf_core::effect::{Effect, InverseCubic};
-use ekf_core::row::Plain;
+use ekf_core::structured::acceleration::{AccelerationModel, InverseCubic};
+use ekf_core::structured::aci::StepIntegrals;
+use ekf_core::structured::aci_ud::AciFactored;
+use ekf_core::structured::row::Plain;
 use ekf_core::{
-    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, Form, InBlocks, Integrator, Interpolation, Live, Order,
-    Sensor, Wander,
+    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation,
+    Live, Order, Sensor,
 };
 use ekf_simd::Prior;
-use ekf_simd::fixed_rate::{FixedRate, Histories, aci, aci_with_effects, cwpa};
-use ekf_simd::paced::Arrival;
+use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
+use ekf_simd::fixed_rate::step::SampleInput;
 use nalgebra::{SMatrix, SVector};
 
 /// The system's allocator, counting what the present thread asks for.
@@ -50,7 +50,7 @@ const DT: f64 = 1.0 / 1667.0;
 const STEPS: usize = 1000;
 
 fn sensor(form: Form) -> Sensor {
-    Sensor { form, wander: [Wander::CONSTANT; 4] }
+    Sensor { form, gauss_markov: [GaussMarkov::CONSTANT; 4] }
 }
 
 fn filter<S>(system: S, integrator: Integrator, carrier: Carrier) -> Filter<S> {
@@ -75,7 +75,7 @@ fn output(j: usize) -> f64 {
     8.0 * (0.02 * j as f64).sin()
 }
 
-/// Where that leads from rest: a cubic sensor that is told otherwise leaves its domain.
+/// The position under that output from rest: with any other, a cubic sensor leaves its domain.
 fn position(j: usize) -> f64 {
     let (w, turned) = (0.02 / DT, 0.02 * j as f64);
     8.0 / (w * w) * (turned - turned.sin())
@@ -96,15 +96,15 @@ fn streamed<E: Engine<N>, const N: usize>(engine: E) -> usize {
     })
 }
 
-fn paced(filter: &mut dyn FixedRate, effects: usize) -> usize {
+fn fixed_rate_steps(filter: &mut dyn FixedRate, effects: usize) -> usize {
     let columns = [0.3; 14];
     let effects = &columns[..effects];
     let mut states = vec![0.0; 2 * filter.states()];
     allocations(|| {
         for j in 0..STEPS {
             let z = if j % 2 == 0 { position(j) } else { f64::NAN };
-            let arrival = Arrival { u: output(j), z, effects: [effects; 3], leaning: effects };
-            filter.step(&arrival).unwrap();
+            let sample = SampleInput { u: output(j), z, effects: [effects; 3], position_columns: effects };
+            filter.step(&sample).unwrap();
         }
         let mut histories = Histories { states: Some(&mut states), ..Histories::default() };
         filter.over(&[output(STEPS), output(STEPS + 1)], &[position(STEPS), f64::NAN], &mut histories).unwrap();
@@ -150,12 +150,12 @@ fn no_step_at_a_fixed_rate_allocates() {
             let system = Aci { sensor: sensor(form), q: 1e-6, tau: 0.0 };
             let chosen = filter(system, integrator, Carrier::Dense);
             let mut made = aci(&chosen, DT, Prior { states: N, x: &x, P: &P }).unwrap();
-            assert_eq!(paced(&mut *made, 0), 0);
+            assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
             let (x, P): (Vec<f64>, Vec<f64>) = numbers(N + 1);
             let system = Cwpa { sensor: sensor(form), q: 25.0, low_pass: None };
             let chosen = filter(system, integrator, Carrier::Dense);
             let mut made = cwpa(&chosen, DT, Prior { states: N + 1, x: &x, P: &P }).unwrap();
-            assert_eq!(paced(&mut *made, 0), 0);
+            assert_eq!(fixed_rate_steps(&mut *made, 0), 0);
         }
         for effects in [0, 1, 6, 14] {
             let N = 4 + effects;
@@ -164,20 +164,21 @@ fn no_step_at_a_fixed_rate_allocates() {
             let chosen = filter(system, integrator, Carrier::Dense);
             let prior = Prior { states: N, x: &x, P: &P };
             let mut made = aci_with_effects(&chosen, DT, 9.8, &[], prior).unwrap();
-            assert_eq!(paced(&mut *made, effects), 0);
+            assert_eq!(fixed_rate_steps(&mut *made, effects), 0);
         }
     }
 }
 
 #[test]
-#[allow(clippy::cast_possible_truncation)] // single precision is what runs there
+#[allow(clippy::cast_possible_truncation)] // single precision is what runs present
 fn no_step_of_the_portable_factored_filter_allocates() {
     let mut factored = AciFactored::<f32, 6, 4>::new(|_| 0.0, |_, _| 0.0, |i| if i == 0 { 1e-10 } else { 1e-4 });
     let count = allocations(|| {
         for j in 0..STEPS {
-            let table = Effect::<_, 4>::table(&InverseCubic, &factored.theta, &[Plain([0.0; 4]); 4], Order::First);
-            let at = Effect::<_, 4>::at(&InverseCubic, &table, output(j) as f32).unwrap();
-            factored.predict(DT as f32, &Push::held(DT, 1e-6, &at));
+            let table =
+                AccelerationModel::<_, 4>::table(&InverseCubic, &factored.theta, &[Plain([0.0; 4]); 4], Order::First);
+            let at = AccelerationModel::<_, 4>::at(&InverseCubic, &table, output(j) as f32).unwrap();
+            factored.predict(DT as f32, &StepIntegrals::held(DT, 1e-6, &at));
             factored.correct(1e-12, &factored.innovate(0.0, 1e-12));
         }
         black_box(factored.P(0, 0));

@@ -3,8 +3,10 @@
 
 mod common;
 
-use ekf_core::{Aci, Belief, Carrier, Cwpa, Filter, Form, Integrator, Interpolation, Order, Samples, Sensor, Wander};
-use ekf_simd::{Batch, Final, Path, Prior, run_aci, run_cwpa};
+use ekf_core::{
+    Aci, Belief, Carrier, Cwpa, Engine, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Samples, Sensor,
+};
+use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci, run_cwpa};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -30,9 +32,10 @@ fn choices() -> impl Strategy<Value = Choice> {
     let rest = (form, order, integrator, interpolation, any::<bool>(), tau);
     (any::<u64>(), 2..200_usize, any::<bool>(), rest).prop_map(|(seed, samples, cubic, rest)| {
         let (form, order, integrator, interpolation, moving, tau) = rest;
-        let wander = SIGMA.map(|s| if moving { Wander { rate: 0.5, q: s * s } } else { Wander::CONSTANT });
+        let gauss_markov =
+            SIGMA.map(|s| if moving { GaussMarkov { rate: 0.5, q: s * s } } else { GaussMarkov::CONSTANT });
         let filter = Filter {
-            system: Sensor { form, wander },
+            system: Sensor { form, gauss_markov },
             interpolation,
             integrator,
             order,
@@ -46,11 +49,6 @@ fn choices() -> impl Strategy<Value = Choice> {
 }
 
 impl Choice {
-    fn with<S>(&self, system: S) -> Filter<S> {
-        let Filter { interpolation, integrator, order, carrier, R_position, R_output, gate, .. } = self.filter;
-        Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
-    }
-
     /// Records of all runs; positions are missing, at other instants in every run, and outputs too if `gaps`.
     fn records(&self, gaps: bool) -> (Vec<f64>, Vec<f64>) {
         let mut state = self.seed;
@@ -94,18 +92,18 @@ fn apart(one: &Final, other: &Final) -> f64 {
 }
 
 /// One answer on every path with every number of threads; the portable one is returned.
-fn agree(run: impl Fn(Path, usize) -> Vec<Final>) -> Result<Vec<Final>, TestCaseError> {
-    let alone = run(Path::Portable, 1);
+fn agree(run: impl Fn(InstructionSet, usize) -> Vec<Final>) -> Result<Vec<Final>, TestCaseError> {
+    let alone = run(InstructionSet::Portable, 1);
     prop_assert_eq!(alone.len(), RUNS);
     prop_assert!(alone.iter().all(|run| run.fault.is_none() && run.x.iter().all(|x| x.is_finite())));
-    prop_assert_eq!(&run(Path::Portable, 3), &alone);
-    let fused = run(Path::Fused, 1);
+    prop_assert_eq!(&run(InstructionSet::Portable, 3), &alone);
+    let fused = run(InstructionSet::Fused, 1);
     for (fused, alone) in fused.iter().zip(&alone) {
         let off = apart(fused, alone);
         // A fused operation rounds once instead of twice, and a variance that falls by 1e5 magnifies what was rounded off.
         prop_assert!(off < 1e-10, "fused: {}", off);
     }
-    for path in [Path::Fused, Path::Four, Path::Eight] {
+    for path in [InstructionSet::Fused, InstructionSet::Four, InstructionSet::Eight] {
         let one = run(path, 1);
         for (one, fused) in one.iter().zip(&fused) {
             prop_assert_eq!((&one.x, &one.P), (&fused.x, &fused.P)); // lanes: the same operations in the same order
@@ -118,7 +116,7 @@ fn agree(run: impl Fn(Path, usize) -> Vec<Final>) -> Result<Vec<Final>, TestCase
 }
 
 fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
-    let filter = choice.with(Aci { sensor: choice.filter.system, q: 1e-6, tau: choice.tau });
+    let filter = choice.filter.with_system(Aci { sensor: choice.filter.system, q: 1e-6, tau: choice.tau });
     let (output, position) = choice.records(false);
     let (x, P) = prior(&[1e-5, 3e-3], N);
     let n = choice.samples;
@@ -127,12 +125,12 @@ fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
     let ended = agree(|path, threads| run_aci(&filter, prior, batch, true, path, threads).unwrap())?;
     for (run, ended) in ended.iter().enumerate().take(2) {
         let t: Vec<f64> = (0..n).map(|j| j as f64 * DT).collect();
-        let there = |j: &usize| !position[run * n + j].is_nan();
-        let (tz, z): (Vec<f64>, Vec<f64>) = (0..n).filter(there).map(|j| (t[j], position[run * n + j])).unzip();
+        let present = |j: &usize| !position[run * n + j].is_nan();
+        let (tz, z): (Vec<f64>, Vec<f64>) = (0..n).filter(present).map(|j| (t[j], position[run * n + j])).unzip();
         let belief = Belief::<N> { x: SVector::from_column_slice(&x), P: SMatrix::from_row_slice(&P) };
         let (output, position) = (Samples { t: &t, y: &output[run * n..][..n] }, Samples { t: &tz, y: &z });
-        let track = filter.run(&belief, output, position, |_| ()).unwrap();
-        let dense = track.carried.belief();
+        let track = filter.run(&belief, output, position, |_, _| ()).unwrap();
+        let dense = track.state.belief();
         let (x, P) = (dense.x.as_slice().to_vec(), dense.P.as_slice().to_vec());
         let off = apart(ended, &Final { x, P, log_likelihood: track.log_likelihood, fault: None });
         prop_assert!(off < 1e-10, "dense: {}", off); // two ways to round, 200 steps
@@ -141,7 +139,7 @@ fn aci<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
 }
 
 fn cwpa<const N: usize>(choice: &Choice) -> Result<(), TestCaseError> {
-    let filter = choice.with(Cwpa { sensor: choice.filter.system, q: 25.0, low_pass: None });
+    let filter = choice.filter.with_system(Cwpa { sensor: choice.filter.system, q: 25.0, low_pass: None });
     let (output, position) = choice.records(true);
     let (x, P) = prior(&[1e-5, 3e-3, 10.0], N);
     let batch = Batch { dt: DT, samples: choice.samples, runs: RUNS, output: &output, position: &position };

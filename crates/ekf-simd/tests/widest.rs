@@ -1,9 +1,10 @@
 //! The replay's loops in wide registers give the bits of the plain ones.
 #![allow(non_snake_case)] // as in the crate
 
-use ekf_core::abreast::{Abreast, side_by_side};
-use ekf_core::bank::{Passage, Response, Stretch, prepare};
-use ekf_core::replay::{Cell, Gains, Grid, MotionCovariance, Noise, Prior, Readings, Track, filter};
+use ekf_core::replay::columns::{FilteredReading, Gains, ReadingSpan, Response, prepare};
+use ekf_core::replay::filter::{InterleavedReading, Track, filter, interleave};
+use ekf_core::replay::grid::{Cell, Grid};
+use ekf_core::replay::{MotionCovariance, Noise, Prior, Readings};
 use proptest::prelude::*;
 
 const READINGS: usize = 200;
@@ -42,15 +43,15 @@ impl Record {
 }
 
 /// A prepared stretch that owns its memory.
-fn prepared(record: &Record) -> (Vec<Passage>, Vec<Cell>) {
+fn prepared(record: &Record) -> (Vec<FilteredReading>, Vec<Cell>) {
     let mut series: [Vec<f64>; 9] = core::array::from_fn(|_| vec![0.0; READINGS]);
     let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut series;
     filter(record.readings(), NOISE, PRIOR, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv }).unwrap();
     let [_, S, gain_p, gain_v, ..] = &series;
     let gains = Gains { t: &record.t, restart: &record.restart, gain_p, gain_v, S };
-    let (mut passages, mut cells) = (Vec::new(), Vec::new());
-    prepare(gains, &record.counts, (GRID, ROWS), None, |cell| cells.push(cell), |one| passages.push(one)).unwrap();
-    (passages, cells)
+    let (mut readings, mut cells) = (Vec::new(), Vec::new());
+    prepare(gains, &record.counts, (GRID, ROWS), None, |cell| cells.push(cell), |one| readings.push(one)).unwrap();
+    (readings, cells)
 }
 
 fn bits(rows: &[Vec<f64>]) -> Vec<u64> {
@@ -60,24 +61,24 @@ fn bits(rows: &[Vec<f64>]) -> Vec<u64> {
 /// Columns through both loops; whether sums and states are the same to the last bit.
 fn same_columns<const N: usize>(seed: f64) -> bool {
     let record = Record::new(seed);
-    let (passages, cells) = prepared(&record);
-    let stretch = Stretch { passages: &passages, cells: &cells, group: GROUP };
+    let (readings, cells) = prepared(&record);
+    let span = ReadingSpan { readings: &readings, cells: &cells, group: GROUP };
     let groups = record.counts.iter().filter(|&&counted| counted).count() / GROUP;
     let made: [Vec<f64>; N] =
         core::array::from_fn(|j| (0..ROWS).map(|k| (0.01 * (j + 1) as f64 * k as f64 + seed).sin()).collect());
     let columns: [&[f64]; N] = core::array::from_fn(|j| made[j].as_slice());
     let read: [&[f64]; N] = core::array::from_fn(|j| &made[j][..READINGS]);
-    let still = Response { p: [0.0; N], v: [0.0; N] };
+    let is_constant = Response { p: [0.0; N], v: [0.0; N] };
     let mut sums = [(); 4].map(|()| vec![vec![0.0; groups]; N]);
-    let mut states = [still; 4];
+    let mut states = [is_constant; 4];
     let [wide, plain, wide_read, plain_read] = sums.each_mut().map(|rows| {
         let mut rows = rows.iter_mut();
         core::array::from_fn::<&mut [f64], N, _>(|_| rows.next().unwrap())
     });
-    ekf_simd::bank::carry_inputs(stretch, columns, -1.2, &mut states[0], wide).unwrap();
-    ekf_core::bank::carry_inputs(stretch, columns, -1.2, &mut states[1], plain).unwrap();
-    ekf_simd::bank::carry_readings(stretch, read, &mut states[2], wide_read).unwrap();
-    ekf_core::bank::carry_readings(stretch, read, &mut states[3], plain_read).unwrap();
+    ekf_simd::replay::filter_input_columns(span, columns, -1.2, &mut states[0], wide).unwrap();
+    ekf_core::replay::columns::filter_input_columns(span, columns, -1.2, &mut states[1], plain).unwrap();
+    ekf_simd::replay::filter_reading_columns(span, read, &mut states[2], wide_read).unwrap();
+    ekf_core::replay::columns::filter_reading_columns(span, read, &mut states[3], plain_read).unwrap();
     assert!(sums.iter().all(|rows| rows.iter().flatten().any(|x| x.abs() > 1e-3)));
     bits(&sums[0]) == bits(&sums[1])
         && bits(&sums[2]) == bits(&sums[3])
@@ -87,15 +88,16 @@ fn same_columns<const N: usize>(seed: f64) -> bool {
 
 fn same_parts<const N: usize>(seed: f64) -> bool {
     let records: [Record; N] = core::array::from_fn(|j| Record::new(seed + j as f64));
-    let parts = records.each_ref().map(|one| (one.readings(), one.counts.as_slice()));
-    let packed: Vec<Abreast<N>> = side_by_side(parts).unwrap().collect();
-    let wide = ekf_simd::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
-    let plain = ekf_core::abreast::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let parts = records.each_ref().map(Record::readings);
+    let counts = records.each_ref().map(|record| record.counts.as_slice());
+    let packed: Vec<InterleavedReading<N>> = interleave(parts, Some(counts)).unwrap().collect();
+    let wide = ekf_simd::replay::log_likelihood(&packed, NOISE, PRIOR).unwrap();
+    let plain = ekf_core::replay::filter::log_likelihood(&packed, NOISE, PRIOR).unwrap();
 
     let (mut rows, mut expected) = (vec![0.0; N * READINGS], vec![0.0; N * READINGS]);
-    ekf_simd::abreast::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
+    ekf_simd::replay::innovations(parts, NOISE, PRIOR, &mut rows).unwrap();
     let mut k = 0;
-    ekf_core::abreast::innovations(side_by_side(parts).unwrap(), NOISE, PRIOR, |e| {
+    ekf_core::replay::filter::innovations(interleave(parts, None).unwrap(), NOISE, PRIOR, |e| {
         for (j, value) in e.into_iter().enumerate() {
             expected[j * READINGS + k] = value;
         }

@@ -11,8 +11,8 @@ mod workloads;
 use std::hint::black_box;
 
 use cpu_time::ProcessTime;
-use ekf_core::{Aci, Carrier, Filter, Form, Integrator, Interpolation, Order, Sensor, Wander};
-use ekf_simd::{Batch, Path, Prior, run_aci};
+use ekf_core::{Aci, Carrier, Filter, Form, Integrator, Interpolation, Order, Sensor, GaussMarkov};
+use ekf_simd::{Batch, InstructionSet, Prior, run_aci};
 use workloads::{DT, Data, QV, R_OUTPUT, R_POSITION};
 
 /// Runs of the workload W5.
@@ -61,7 +61,7 @@ fn read(file: &str) -> Data {
 
 /// W5 as the product runs it: all states of all runs, then all variances.
 fn batch(data: &Data) -> Vec<f64> {
-    let sensor = Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] };
+    let sensor = Sensor { form: Form::Inverse, gauss_markov: [GaussMarkov::CONSTANT; 4] };
     let filter = Filter {
         system: Aci { sensor, q: QV, tau: 0.0 },
         interpolation: Interpolation::Linear,
@@ -76,7 +76,7 @@ fn batch(data: &Data) -> Vec<f64> {
     let P: Vec<f64> = (0..36).map(|at| if at % 7 == 0 { workloads::variance(2, at / 7) } else { 0.0 }).collect();
     let prior = Prior { states: 6, x: &x, P: &P };
     let batch = Batch { dt: DT, samples: data.u.len() / RUNS, runs: RUNS, output: &data.u, position: &data.z };
-    let finals = run_aci(&filter, prior, batch, false, Path::best(), 1).expect("a batch");
+    let finals = run_aci(&filter, prior, batch, false, InstructionSet::best(), 1).expect("a batch");
     let states = finals.iter().flat_map(|run| run.x.iter().copied());
     let variances = finals.iter().flat_map(|run| run.P.iter().step_by(7).copied());
     states.chain(variances).collect()

@@ -1,8 +1,8 @@
 //! What the comparisons share: drawn settings, priors, and the distance of two beliefs in standard deviations.
 #![allow(dead_code)] // every test binary uses a part of it
 
-use ekf_core::update::{correct, innovate};
-use ekf_core::{Belief, Integrator, Order, Wander, system::System};
+use ekf_core::dense::update::{correct, innovate};
+use ekf_core::{Belief, GaussMarkov, Integrator, Order, dense::system::System};
 use nalgebra::{SMatrix, SVector};
 use proptest::prelude::*;
 
@@ -62,13 +62,13 @@ pub fn orders() -> impl Strategy<Value = Order> {
 }
 
 /// Constants, random walks or Gauss-Markov processes, as fast as the test can tell apart.
-pub fn wanders(draw: &mut Draw, kind: u8, scale: &[f64]) -> Vec<Wander> {
+pub fn drawn_processes(draw: &mut Draw, kind: u8, scale: &[f64]) -> Vec<GaussMarkov> {
     scale
         .iter()
         .map(|scale| match kind {
-            0 => Wander::CONSTANT,
-            1 => Wander { rate: 0.0, q: scale * scale * (1.5 + draw.next()) },
-            _ => Wander { rate: 1.0 + draw.next(), q: scale * scale * (1.5 + draw.next()) },
+            0 => GaussMarkov::CONSTANT,
+            1 => GaussMarkov { rate: 0.0, q: scale * scale * (1.5 + draw.next()) },
+            _ => GaussMarkov { rate: 1.0 + draw.next(), q: scale * scale * (1.5 + draw.next()) },
         })
         .collect()
 }

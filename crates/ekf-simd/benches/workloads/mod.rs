@@ -1,30 +1,34 @@
 //! The workloads W1 to W4: 1667 Hz output, position at every second sample, three sinusoids; structured and dense.
 //!
 //! W1: ACI linear, first order, RK2. W2: ACI cubic, second order, RK4. W3: CWPA linear, first order. W4: CWPA cubic, second
-//! order. The noise stands at the acceleration, not at the output: `q` alone, whatever the slope.
+//! order. The noise acts on the acceleration, not on the output: `q` alone, whatever the slope.
 #![allow(dead_code, non_snake_case, missing_docs, clippy::inline_always)] // shared by benches and examples
 
 use std::marker::PhantomData;
 
-use ekf_core::aci_block::AciBlock;
-use ekf_core::effect::{Driven, Effect, Instant, InverseCubic, InverseLinear, WithEffects};
+use ekf_core::dense::system::{Drive, Rates, System, Transition};
+use ekf_core::dense::update::{Reading, correct, innovate};
 use ekf_core::error::{DomainError, SetupError, StepError};
-use ekf_core::number::Number;
-use ekf_core::output::{ReadCubic, ReadLinear};
-use ekf_core::row::{Plain, Row};
-use ekf_core::system::{Drive, Rates, System, Transition};
-use ekf_core::update::{Reading, correct, innovate};
-use ekf_core::wandering::Wandering;
-use ekf_core::{Aci, Belief, Carrier, Cwpa, Filter, Form, Integrator, Interpolation, Order, Segment, Sensor, Wander};
-use ekf_simd::block::Block;
-use ekf_simd::fused::Fused;
-use ekf_simd::kernel::{AciWith, CwpaWith, Kernel, runner};
-use ekf_simd::likelihood::{Likelihood, NotAsked, Score};
-use ekf_simd::pair::Pair;
-use ekf_simd::quads::Quads;
-use ekf_simd::record::Rows;
-use ekf_simd::run::Settings;
-use ekf_simd::{Batch, Final, Path, Prior, run_aci};
+use ekf_core::structured::acceleration::{
+    AccelerationModel, AccelerationPartials, Driven, InverseCubic, InverseLinear, WithEffects,
+};
+use ekf_core::structured::aci::AciBlock;
+use ekf_core::structured::gauss_markov::GaussMarkovSet;
+use ekf_core::structured::measurement::{ReadCubic, ReadLinear};
+use ekf_core::structured::number::Number;
+use ekf_core::structured::row::{Plain, Row};
+use ekf_core::{
+    Aci, Belief, Carrier, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor,
+};
+use ekf_simd::arch::fma::Fused;
+use ekf_simd::arch::row2::Row2;
+use ekf_simd::arch::row4::Row4;
+use ekf_simd::record::block::Block;
+use ekf_simd::record::kernel::{AciWith, CwpaWith, Kernel, runner};
+use ekf_simd::record::likelihood::{LikelihoodSum, LogLikelihood, NoLikelihood};
+use ekf_simd::record::samples::Rows;
+use ekf_simd::record::settings::Settings;
+use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci};
 use nalgebra::{SMatrix, SVector};
 use pulp::NullaryFnOnce;
 use pulp::x86::V3;
@@ -77,8 +81,8 @@ pub fn many(runs: usize, steps: usize) -> Data {
 }
 
 /// `W2` over the records of several runs.
-pub fn batch(data: &Data, runs: usize, path: Path, threads: usize) -> Vec<Final> {
-    let sensor = Sensor { form: Form::Inverse, wander: [Wander::CONSTANT; 4] };
+pub fn batch(data: &Data, runs: usize, path: InstructionSet, threads: usize) -> Vec<Final> {
+    let sensor = Sensor { form: Form::Inverse, gauss_markov: [GaussMarkov::CONSTANT; 4] };
     let filter = Filter {
         system: Aci { sensor, q: QV, tau: 0.0 },
         interpolation: Interpolation::Linear,
@@ -108,19 +112,19 @@ pub fn variance(motion: usize, i: usize) -> f64 {
 #[derive(Debug, Clone, Copy)]
 pub struct AtAcceleration<E>(pub E);
 
-impl<V: Row, const M: usize, E: Effect<V, M>> Effect<V, M> for AtAcceleration<E> {
+impl<V: Row, const M: usize, E: AccelerationModel<V, M>> AccelerationModel<V, M> for AtAcceleration<E> {
     type Input = E::Input;
     type Table = E::Table;
 
     #[inline(always)]
-    fn table(&self, theta: &V, spread: &[V; M], order: Order) -> E::Table {
-        self.0.table(theta, spread, order)
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> E::Table {
+        self.0.table(theta, P_theta, order)
     }
 
     #[inline(always)]
-    fn at(&self, table: &E::Table, input: E::Input) -> Result<Instant<V>, DomainError> {
+    fn at(&self, table: &E::Table, input: E::Input) -> Result<AccelerationPartials<V>, DomainError> {
         let at = self.0.at(table, input)?;
-        Ok(Instant { slope: at.a.like(1.0), ..at })
+        Ok(AccelerationPartials { slope: at.a.like(1.0), ..at })
     }
 }
 
@@ -135,18 +139,17 @@ struct Run<'a, K, V, L, const M: usize> {
 }
 
 #[inline(always)]
-fn go<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
+fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
     kernel: K,
     integrator: Integrator,
     order: Order,
     data: &Data,
-    kind: V::Number,
+    witness: V::Number,
     value: impl Fn(V::Number) -> f64,
 ) -> Vec<f64> {
-    let c = |x: f64| kind.like(x);
+    let c = |x: f64| witness.like(x);
     let settings = Settings::<V, M> {
         dt: DT,
-        samples: data.u.len(),
         interpolation: Interpolation::Linear,
         integrator,
         order,
@@ -154,12 +157,12 @@ fn go<K: Kernel<V, M>, V: Row, L: Score<V::Number>, const M: usize>(
         R_position: c(R_POSITION),
         R_output: c(R_OUTPUT),
         tau: 0.0,
-        wandering: Wandering::new(kind, [Wander::CONSTANT; M]),
+        drift: GaussMarkovSet::new(witness, [GaussMarkov::CONSTANT; M]),
     };
     let mut runner =
-        runner::<K, V, L, M>(kind, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
-    let record = Rows { output: &data.u, position: &data.z, kind };
-    let went = kernel.follow(&mut runner, &settings, &record, (0, data.u.len() - 1));
+        runner::<K, V, L, M>(witness, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
+    let record = Rows { output: &data.u, position: &data.z, witness };
+    let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
     assert!(went.is_ok());
     (0..K::Block::MOTION + M)
         .map(|i| value(runner.block.x(i)))
@@ -172,14 +175,14 @@ impl<K, V, L, const M: usize> NullaryFnOnce for Run<'_, K, V, L, M>
 where
     K: Kernel<V, M>,
     V: Row<Number = Fused<V3>>,
-    L: Score<Fused<V3>>,
+    L: LikelihoodSum<Fused<V3>>,
 {
     type Output = Vec<f64>;
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let kind = Fused { x: 0.0, simd: self.simd };
-        go::<K, V, L, M>(self.kernel, self.integrator, self.order, self.data, kind, |x| x.x)
+        let witness = Fused { x: 0.0, simd: self.simd };
+        go::<K, V, L, M>(self.kernel, self.integrator, self.order, self.data, witness, |x| x.x)
     }
 }
 
@@ -191,9 +194,9 @@ where
     let simd = V3::try_new().expect("AVX2 and FMA");
     if counted {
         let kinds = PhantomData;
-        return simd.vectorize(Run::<K, V, Likelihood<_>, M> { kernel, integrator, order, data, simd, kinds });
+        return simd.vectorize(Run::<K, V, LogLikelihood<_>, M> { kernel, integrator, order, data, simd, kinds });
     }
-    simd.vectorize(Run::<K, V, NotAsked<_>, M> { kernel, integrator, order, data, simd, kinds: PhantomData })
+    simd.vectorize(Run::<K, V, NoLikelihood<_>, M> { kernel, integrator, order, data, simd, kinds: PhantomData })
 }
 
 /// `W1`..`W4` structured, with the processor's own instructions.
@@ -202,14 +205,14 @@ pub fn structured(workload: u32, data: &Data, counted: bool) -> Vec<f64> {
     match workload {
         1 => {
             let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
-            fused::<_, Pair, 2>(kernel, Integrator::Rk2, first, data, counted)
+            fused::<_, Row2, 2>(kernel, Integrator::Rk2, first, data, counted)
         }
         2 => {
             let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
-            fused::<_, Quads<1>, 4>(kernel, Integrator::Rk4, second, data, counted)
+            fused::<_, Row4<1>, 4>(kernel, Integrator::Rk4, second, data, counted)
         }
-        3 => fused::<_, Pair, 2>(CwpaWith { sensor: ReadLinear }, Integrator::Exact, first, data, counted),
-        _ => fused::<_, Quads<1>, 4>(CwpaWith { sensor: ReadCubic }, Integrator::Exact, second, data, counted),
+        3 => fused::<_, Row2, 2>(CwpaWith { sensor: ReadLinear }, Integrator::Exact, first, data, counted),
+        _ => fused::<_, Row4<1>, 4>(CwpaWith { sensor: ReadCubic }, Integrator::Exact, second, data, counted),
     }
 }
 
@@ -238,21 +241,21 @@ impl<V: Row<Number = Fused<V3>>, const M: usize> NullaryFnOnce for Wide<'_, V, M
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let kind = Fused { x: 0.0, simd: self.simd };
-        let c = |x: f64| kind.like(x);
+        let witness = Fused { x: 0.0, simd: self.simd };
+        let c = |x: f64| witness.like(x);
         let effect = WithEffects { rest: 0.0 };
-        let mut block = AciBlock::<V, M>::new(|_| c(0.0), |i, j| c(if i == j { spread(i) } else { 0.0 }));
-        let mut table = effect.table(&block.theta, &block.spread, Order::Second);
+        let mut block = AciBlock::<V, M>::new(|_| c(0.0), |i, j| c(if i == j { P_theta(i) } else { 0.0 }));
+        let mut table = effect.table(&block.theta, &block.P_theta, Order::Second);
         for ((u, z), columns) in self.data.u.windows(2).zip(&self.data.z[1..]).zip(self.columns.windows(2)) {
             let given = |f: f64| Driven {
                 u: c(u[0] + f * (u[1] - u[0])),
-                columns: V::from_fn(kind, |i| c(columns[0][i] + f * (columns[1][i] - columns[0][i]))),
+                columns: V::from_fn(witness, |i| c(columns[0][i] + f * (columns[1][i] - columns[0][i]))),
             };
             let [start, middle, end] = [0.0, 0.5, 1.0].map(|f| effect.at(&table, given(f)).expect("a sensor"));
             block.rk4(DT, c(QV), &start, &middle, &end);
             if !z.is_nan() {
-                block.correct(c(R_POSITION), &block.innovate(c(*z), c(R_POSITION)));
-                table = effect.table(&block.theta, &block.spread, Order::Second);
+                block.correct(0.0, c(R_POSITION), &block.innovate(0.0, c(*z), c(R_POSITION)));
+                table = effect.table(&block.theta, &block.P_theta, Order::Second);
             }
         }
         (0..M).map(|i| block.theta.at(i).x).collect()
@@ -260,7 +263,7 @@ impl<V: Row<Number = Fused<V3>>, const M: usize> NullaryFnOnce for Wide<'_, V, M
 }
 
 /// Variance of state `i` of a model with any number of parameters.
-fn spread(i: usize) -> f64 {
+fn P_theta(i: usize) -> f64 {
     if i < 4 { variance(2, i) } else { 1e-6 }
 }
 
@@ -277,11 +280,11 @@ pub const WIDTHS: [usize; 5] = [2, 4, 8, 12, 16];
 /// RK4 with `parameters` parameters, two of the sensor and one for each further effect.
 pub fn with_effects(parameters: usize, data: &Data) -> Box<dyn Fn() -> Vec<f64> + '_> {
     match parameters {
-        2 => Box::new(wide::<Pair, 2>(data)),
-        4 => Box::new(wide::<Quads<1>, 4>(data)),
-        8 => Box::new(wide::<Quads<2>, 8>(data)),
-        12 => Box::new(wide::<Quads<3>, 12>(data)),
-        _ => Box::new(wide::<Quads<4>, 16>(data)),
+        2 => Box::new(wide::<Row2, 2>(data)),
+        4 => Box::new(wide::<Row4<1>, 4>(data)),
+        8 => Box::new(wide::<Row4<2>, 8>(data)),
+        12 => Box::new(wide::<Row4<3>, 12>(data)),
+        _ => Box::new(wide::<Row4<4>, 16>(data)),
     }
 }
 
@@ -292,19 +295,19 @@ pub fn portable(workload: u32, data: &Data) -> Vec<f64> {
     match workload {
         1 => {
             let kernel = AciWith { effect: AtAcceleration(InverseLinear) };
-            go::<_, Plain<f64, 2>, NotAsked<f64>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
+            go::<_, Plain<f64, 2>, NoLikelihood<f64>, 2>(kernel, Integrator::Rk2, first, data, 0.0, id)
         }
         2 => {
             let kernel = AciWith { effect: AtAcceleration(InverseCubic) };
-            go::<_, Plain<f64, 4>, NotAsked<f64>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
+            go::<_, Plain<f64, 4>, NoLikelihood<f64>, 4>(kernel, Integrator::Rk4, second, data, 0.0, id)
         }
         3 => {
             let kernel = CwpaWith { sensor: ReadLinear };
-            go::<_, Plain<f64, 2>, NotAsked<f64>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
+            go::<_, Plain<f64, 2>, NoLikelihood<f64>, 2>(kernel, Integrator::Exact, first, data, 0.0, id)
         }
         _ => {
             let kernel = CwpaWith { sensor: ReadCubic };
-            go::<_, Plain<f64, 4>, NotAsked<f64>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
+            go::<_, Plain<f64, 4>, NoLikelihood<f64>, 4>(kernel, Integrator::Exact, second, data, 0.0, id)
         }
     }
 }
@@ -373,9 +376,9 @@ fn dense_run<S: System<N>, const N: usize>(system: &S, integrator: Integrator, o
 
 /// `W1`..`W4` with the dense nalgebra filters.
 pub fn dense(workload: u32, data: &Data) -> Vec<f64> {
-    let wander = [Wander::CONSTANT; 4];
-    let aci = DenseAtAcceleration(Aci { sensor: Sensor { form: Form::Inverse, wander }, q: QV, tau: 0.0 });
-    let cwpa = Cwpa { sensor: Sensor { form: Form::Forward, wander }, q: JERK, low_pass: None };
+    let gauss_markov = [GaussMarkov::CONSTANT; 4];
+    let aci = DenseAtAcceleration(Aci { sensor: Sensor { form: Form::Inverse, gauss_markov }, q: QV, tau: 0.0 });
+    let cwpa = Cwpa { sensor: Sensor { form: Form::Forward, gauss_markov }, q: JERK, low_pass: None };
     match workload {
         1 => dense_run::<_, 4>(&aci, Integrator::Rk2, Order::First, data),
         2 => dense_run::<_, 6>(&aci, Integrator::Rk4, Order::Second, data),

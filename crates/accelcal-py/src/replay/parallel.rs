@@ -1,0 +1,94 @@
+//! Several records behind one filter at a time; `Parts` and `innovations` in Python.
+
+use ekf_core::replay::filter::{InterleavedReading, interleave};
+use ekf_core::replay::{Noise, Readings, ReplayError};
+use ekf_simd::replay as wide;
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+
+use crate::replay::track::{Flags, Floats, prior_of, readings_of, refuse};
+
+type Record<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>);
+type Part<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Flags<'py>);
+
+/// Parts of equal length, ready for filters of any noise.
+#[pyclass(frozen, module = "accelcal._core")]
+pub struct Parts {
+    eights: Vec<Vec<InterleavedReading<8>>>,
+    singles: Vec<Vec<InterleavedReading<1>>>,
+}
+
+#[pymethods]
+impl Parts {
+    /// Of each part t, z, first, second, restart, and which readings count.
+    #[new]
+    fn new(parts: Vec<Part<'_>>) -> PyResult<Self> {
+        let parts = parts
+            .iter()
+            .map(|(t, z, first, second, restart, counts)| {
+                let readings = readings_of((t, z, first, second, restart))?;
+                Ok((readings, counts.as_slice()?))
+            })
+            .collect::<PyResult<Vec<_>>>()?;
+        let (eights, left) = parts.as_chunks::<8>();
+        let (singles, _) = left.as_chunks::<1>();
+        Ok(Self {
+            eights: eights.iter().map(packed).collect::<PyResult<_>>()?,
+            singles: singles.iter().map(packed).collect::<PyResult<_>>()?,
+        })
+    }
+
+    /// Log-likelihood of the readings that count, all parts together.
+    #[pyo3(signature = (*, q, r, prior))]
+    fn log_likelihood(&self, py: Python<'_>, q: f64, r: f64, prior: (f64, f64, f64, f64)) -> PyResult<f64> {
+        let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
+        py.detach(|| {
+            let mut sum = 0.0;
+            for rows in &self.eights {
+                sum += wide::log_likelihood(rows, noise, prior)?;
+            }
+            for rows in &self.singles {
+                sum += wide::log_likelihood(rows, noise, prior)?;
+            }
+            Ok(sum)
+        })
+        .map_err(|error: ReplayError| refuse(error))
+    }
+}
+
+/// Innovations (drives, readings) of drives t, z, first, second, restart behind one filter, m.
+#[pyfunction]
+#[pyo3(signature = (drives, *, q, r, prior))]
+pub fn innovations<'py>(
+    py: Python<'py>,
+    drives: Vec<Record<'_>>,
+    q: f64,
+    r: f64,
+    prior: (f64, f64, f64, f64),
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
+    let drives = drives
+        .iter()
+        .map(|(t, z, first, second, restart)| readings_of((t, z, first, second, restart)))
+        .collect::<PyResult<Vec<_>>>()?;
+    let n = drives.first().map_or(0, |readings| readings.t.len());
+    let mut found = vec![0.0; drives.len() * n];
+    py.detach(|| {
+        let (fours, singles) = drives.as_chunks::<4>();
+        let (several, alone) = found.split_at_mut(4 * n * fours.len());
+        for (drives, rows) in fours.iter().zip(several.chunks_exact_mut((4 * n).max(1))) {
+            wide::innovations(*drives, noise, prior, rows)?;
+        }
+        for (drive, rows) in singles.iter().zip(alone.chunks_exact_mut(n.max(1))) {
+            wide::innovations([*drive], noise, prior, rows)?;
+        }
+        Ok(())
+    })
+    .map_err(|error: ReplayError| refuse(error))?;
+    PyArray1::from_vec(py, found).reshape([drives.len(), n])
+}
+
+fn packed<const N: usize>(parts: &[(Readings<'_>, &[bool]); N]) -> PyResult<Vec<InterleavedReading<N>>> {
+    let counts = parts.each_ref().map(|part| part.1);
+    Ok(interleave(parts.each_ref().map(|part| part.0), Some(counts)).map_err(refuse)?.collect())
+}

@@ -1,0 +1,282 @@
+//! The two-state filter on position and velocity: over one record with its history kept, or over several at once.
+//!
+//! One filter waits for its own division at every reading; `N` filters on `N` records of equal length do not.
+
+use crate::replay::{MotionCovariance, Noise, Prior, Readings, ReplayError, same_length};
+
+/// The filter's own record, one entry per reading; callers own the memory.
+#[derive(Debug)]
+pub struct Track<'a> {
+    /// Innovation `e = z - p`, m.
+    pub e: &'a mut [f64],
+    /// Innovation variance, m^2.
+    pub S: &'a mut [f64],
+    /// Gain on position, 1.
+    pub gain_p: &'a mut [f64],
+    /// Gain on velocity, 1/s.
+    pub gain_v: &'a mut [f64],
+    /// Predicted position, m.
+    pub p: &'a mut [f64],
+    /// Predicted velocity, m/s.
+    pub v: &'a mut [f64],
+    /// Predicted variance of position, m^2.
+    pub pp: &'a mut [f64],
+    /// Predicted covariance of position and velocity, m^2/s.
+    pub pv: &'a mut [f64],
+    /// Predicted variance of velocity, (m/s)^2.
+    pub vv: &'a mut [f64],
+}
+
+/// A finished [`Track`], for reading.
+#[derive(Debug, Clone, Copy)]
+#[allow(missing_docs)] // the fields of `Track`
+pub struct TrackView<'a> {
+    pub e: &'a [f64],
+    pub S: &'a [f64],
+    pub gain_p: &'a [f64],
+    pub gain_v: &'a [f64],
+    pub p: &'a [f64],
+    pub v: &'a [f64],
+    pub pp: &'a [f64],
+    pub pv: &'a [f64],
+    pub vv: &'a [f64],
+}
+
+/// One reading of each of `N` records.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InterleavedReading<const N: usize> {
+    /// Time since the reading before, s.
+    h: [f64; N],
+    /// Readings, m.
+    z: [f64; N],
+    /// Integral of the input over the interval, m/s.
+    first: [f64; N],
+    /// Double integral of the input over the interval, m.
+    second: [f64; N],
+    /// 1 where the reading counts, else 0.
+    counts: [f64; N],
+    /// Where the filter starts again.
+    starts: [bool; N],
+    /// Whether any of them does.
+    any_starts: bool,
+}
+
+/// The readings of `N` records of equal length, in order; `counts` says which of them enter a likelihood, none if `None`.
+///
+/// # Errors
+/// [`ReplayError::Condition`] when readings are unusable or lengths differ.
+#[inline(always)]
+pub fn interleave<const N: usize>(
+    parts: [Readings<'_>; N],
+    counts: Option<[&[bool]; N]>,
+) -> Result<impl Iterator<Item = InterleavedReading<N>>, ReplayError> {
+    let n = parts.first().map_or(0, |readings| readings.t.len());
+    for readings in &parts {
+        readings.check_samples()?;
+        same_length(n, readings.t.len())?;
+    }
+    for flags in counts.iter().flatten() {
+        same_length(n, flags.len())?;
+    }
+    Ok((0..n).map(
+        #[inline(always)]
+        move |k| {
+            let starts = parts.map(|readings| readings.starts(k));
+            InterleavedReading {
+                h: parts.map(|readings| if k == 0 { 0.0 } else { readings.t[k] - readings.t[k - 1] }),
+                z: parts.map(|readings| readings.z[k]),
+                first: parts.map(|readings| readings.first[k]),
+                second: parts.map(|readings| readings.second[k]),
+                counts: counts.map_or([0.0; N], |counts| counts.map(|flags| if flags[k] { 1.0 } else { 0.0 })),
+                starts,
+                any_starts: starts.contains(&true),
+            }
+        },
+    ))
+}
+
+/// One array per quantity, so that `N` filters fill vector registers.
+#[derive(Debug, Clone, Copy)]
+struct Motion<const N: usize> {
+    /// Position, m.
+    p: [f64; N],
+    /// Velocity, m/s.
+    v: [f64; N],
+    /// Variance of position.
+    pp: [f64; N],
+    /// Covariance of position and velocity.
+    pv: [f64; N],
+    /// Variance of velocity.
+    vv: [f64; N],
+}
+
+/// The update by one reading of each record.
+#[derive(Debug, Clone, Copy)]
+struct Update<const N: usize> {
+    /// Innovation, m.
+    e: [f64; N],
+    /// Its variance, m^2.
+    S: [f64; N],
+    /// Gain on position.
+    gain_p: [f64; N],
+    /// Gain on velocity, 1/s.
+    gain_v: [f64; N],
+}
+
+/// `N` filters of equal noise and prior, between two readings.
+struct MotionFilter<const N: usize> {
+    noise: Noise,
+    prior: Prior,
+    state: Motion<N>,
+}
+
+impl<const N: usize> MotionFilter<N> {
+    #[inline(always)]
+    fn new(noise: Noise, prior: Prior) -> Self {
+        let none = [0.0; N];
+        Self { noise, prior, state: Motion { p: none, v: none, pp: none, pv: none, vv: none } }
+    }
+
+    /// Predicts to a reading; where a record starts, the reading and the prior replace the prediction.
+    #[inline(always)]
+    fn predict(&mut self, reading: &InterleavedReading<N>) {
+        let Motion { p, v, pp, pv, vv } = &mut self.state;
+        for j in 0..N {
+            let h = reading.h[j];
+            p[j] += h * v[j] + reading.second[j];
+            v[j] += reading.first[j];
+            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, self.noise.q);
+            (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
+        }
+        if reading.any_starts {
+            let Prior { v: velocity, P } = self.prior;
+            for j in (0..N).filter(|&j| reading.starts[j]) {
+                (p[j], v[j]) = (reading.z[j], velocity);
+                (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
+            }
+        }
+    }
+
+    /// Updates by the reading. The factor `R/S` keeps `pp` positive.
+    #[inline(always)]
+    fn update(&mut self, reading: &InterleavedReading<N>) -> Update<N> {
+        let R = self.noise.R;
+        let Motion { p, v, pp, pv, vv } = &mut self.state;
+        let (mut e, mut S, mut gain_p, mut gain_v) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
+        for j in 0..N {
+            S[j] = pp[j] + R;
+            e[j] = reading.z[j] - p[j];
+            let inverse = 1.0 / S[j];
+            (gain_p[j], gain_v[j]) = (pp[j] * inverse, pv[j] * inverse);
+            let keep = R * inverse;
+            p[j] += gain_p[j] * e[j];
+            v[j] += gain_v[j] * e[j];
+            vv[j] -= pv[j] * gain_v[j];
+            pp[j] *= keep;
+            pv[j] *= keep;
+        }
+        Update { e, S, gain_p, gain_v }
+    }
+}
+
+/// Runs the filters; `take` receives each reading, the prediction and the update.
+#[inline(always)] // with the closure, or the records do not stay side by side in registers
+fn run_filters<const N: usize>(
+    readings: impl Iterator<Item = InterleavedReading<N>>,
+    noise: Noise,
+    prior: Prior,
+    mut take: impl FnMut(&InterleavedReading<N>, &Motion<N>, &Update<N>),
+) -> Result<(), ReplayError> {
+    noise.check()?;
+    let mut filter = MotionFilter::new(noise, prior);
+    for (index, reading) in readings.enumerate() {
+        filter.predict(&reading);
+        let predicted = filter.state;
+        let update = filter.update(&reading);
+        if let Some(&S) = update.S.iter().find(|&&variance| !(variance > 0.0)) {
+            return Err(ReplayError::InnovationVariance { index, S });
+        }
+        take(&reading, &predicted, &update);
+    }
+    Ok(())
+}
+
+/// Runs the filter over one record and keeps what the columns and the smoother need.
+///
+/// # Errors
+/// [`ReplayError`] for unusable readings or noise; the track is then incomplete.
+pub fn filter(readings: Readings<'_>, noise: Noise, prior: Prior, track: &mut Track<'_>) -> Result<(), ReplayError> {
+    let n = readings.t.len();
+    for found in [track.e.len(), track.S.len(), track.gain_p.len(), track.gain_v.len(), track.p.len()] {
+        same_length(n, found)?;
+    }
+    for found in [track.v.len(), track.pp.len(), track.pv.len(), track.vv.len()] {
+        same_length(n, found)?;
+    }
+    let mut k = 0;
+    run_filters(interleave([readings], None)?, noise, prior, |_, predicted, update| {
+        (track.e[k], track.S[k]) = (update.e[0], update.S[0]);
+        (track.gain_p[k], track.gain_v[k]) = (update.gain_p[0], update.gain_v[0]);
+        (track.p[k], track.v[k]) = (predicted.p[0], predicted.v[0]);
+        (track.pp[k], track.pv[k], track.vv[k]) = (predicted.pp[0], predicted.pv[0], predicted.vv[0]);
+        k += 1;
+    })
+}
+
+/// Innovations of every record, m; `take` gets those of one reading, in order.
+///
+/// # Errors
+/// [`ReplayError`] for unusable noise, or when a variance stops being positive.
+#[inline(always)]
+pub fn innovations<const N: usize>(
+    readings: impl Iterator<Item = InterleavedReading<N>>,
+    noise: Noise,
+    prior: Prior,
+    mut take: impl FnMut([f64; N]),
+) -> Result<(), ReplayError> {
+    run_filters(
+        readings,
+        noise,
+        prior,
+        #[inline(always)]
+        |_, _, update| take(update.e),
+    )
+}
+
+/// Readings whose variances are multiplied before their logarithm is computed.
+const PRODUCT: usize = 8;
+
+/// Sum over the records of `-1/2 sum (e^2/S + ln 2 pi S)` over the readings that count (derivations 6.3).
+///
+/// # Errors
+/// [`ReplayError`] for unusable noise, or when a variance stops being positive.
+#[inline(always)]
+pub fn log_likelihood<const N: usize>(
+    readings: &[InterleavedReading<N>],
+    noise: Noise,
+    prior: Prior,
+) -> Result<f64, ReplayError> {
+    let (mut squares, mut counted, mut logarithms) = ([0.0; N], [0.0; N], 0.0);
+    let (mut product, mut held) = ([1.0; N], 0);
+    run_filters(
+        readings.iter().copied(),
+        noise,
+        prior,
+        #[inline(always)]
+        |reading, _, &Update { e, S, .. }| {
+            for j in 0..N {
+                squares[j] += reading.counts[j] * (e[j] * e[j] / S[j]);
+                counted[j] += reading.counts[j];
+                product[j] *= reading.counts[j] * S[j] + (1.0 - reading.counts[j]);
+            }
+            held += 1;
+            if held == PRODUCT {
+                logarithms += product.map(libm::log).iter().sum::<f64>();
+                (product, held) = ([1.0; N], 0);
+            }
+        },
+    )?;
+    logarithms += product.map(libm::log).iter().sum::<f64>();
+    let constant = counted.iter().sum::<f64>() * libm::log(core::f64::consts::TAU);
+    Ok(-0.5 * (squares.iter().sum::<f64>() + logarithms + constant))
+}

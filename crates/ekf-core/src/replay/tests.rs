@@ -1,0 +1,453 @@
+//! The replay against dense Gaussian algebra, and several records at once against each alone.
+
+use super::columns::{
+    FilteredReading, Gains, ReadingSpan, Response, filter_input_columns, filter_reading_columns, prepare,
+};
+use super::filter::{InterleavedReading, Track, TrackView, filter, innovations, interleave, log_likelihood};
+use super::grid::{Cell, Grid};
+use super::smoother::smooth;
+use super::*;
+use nalgebra::{SMatrix, SVector};
+
+const N: usize = 8;
+const T: [f64; N] = [0.0, 0.011, 0.019, 0.034, 0.2, 0.213, 0.221, 0.24]; // a gap of many steps in the middle
+const Z: [f64; N] = [0.10, 0.14, 0.11, 0.18, 0.31, 0.29, 0.30, 0.36];
+const FIRST: [f64; N] = [0.0, 0.02, -0.01, 0.03, 0.2, -0.02, 0.01, 0.05];
+const SECOND: [f64; N] = [0.0, 1e-4, -4e-5, 2e-4, 1.5e-2, -1e-4, 3e-5, 4e-4];
+const WHOLE: [bool; N] = [true, false, false, false, false, false, false, false];
+const BROKEN: [bool; N] = [true, false, false, false, true, false, false, false];
+const NOISE: Noise = Noise { q: 0.7, R: 4e-4 };
+const PRIOR: Prior = Prior { v: 0.4, P: MotionCovariance { pp: 2e-3, pv: 1e-2, vv: 0.9 } };
+
+fn readings(restart: &[bool]) -> Readings<'_> {
+    Readings { t: &T, z: &Z, first: &FIRST, second: &SECOND, restart }
+}
+
+/// A track that owns its memory: e, S, `gain_p`, `gain_v`, p, v, pp, pv, vv.
+#[derive(Default)]
+struct Kept([[f64; N]; 9]);
+
+impl Kept {
+    fn of(readings: Readings<'_>, noise: Noise, prior: Prior) -> Result<Self, ReplayError> {
+        let mut kept = Self::default();
+        let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut kept.0;
+        filter(readings, noise, prior, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv })?;
+        Ok(kept)
+    }
+
+    fn view(&self) -> TrackView<'_> {
+        let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &self.0;
+        TrackView { e, S, gain_p, gain_v, p, v, pp, pv, vv }
+    }
+
+    fn gains<'a>(&'a self, restart: &'a [bool], rows: core::ops::Range<usize>) -> Gains<'a> {
+        Gains {
+            t: &T[rows.clone()],
+            restart: &restart[rows.clone()],
+            gain_p: &self.0[2][rows.clone()],
+            gain_v: &self.0[3][rows.clone()],
+            S: &self.0[1][rows],
+        }
+    }
+}
+
+/// Log-likelihood of one record.
+fn likelihood(readings: Readings<'_>, noise: Noise, prior: Prior, counts: &[bool]) -> Result<f64, ReplayError> {
+    let mut rows = interleave([readings], Some([counts]))?;
+    let interleaved: [InterleavedReading<1>; N] = core::array::from_fn(|_| rows.next().unwrap());
+    log_likelihood(&interleaved, noise, prior)
+}
+
+type States = SVector<f64, { 2 * N }>;
+type Spread = SMatrix<f64, { 2 * N }, { 2 * N }>;
+
+/// Mean and covariance of (p, v) at every reading before any reading is used, one row pair each.
+fn dense_prior(restart: &[bool]) -> (States, Spread) {
+    let (mut mean, mut P) = (States::zeros(), Spread::zeros());
+    for k in 0..N {
+        let at = 2 * k;
+        if k == 0 || restart[k] {
+            (mean[at], mean[at + 1]) = (Z[k], PRIOR.v);
+            P[(at, at)] = PRIOR.P.pp;
+            (P[(at, at + 1)], P[(at + 1, at)]) = (PRIOR.P.pv, PRIOR.P.pv);
+            P[(at + 1, at + 1)] = PRIOR.P.vv;
+            continue;
+        }
+        let h = T[k] - T[k - 1];
+        let mut F = Spread::identity();
+        F.fixed_view_mut::<2, 2>(at, at).fill(0.0);
+        (F[(at, at - 2)], F[(at, at - 1)], F[(at + 1, at - 1)]) = (1.0, h, 1.0);
+        mean = F * mean;
+        mean[at] += SECOND[k];
+        mean[at + 1] += FIRST[k];
+        P = F * P * F.transpose();
+        let q = NOISE.q;
+        P[(at, at)] += q * h * h * h / 3.0;
+        P[(at, at + 1)] += q * h * h / 2.0;
+        P[(at + 1, at)] += q * h * h / 2.0;
+        P[(at + 1, at + 1)] += q * h;
+    }
+    (mean, P)
+}
+
+/// Innovation of all readings at once, its covariance, and the covariance of states with readings.
+fn dense_readings(mean: &States, P: &Spread) -> (SVector<f64, N>, SMatrix<f64, N, N>, SMatrix<f64, { 2 * N }, N>) {
+    let mut H = SMatrix::<f64, N, { 2 * N }>::zeros();
+    for k in 0..N {
+        H[(k, 2 * k)] = 1.0;
+    }
+    let C = H * P * H.transpose() + SMatrix::<f64, N, N>::identity() * NOISE.R;
+    (SVector::from(Z) - H * mean, C, P * H.transpose())
+}
+
+#[test]
+fn smoother_equals_the_dense_gaussian_posterior() {
+    for restart in [WHOLE, BROKEN] {
+        let (mean, P) = dense_prior(&restart);
+        let (e, C, PH) = dense_readings(&mean, &P);
+        let expected = mean + PH * C.cholesky().unwrap().solve(&e);
+        let kept = Kept::of(readings(&restart), NOISE, PRIOR).unwrap();
+        let (mut p, mut v, mut wanted) = ([0.0; N], [0.0; N], [0.0; N]);
+        smooth(readings(&restart), NOISE, kept.view(), &mut p, &mut v, &mut wanted).unwrap();
+        for k in 0..N {
+            // a 8 x 8 solve of condition 1e3, numbers below 3
+            assert!((p[k] - expected[2 * k]).abs() < 1e-12, "p {k}");
+            assert!((v[k] - expected[2 * k + 1]).abs() < 1e-11, "v {k}");
+        }
+    }
+}
+
+#[test]
+fn filter_equals_the_dense_gaussian_posterior_at_the_last_reading() {
+    let (mean, P) = dense_prior(&WHOLE);
+    let (e, C, PH) = dense_readings(&mean, &P);
+    let solved = C.cholesky().unwrap();
+    let (expected, spread) = (mean + PH * solved.solve(&e), P - PH * solved.solve(&PH.transpose()));
+    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = kept.0.map(|series| series[N - 1]);
+    let after = MotionCovariance { pp: pp * NOISE.R / S, pv: pv * NOISE.R / S, vv: vv - pv * pv / S };
+    let last = 2 * (N - 1);
+    assert!((p + gain_p * e - expected[last]).abs() < 1e-12);
+    assert!((v + gain_v * e - expected[last + 1]).abs() < 1e-11);
+    assert!((after.pp / spread[(last, last)] - 1.0).abs() < 1e-10);
+    assert!((after.pv / spread[(last, last + 1)] - 1.0).abs() < 1e-10);
+    assert!((after.vv / spread[(last + 1, last + 1)] - 1.0).abs() < 1e-10);
+}
+
+#[test]
+fn smoothed_noise_drives_the_smoothed_motion() {
+    let kept = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
+    let (mut p, mut v, mut w) = ([0.0; N], [0.0; N], [0.0; N]);
+    smooth(readings(&BROKEN), NOISE, kept.view(), &mut p, &mut v, &mut w).unwrap();
+    for k in (1..N).filter(|&k| !BROKEN[k]) {
+        let h = T[k] - T[k - 1];
+        let gained = FIRST[k] + h * (w[k - 1] + w[k]) / 2.0; // a straight line between readings
+        let moved = h * v[k - 1] + SECOND[k] + h * h * (2.0 * w[k - 1] + w[k]) / 6.0;
+        assert!((v[k] - v[k - 1] - gained).abs() < 1e-13, "v {k}");
+        assert!((p[k] - p[k - 1] - moved).abs() < 1e-14, "p {k}");
+    }
+    assert!(w.iter().any(|w| w.abs() > 0.1)); // the smoothed noise is not zero
+}
+
+#[test]
+fn log_likelihood_equals_the_dense_gaussian_density() {
+    for restart in [WHOLE, BROKEN] {
+        let (mean, P) = dense_prior(&restart);
+        let (e, C, _) = dense_readings(&mean, &P);
+        let solved = C.cholesky().unwrap();
+        let tau = core::f64::consts::TAU;
+        let expected = -0.5 * (e.dot(&solved.solve(&e)) + libm::log(solved.determinant()) + N as f64 * libm::log(tau));
+        let found = likelihood(readings(&restart), NOISE, PRIOR, &[true; N]).unwrap();
+        assert!((found - expected).abs() < 1e-10, "{found} {expected}"); // a sum of 8 terms near 3
+    }
+}
+
+#[test]
+fn likelihood_counts_only_what_is_asked() {
+    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let [e, S, ..] = kept.0;
+    let counts: [bool; N] = core::array::from_fn(|k| k % 3 == 1);
+    let term = |k: usize| -0.5 * (e[k] * e[k] / S[k] + libm::log(core::f64::consts::TAU * S[k]));
+    let expected: f64 = (0..N).filter(|&k| counts[k]).map(term).sum();
+    let found = likelihood(readings(&WHOLE), NOISE, PRIOR, &counts).unwrap();
+    assert!((found - expected).abs() < 1e-13);
+}
+
+#[test]
+fn a_start_depends_on_nothing_before_it() {
+    let whole = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
+    let mut changed = Z;
+    changed[2] += 1.0;
+    let other = Kept::of(Readings { z: &changed, ..readings(&BROKEN) }, NOISE, PRIOR).unwrap();
+    for (one, two) in whole.0.iter().zip(&other.0) {
+        assert!(one[4..].iter().zip(&two[4..]).all(|(a, b)| a.to_bits() == b.to_bits()));
+    }
+    assert!((whole.0[0][3] - other.0[0][3]).abs() > 1e-3); // while before it the change is felt
+}
+
+#[test]
+fn covariance_over_two_steps_equals_one_long_step() {
+    let (one, two) = (PRIOR.P.predict(0.3, 0.7), PRIOR.P.predict(0.1, 0.7).predict(0.2, 0.7));
+    assert!((one.pp - two.pp).abs() < 1e-15 && (one.pv - two.pv).abs() < 1e-15 && (one.vv - two.vv).abs() < 1e-15);
+}
+
+const GRID: Grid = Grid { start: -0.05, step: 0.03 };
+const ROWS: usize = 11; // to 0.25 s
+
+/// A cubic, which four-point interpolation carries exactly, and its two running integrals.
+fn column(t: f64) -> f64 {
+    3.0 - 40.0 * t + 300.0 * t * t - 500.0 * t.powi(3)
+}
+
+fn once(t: f64) -> f64 {
+    3.0 * t - 20.0 * t * t + 100.0 * t.powi(3) - 125.0 * t.powi(4)
+}
+
+fn twice(t: f64) -> f64 {
+    1.5 * t * t - 20.0 / 3.0 * t.powi(3) + 25.0 * t.powi(4) - 25.0 * t.powi(5)
+}
+
+const DIRECT: [f64; N] = [0.3, -0.2, 0.5, 0.1, 0.7, -0.4, 0.2, 0.6];
+
+/// Readings prepared for columns, in memory of their own.
+struct Prepared {
+    readings: Vec<FilteredReading>,
+    cells: Vec<Cell>,
+}
+
+impl Prepared {
+    fn new(gains: Gains<'_>, rows: usize, before: Option<f64>) -> Result<Self, ReplayError> {
+        let (mut readings, mut cells) = (Vec::new(), Vec::new());
+        let counts = vec![true; gains.t.len()];
+        prepare(gains, &counts, (GRID, rows), before, |cell| cells.push(cell), |reading| readings.push(reading))?;
+        Ok(Self { readings, cells })
+    }
+
+    fn span(&self) -> ReadingSpan<'_> {
+        ReadingSpan { readings: &self.readings, cells: &self.cells, group: 1 }
+    }
+}
+
+/// A cubic and a constant on the grid, and a column of the readings; each whitened sample by itself.
+#[derive(Default)]
+struct Filtered {
+    inputs: Response<2>,
+    direct: Response<1>,
+    whitened: [Vec<f64>; 3],
+}
+
+impl Filtered {
+    /// Appends readings `rows` of the record.
+    fn extend(&mut self, kept: &Kept, restart: &[bool], rows: core::ops::Range<usize>) {
+        let before = rows.start.checked_sub(1).map(|k| T[k]);
+        let prepared = Prepared::new(kept.gains(restart, rows.clone()), ROWS, before).unwrap();
+        let curve: [f64; ROWS] = core::array::from_fn(|i| column(GRID.start + i as f64 * GRID.step));
+        let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; rows.len()]);
+        let columns: [&[f64]; 2] = [&curve, &[1.0; ROWS]];
+        filter_input_columns(prepared.span(), columns, 1.0, &mut self.inputs, [&mut a, &mut b]).unwrap();
+        filter_reading_columns(prepared.span(), [&DIRECT[rows]], &mut self.direct, [&mut c]).unwrap();
+        for (whole, part) in self.whitened.iter_mut().zip([a, b, c]) {
+            whole.extend(part);
+        }
+    }
+}
+
+#[test]
+fn filtered_columns_equal_differences_of_the_filter() {
+    for restart in [WHOLE, BROKEN] {
+        let base = Kept::of(readings(&restart), NOISE, PRIOR).unwrap();
+        let [e, S, ..] = base.0;
+        let mut filtered = Filtered::default();
+        filtered.extend(&base, &restart, 0..N);
+
+        let step = |k: usize| if k == 0 || restart[k] { 0.0 } else { T[k] - T[k - 1] };
+        let from = |k: usize| T[k] - step(k);
+        let curved: [f64; N] = core::array::from_fn(|k| FIRST[k] + once(T[k]) - once(from(k)));
+        let bent: [f64; N] =
+            core::array::from_fn(|k| SECOND[k] + twice(T[k]) - twice(from(k)) - step(k) * once(from(k)));
+        let faster: [f64; N] = core::array::from_fn(|k| FIRST[k] + step(k));
+        let farther: [f64; N] = core::array::from_fn(|k| SECOND[k] + step(k) * step(k) / 2.0);
+        let lowered: [f64; N] = core::array::from_fn(|k| Z[k] - DIRECT[k]);
+        let changed = [
+            Readings { first: &curved, second: &bent, ..readings(&restart) },
+            Readings { first: &faster, second: &farther, ..readings(&restart) },
+            Readings { z: &lowered, ..readings(&restart) },
+        ];
+        for (j, with_one_unit) in changed.into_iter().enumerate() {
+            let after = Kept::of(with_one_unit, NOISE, PRIOR).unwrap().0[0];
+            for k in 0..N {
+                // The filter is linear: a whole unit is as good as a small one. Differences of numbers near 1.
+                let expected = (e[k] - after[k]) / libm::sqrt(S[k]);
+                assert!((filtered.whitened[j][k] - expected).abs() < 1e-12, "column {j}, reading {k}");
+            }
+        }
+        assert!(filtered.whitened.iter().flatten().any(|x| x.abs() > 0.1)); // and there is something to filter
+    }
+}
+
+#[test]
+fn columns_filtered_in_two_spans_equal_the_whole() {
+    let base = Kept::of(readings(&BROKEN), NOISE, PRIOR).unwrap();
+    let mut whole = Filtered::default();
+    whole.extend(&base, &BROKEN, 0..N);
+    for cut in 1..N {
+        let mut parts = Filtered::default();
+        parts.extend(&base, &BROKEN, 0..cut);
+        parts.extend(&base, &BROKEN, cut..N);
+        assert_eq!(whole.whitened, parts.whitened);
+    }
+}
+
+#[test]
+fn bad_noise_is_refused() {
+    for (q, R) in [(0.0, 1.0), (1.0, -1.0), (f64::NAN, 1.0), (1.0, f64::INFINITY)] {
+        let noise = Noise { q, R };
+        let refused = Kept::of(readings(&WHOLE), noise, PRIOR).err();
+        assert!(matches!(refused, Some(ReplayError::Noise { .. })));
+        assert!(likelihood(readings(&WHOLE), noise, PRIOR, &[true; N]).is_err());
+    }
+}
+
+#[test]
+fn a_prior_that_is_no_covariance_stops_the_filter() {
+    let prior = Prior { v: 0.0, P: MotionCovariance { pp: -1.0, pv: 0.0, vv: 1.0 } };
+    let expected = ReplayError::InnovationVariance { index: 0, S: -1.0 + NOISE.R };
+    assert_eq!(Kept::of(readings(&WHOLE), NOISE, prior).err(), Some(expected));
+    assert_eq!(likelihood(readings(&WHOLE), NOISE, prior, &[true; N]), Err(expected));
+}
+
+#[test]
+fn unusable_readings_are_refused_with_the_place() {
+    let mut backward = T;
+    backward[5] = backward[4];
+    let expected = ConditionError::Time { index: 5, t: T[4] };
+    let found = Kept::of(Readings { t: &backward, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(found, Some(ReplayError::Condition(expected)));
+    let mut lost = Z;
+    lost[3] = f64::NAN;
+    let found = Kept::of(Readings { z: &lost, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(found, Some(ReplayError::Condition(ConditionError::Sample { index: 3 })));
+    let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
+    let found = Kept::of(Readings { first: &FIRST[1..], ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(found, Some(short));
+    assert_eq!(likelihood(readings(&WHOLE), NOISE, PRIOR, &[true; N - 1]), Err(short));
+    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let (mut p, mut v, mut wanted) = ([0.0; N], [0.0; N - 1], [0.0; N]);
+    let found = smooth(readings(&WHOLE), NOISE, kept.view(), &mut p, &mut v, &mut wanted);
+    assert_eq!(found, Err(short));
+}
+
+#[test]
+fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
+    let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
+    let short = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS - 1, None).err(); // ends at 0.22 s
+    assert_eq!(short, Some(ReplayError::Grid { index: 6, t: T[6] }));
+    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS, None).unwrap();
+    let mut sums = [0.0; N - 1];
+    let found = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);
+    assert_eq!(found, Err(ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 })));
+}
+
+const LENGTH: usize = 40;
+const SHARP: Prior = Prior { v: 0.1, P: MotionCovariance { pp: 1e-8, pv: 2e-9, vv: 0.5 } };
+const QUIET: Noise = Noise { q: 3e-5, R: 4e-12 };
+
+/// Four parts of a record with its own gaps, restarts and readings that do not count.
+struct Records {
+    t: [[f64; LENGTH]; 4],
+    z: [[f64; LENGTH]; 4],
+    first: [[f64; LENGTH]; 4],
+    second: [[f64; LENGTH]; 4],
+    restart: [[bool; LENGTH]; 4],
+    counts: [[bool; LENGTH]; 4],
+}
+
+impl Records {
+    fn new() -> Self {
+        let at = |part: usize, k: usize| (k * 7 + part * 13) as f64;
+        let each = |f: &dyn Fn(usize, usize) -> f64| core::array::from_fn(|part| core::array::from_fn(|k| f(part, k)));
+        let mut t: [[f64; LENGTH]; 4] = each(&|part, k| 1e-3 * (k as f64 + 0.3 * libm::sin(at(part, k))));
+        t[2][20..].iter_mut().for_each(|time| *time += 0.5);
+        Self {
+            t,
+            z: each(&|part, k| 1e-5 * libm::cos(0.3 * at(part, k))),
+            first: each(&|part, k| 1e-4 * libm::sin(0.1 * at(part, k))),
+            second: each(&|part, k| 1e-8 * libm::cos(0.2 * at(part, k))),
+            restart: core::array::from_fn(|part| core::array::from_fn(|k| k == 0 || (part == 2 && k == 20))),
+            counts: core::array::from_fn(|part| core::array::from_fn(|k| k > 3 && (k + part) % 5 != 0)),
+        }
+    }
+
+    fn part(&self, part: usize) -> (Readings<'_>, &[bool]) {
+        let readings = Readings {
+            t: &self.t[part],
+            z: &self.z[part],
+            first: &self.first[part],
+            second: &self.second[part],
+            restart: &self.restart[part],
+        };
+        (readings, &self.counts[part])
+    }
+}
+
+/// The filter's own record, as in `Kept`.
+fn history(readings: Readings<'_>) -> [[f64; LENGTH]; 9] {
+    let mut history = [[0.0; LENGTH]; 9];
+    let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut history;
+    filter(readings, QUIET, SHARP, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv }).unwrap();
+    history
+}
+
+fn interleaved<const M: usize>(parts: [(Readings<'_>, &[bool]); M]) -> [InterleavedReading<M>; LENGTH] {
+    let mut rows = interleave(parts.map(|part| part.0), Some(parts.map(|part| part.1))).unwrap();
+    core::array::from_fn(|_| rows.next().unwrap())
+}
+
+#[test]
+fn interleaved_records_have_the_likelihood_of_each() {
+    let parts = Records::new();
+    let expected: f64 = (0..4)
+        .map(|part| {
+            let (readings, counts) = parts.part(part);
+            let [e, S, ..] = history(readings);
+            let term = |k: usize| -0.5 * (e[k] * e[k] / S[k] + libm::log(core::f64::consts::TAU * S[k]));
+            (0..LENGTH).filter(|&k| counts[k]).map(term).sum::<f64>()
+        })
+        .sum();
+    let found = log_likelihood(&interleaved([0, 1, 2, 3].map(|part| parts.part(part))), QUIET, SHARP).unwrap();
+    assert!((found - expected).abs() < 1e-12 * expected.abs(), "{found} {expected}"); // a hundred terms, double
+    let single: f64 = (0..4).map(|k| log_likelihood(&interleaved([parts.part(k)]), QUIET, SHARP).unwrap()).sum();
+    assert!((single - expected).abs() < 1e-12 * expected.abs(), "{single} {expected}");
+    let other = Noise { q: 4e-5, ..QUIET };
+    let moved = log_likelihood(&interleaved([parts.part(0)]), other, SHARP).unwrap();
+    let is_constant = log_likelihood(&interleaved([parts.part(0)]), QUIET, SHARP).unwrap();
+    assert!((moved - is_constant).abs() > 1e-6 * is_constant.abs());
+}
+
+#[test]
+fn innovations_are_those_of_the_filter() {
+    let parts = Records::new();
+    let mut found = [[0.0; 4]; LENGTH];
+    let mut rows = found.iter_mut();
+    let all = interleave([0, 1, 2, 3].map(|part| parts.part(part).0), None).unwrap();
+    innovations(all, QUIET, SHARP, |e| *rows.next().unwrap() = e).unwrap();
+    for part in 0..4 {
+        let [e, ..] = history(parts.part(part).0);
+        for (k, row) in found.iter().enumerate() {
+            assert_eq!(row[part].to_bits(), e[k].to_bits(), "{part} {k}"); // equal operations in equal order
+        }
+    }
+}
+
+#[test]
+fn what_is_unusable_is_refused() {
+    let parts = Records::new();
+    let (readings, counts) = parts.part(0);
+    let short = ReplayError::Condition(ConditionError::Length { expected: LENGTH, found: LENGTH - 1 });
+    assert_eq!(interleave([readings], Some([&counts[1..]])).err(), Some(short));
+    let rows = interleaved([(readings, counts)]);
+    assert!(matches!(log_likelihood(&rows, Noise { q: 0.0, R: 1.0 }, SHARP), Err(ReplayError::Noise { .. })));
+    let prior = Prior { v: 0.0, P: MotionCovariance { pp: -1.0, pv: 0.0, vv: 1.0 } };
+    let lost = ReplayError::InnovationVariance { index: 0, S: QUIET.R - 1.0 };
+    assert_eq!(log_likelihood(&rows, QUIET, prior), Err(lost));
+}

@@ -1,0 +1,125 @@
+//! The loop over events, shared by records and streams: predict to the event, read it, gate it, sum the likelihood.
+
+use crate::dense::belief::Belief;
+use crate::dense::system::Drive;
+use crate::dense::update::GatedReading;
+use crate::error::{RunError, SetupError, StepError};
+use crate::signal::channel::{Channel, Event};
+use crate::signal::interpolation::{Interpolation, Segment};
+use crate::signal::timeline::{Samples, Timeline};
+
+/// The state of a filter between two events.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Track<B> {
+    /// The belief after the last event, in the engine's own form.
+    pub state: B,
+    /// Time of the last event, s; `None` before the first, to which the prior belongs.
+    pub t: Option<f64>,
+    /// Events processed.
+    pub events: usize,
+    /// Readings rejected by the gate.
+    pub rejected: usize,
+    /// Sum over the accepted readings (derivations 6.3).
+    pub log_likelihood: f64,
+}
+
+/// A filter of `N` states, driven event by event.
+pub trait Engine<const N: usize> {
+    /// Mean and covariance in the form that this engine propagates.
+    type State: Copy;
+    /// What is reported of one event.
+    type Outcome;
+
+    /// Whether the output drives the state.
+    const DRIVEN: bool;
+
+    /// The output between its samples.
+    fn interpolation(&self) -> Interpolation;
+
+    /// The prior in the engine's own form.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a setting, the number of states or the prior is unusable.
+    fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError>;
+
+    /// Mean and covariance of a state.
+    fn belief(&self, state: &Self::State) -> Belief<N>;
+
+    /// The reading of an outcome; `None` where an output drives the state.
+    fn reading(outcome: &Self::Outcome) -> Option<GatedReading>;
+
+    /// Predicts over `drive`, if time has passed, and takes in the event.
+    ///
+    /// # Errors
+    /// [`StepError`]; `state` is untouched.
+    fn step(
+        &self,
+        state: &Self::State,
+        drive: Option<&Drive>,
+        event: &Event,
+    ) -> Result<(Self::State, Self::Outcome), StepError>;
+
+    /// The track at its start.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a setting, the number of states or the prior is unusable.
+    fn start(&self, prior: &Belief<N>) -> Result<Track<Self::State>, SetupError> {
+        let state = self.initial(prior)?;
+        Ok(Track { state, t: None, events: 0, rejected: 0, log_likelihood: 0.0 })
+    }
+
+    /// Processes the next event; `piece` is the output since the event before, with the time at which it starts.
+    ///
+    /// # Errors
+    /// [`RunError::Step`] with the event; `track` is untouched.
+    fn process(
+        &self,
+        track: &Track<Self::State>,
+        event: &Event,
+        piece: (Segment, f64),
+    ) -> Result<(Track<Self::State>, Self::Outcome), RunError> {
+        let drive = track.t.filter(|&previous| previous < event.t).map(|previous| {
+            let (segment, start) = if Self::DRIVEN { piece } else { (Segment { c: [0.0; 4] }, previous) };
+            Drive { segment, from: previous - start, to: event.t - start }
+        });
+        let (state, outcome) = self.step(&track.state, drive.as_ref(), event).map_err(|error| RunError::Step {
+            event: track.events,
+            t: event.t,
+            error,
+        })?;
+        let mut next = Track { state, t: Some(event.t), events: track.events + 1, ..*track };
+        match Self::reading(&outcome) {
+            Some(reading) if reading.accepted => next.log_likelihood += reading.innovation.log_likelihood(),
+            Some(_) => next.rejected += 1,
+            None => {}
+        }
+        Ok((next, outcome))
+    }
+
+    /// Runs over a whole record; `keep` receives every track and outcome in time order.
+    ///
+    /// # Errors
+    /// [`RunError::Setup`] for an unusable filter, prior or record; [`RunError::Step`] with the event that failed.
+    fn run(
+        &self,
+        prior: &Belief<N>,
+        output: Samples<'_>,
+        position: Samples<'_>,
+        mut keep: impl FnMut(&Track<Self::State>, &Self::Outcome),
+    ) -> Result<Track<Self::State>, RunError> {
+        let mut track = self.start(prior)?;
+        output.check(Channel::Output, 2)?;
+        position.check(Channel::Position, 1)?;
+        let mut processed = 0;
+        for event in Timeline::new(output, position) {
+            let piece = output.piece(processed, self.interpolation());
+            let outcome;
+            (track, outcome) = self.process(&track, &event, piece)?;
+            keep(&track, &outcome);
+            if event.channel == Channel::Output {
+                processed += 1;
+            }
+        }
+        Ok(track)
+    }
+}

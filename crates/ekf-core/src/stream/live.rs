@@ -1,0 +1,165 @@
+//! The filter as a stream: the steps over a record, bit for bit, each as soon as its output is known.
+
+use crate::dense::belief::Belief;
+use crate::error::{RunError, SetupError, StepError};
+use crate::signal::channel::{Channel, Event};
+use crate::signal::interpolation::Interpolation;
+use crate::signal::timeline::Samples;
+use crate::stream::engine::{Engine, Track};
+
+/// Events that may wait for the output sample after them.
+pub const CAPACITY: usize = 64;
+
+/// Output samples that an interpolation can reach.
+const REACH: usize = 4;
+
+/// A filter fed event by event.
+///
+/// Held output needs no future; a line needs the next sample, a cubic the one after it (and four in all). Events wait
+/// that long, so the belief lags by as many samples. A system that reads the output never waits.
+#[derive(Debug, Clone, Copy)]
+pub struct Live<E: Engine<N>, const N: usize> {
+    filter: E,
+    track: Track<E::State>,
+    last: Option<Event>,
+    last_output: Option<f64>,
+    t: [f64; REACH],
+    u: [f64; REACH],
+    /// Outputs in the window, and how many of them were processed.
+    held: usize,
+    taken: usize,
+    queue: [Option<Event>; CAPACITY],
+    waiting: usize,
+}
+
+impl<E: Engine<N>, const N: usize> Live<E, N> {
+    /// A filter before its first event, to which `prior` belongs.
+    ///
+    /// # Errors
+    /// [`SetupError`] if a setting or the prior is unusable.
+    pub fn new(filter: E, prior: &Belief<N>) -> Result<Self, SetupError> {
+        Ok(Self {
+            track: filter.start(prior)?,
+            filter,
+            last: None,
+            last_output: None,
+            t: [0.0; REACH],
+            u: [0.0; REACH],
+            held: 0,
+            taken: 0,
+            queue: [None; CAPACITY],
+            waiting: 0,
+        })
+    }
+
+    /// The state of the filter after the events processed so far.
+    #[must_use]
+    pub fn track(&self) -> &Track<E::State> {
+        &self.track
+    }
+
+    /// The filter itself.
+    #[must_use]
+    pub fn filter(&self) -> &E {
+        &self.filter
+    }
+
+    /// Events received and not yet processed.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.waiting
+    }
+
+    /// Receives one event and processes all that are ready; at a tie push the output first, as in a record.
+    ///
+    /// # Errors
+    /// [`RunError::Step`]: [`StepError::TimeOrder`] and [`StepError::Backlog`] leave the filter as it was; after any other
+    /// the event that failed is dropped.
+    pub fn push(&mut self, event: Event, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
+        self.admit(&event).map_err(|error| RunError::Step {
+            event: self.track.events + self.waiting,
+            t: event.t,
+            error,
+        })?;
+        self.last = Some(event);
+        self.queue[self.waiting] = Some(event);
+        self.waiting += 1;
+        if event.channel == Channel::Output {
+            self.last_output = Some(event.t);
+            self.extend(&event);
+        }
+        self.drain(false, keep)
+    }
+
+    /// Processes what still waits, as at the end of a record.
+    ///
+    /// # Errors
+    /// [`RunError::Step`] with the event that failed.
+    pub fn finish(&mut self, keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
+        self.drain(true, keep)
+    }
+
+    fn admit(&self, event: &Event) -> Result<(), StepError> {
+        if !event.value.is_finite() {
+            return Err(StepError::Innovation { e: event.value });
+        }
+        let previous = match (event.channel, self.last_output, self.last) {
+            (Channel::Output, Some(t), _) if event.t <= t => Some(t),
+            (_, _, Some(last)) if event.t < last.t => Some(last.t),
+            _ if !event.t.is_finite() => Some(f64::NAN),
+            _ => None,
+        };
+        if let Some(previous) = previous {
+            return Err(StepError::TimeOrder { t: event.t, previous });
+        }
+        if self.waiting == CAPACITY {
+            return Err(StepError::Backlog { capacity: CAPACITY });
+        }
+        Ok(())
+    }
+
+    /// Puts an output at the end of the window; the oldest leaves it.
+    fn extend(&mut self, event: &Event) {
+        if self.held == REACH {
+            self.t.copy_within(1.., 0);
+            self.u.copy_within(1.., 0);
+            self.held -= 1;
+            self.taken = self.taken.saturating_sub(1);
+        }
+        self.t[self.held] = event.t;
+        self.u[self.held] = event.value;
+        self.held += 1;
+    }
+
+    fn drain(&mut self, ended: bool, mut keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
+        while let Some(event) = self.queue[0].filter(|_| ended || self.ready()) {
+            let window = Samples { t: &self.t[..self.held], y: &self.u[..self.held] };
+            let piece = window.piece(self.taken, self.filter.interpolation());
+            let step = self.filter.process(&self.track, &event, piece);
+            self.queue.copy_within(1..self.waiting, 0);
+            self.waiting -= 1;
+            self.queue[self.waiting] = None;
+            if event.channel == Channel::Output {
+                self.taken += 1;
+            }
+            let outcome;
+            (self.track, outcome) = step?;
+            keep(&outcome);
+        }
+        Ok(())
+    }
+
+    /// Whether the window already determines the output up to the next event, as a whole record would.
+    fn ready(&self) -> bool {
+        if !E::DRIVEN {
+            return true;
+        }
+        match self.filter.interpolation() {
+            Interpolation::Hold => self.held > 0,
+            Interpolation::Linear => self.held > self.taken && self.held > 0,
+            Interpolation::Cubic => {
+                self.taken == 0 && self.held > 0 || self.held == REACH && self.taken + 1 < self.held
+            }
+        }
+    }
+}

@@ -1,0 +1,4 @@
+//! Filters driven event by event: over a record, and on a stream.
+
+pub mod engine;
+pub mod live;

@@ -1,0 +1,298 @@
+//! The acceleration as a function of output and parameters: value, gradient, and `M` times the gradient.
+//!
+//! Parameters have the order `k, K0` (linear) or `k, K0, K2, K3` (cubic), further effects last.
+
+use crate::dense::system::Order;
+use crate::error::DomainError;
+use crate::sensor::polynomial::{Form, Parameters};
+use crate::structured::number::Number;
+use crate::structured::row::{Row, product, row};
+
+/// The acceleration at one instant of a step with constant parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AccelerationPartials<V: Row> {
+    /// `a(u, theta)`, and `+ 1/2 tr(a_theta,theta M)` in second order, m/s^2.
+    pub a: V::Number,
+    /// `g = da/dtheta`.
+    pub g: V,
+    /// `h = M g`.
+    pub h: V,
+    /// `da/du`: how the output's noise enters.
+    pub slope: V::Number,
+}
+
+/// How acceleration follows from the output and the parameters.
+pub trait AccelerationModel<V: Row, const M: usize>: Copy {
+    /// The input at every instant.
+    type Input: Copy;
+    /// Coefficients computed once per estimate.
+    type Table: Copy;
+
+    /// The table for the parameters `theta` with covariance `M`; both stay as they are between two readings.
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> Self::Table;
+
+    /// The acceleration under `input`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    fn at(&self, table: &Self::Table, input: Self::Input) -> Result<AccelerationPartials<V>, DomainError>;
+}
+
+const SCALE: usize = 0;
+const BIAS: usize = 1;
+const SECOND: usize = 2;
+const THIRD: usize = 3;
+
+#[inline(always)]
+fn unit<V: Row>(witness: V::Number, i: usize, x: V::Number) -> V {
+    V::from_fn(witness, |j| if i == j { x } else { witness.like(0.0) })
+}
+
+/// The inverse linear sensor (5), `a = (1 - k) w`, `w = u - K0`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct InverseLinear;
+
+/// What [`InverseLinear`] needs of the estimate; `-(1 - k)` and, at an instant, `-w`, because both enter `g`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearTable<V: Row> {
+    minus_slope: V::Number,
+    bias: V::Number,
+    curvature: V::Number,
+    h: [V; 2],
+}
+
+impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseLinear {
+    type Input = V::Number;
+    type Table = LinearTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> LinearTable<V> {
+        let bias = theta.at(BIAS);
+        let minus_slope = theta.at(SCALE) - bias.like(1.0);
+        let curvature = if order == Order::Second { P_theta[SCALE].at(BIAS) } else { bias.like(0.0) };
+        LinearTable { minus_slope, bias, curvature, h: [P_theta[BIAS].scaled(minus_slope), P_theta[SCALE]] }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &LinearTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
+        let minus_w = table.bias - u;
+        let slope = table.minus_slope;
+        let g = V::from_fn(u, |i| match i {
+            SCALE => minus_w,
+            BIAS => slope,
+            _ => u.like(0.0),
+        });
+        Ok(AccelerationPartials {
+            a: slope.times_plus(minus_w, table.curvature),
+            g,
+            h: table.h[0].plus(minus_w, table.h[1]),
+            slope: -slope,
+        })
+    }
+}
+
+/// The inverse cubic sensor (6), `a = (1 - k) w + K2 w^2 + K3 w^3`.
+///
+/// `g` and `h = M g` are cubic polynomials in `w` with coefficients that only a reading changes: three multiplications per
+/// instant instead of a product with `M`. Where elements are separate numbers, `g = (-w, -slope, w^2, w^3)` is used directly, with
+/// equal bits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct InverseCubic;
+
+/// What [`InverseCubic`] needs of the estimate: coefficients of `w^0..w^3`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CubicTable<V: Row> {
+    bias: V::Number,
+    a: [V::Number; 4],
+    g: [V; 4],
+    h: [V; 4],
+    slope: [V::Number; 3],
+}
+
+impl<V: Row, const M: usize> AccelerationModel<V, M> for InverseCubic {
+    type Input = V::Number;
+    type Table = CubicTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> CubicTable<V> {
+        let bias = theta.at(BIAS);
+        let (K2, K3) = (theta.at(SECOND), theta.at(THIRD));
+        let c = |x: f64| bias.like(x);
+        let slope = [c(1.0) - theta.at(SCALE), c(2.0) * K2, c(3.0) * K3];
+        let mut a = [c(0.0), slope[0], K2, K3];
+        if order == Order::Second {
+            let row = &P_theta[BIAS];
+            a[0] = K2.times_plus(row.at(BIAS), row.at(SCALE));
+            a[1] = slope[2].times_plus(row.at(BIAS), c(-2.0).times_plus(row.at(SECOND), a[1]));
+            a[2] = c(-3.0).times_plus(row.at(THIRD), a[2]);
+        }
+        let column = |i: usize, x: f64, j: usize| {
+            unit::<V>(bias, BIAS, -slope[j]) + if i == BIAS { V::every(c(0.0)) } else { unit(bias, i, c(x)) }
+        };
+        CubicTable {
+            bias,
+            a,
+            g: [column(BIAS, 0.0, 0), column(SCALE, -1.0, 1), column(SECOND, 1.0, 2), unit(bias, THIRD, c(1.0))],
+            h: [
+                P_theta[BIAS].scaled(-slope[0]),
+                P_theta[SCALE].scaled(c(-1.0)).plus(-slope[1], P_theta[BIAS]),
+                P_theta[SECOND].plus(-slope[2], P_theta[BIAS]),
+                P_theta[THIRD],
+            ],
+            slope,
+        }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &CubicTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
+        let w = u - table.bias;
+        let w2 = w * w;
+        let [a0, a1, a2, a3] = table.a;
+        let [s0, s1, s2] = table.slope;
+        let (each, squared) = (V::every(w), V::every(w2));
+        let slope = w2.times_plus(s2, w.times_plus(s1, s0));
+        Ok(AccelerationPartials {
+            a: w2.times_plus(w.times_plus(a3, a2), w.times_plus(a1, a0)),
+            g: if V::APART { row([-w, -slope, w2, w2 * w]) } else { cubic(each, squared, &table.g) },
+            h: cubic(each, squared, &table.h),
+            slope,
+        })
+    }
+}
+
+/// `b0 + b1 w + b2 w^2 + b3 w^3` in every place; a function, because a closure is compiled without the run's instructions.
+#[inline(always)]
+fn cubic<V: Row>(w: V, squared: V, b: &[V; 4]) -> V {
+    squared.times_plus(w.times_plus(b[3], b[2]), w.times_plus(b[1], b[0]))
+}
+
+/// The forward linear sensor (3), `a = w / (1 + k)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ForwardLinear;
+
+/// What [`ForwardLinear`] needs of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForwardTable<V: Row> {
+    bias: V::Number,
+    slope: V::Number,
+    /// `1/2 tr(a_theta,theta M) = (M_kk a + M_k,K0) / (1 + k)^2`: what multiplies `a`, and the rest.
+    curvature: [V::Number; 2],
+    h: [V; 2],
+}
+
+impl<V: Row, const M: usize> AccelerationModel<V, M> for ForwardLinear {
+    type Input = V::Number;
+    type Table = ForwardTable<V>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> ForwardTable<V> {
+        let bias = theta.at(BIAS);
+        let one = bias.like(1.0);
+        let slope = one / (one + theta.at(SCALE));
+        let squared = if order == Order::Second { slope * slope } else { bias.like(0.0) };
+        let row = &P_theta[SCALE];
+        let curvature = [squared.times_plus(row.at(SCALE), one), squared * row.at(BIAS)];
+        ForwardTable { bias, slope, curvature, h: [P_theta[BIAS].scaled(-slope), row.scaled(-slope)] }
+    }
+
+    #[inline(always)]
+    fn at(&self, table: &ForwardTable<V>, u: V::Number) -> Result<AccelerationPartials<V>, DomainError> {
+        let slope = table.slope;
+        let a = slope * (u - table.bias);
+        let g = V::from_fn(a, |i| match i {
+            SCALE => -(a * slope),
+            BIAS => -slope,
+            _ => a.like(0.0),
+        });
+        Ok(AccelerationPartials {
+            a: a.times_plus(table.curvature[0], table.curvature[1]),
+            g,
+            h: table.h[0].plus(a, table.h[1]),
+            slope,
+        })
+    }
+}
+
+/// The forward cubic sensor (4), `w = (1 + k) a + K2 a^2 + K3 a^3` solved for `a`; one run at a time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ForwardCubic;
+
+impl<V: Row<Number = f64>, const M: usize> AccelerationModel<V, M> for ForwardCubic {
+    type Input = f64;
+    type Table = (V, [V; M], Order);
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> (V, [V; M], Order) {
+        (*theta, *P_theta, order)
+    }
+
+    /// With `J = dw/da`, `C = d^2w/da^2` and `m = dJ/dtheta`: `1/2 tr(a_theta,theta M) = -(m'h + C g'h / 2) / J`.
+    #[inline(always)]
+    fn at(&self, (theta, P_theta, order): &(V, [V; M], Order), u: f64) -> Result<AccelerationPartials<V>, DomainError> {
+        let at = |i: usize| theta.at(i);
+        let parameters = Parameters { k: at(SCALE), K0: at(BIAS), K2: at(SECOND), K3: at(THIRD) };
+        let (mut a, J, C) = Form::Forward.solved(u, &parameters)?;
+        let slope = 1.0 / J;
+        let along = |values: [f64; 4]| V::from_fn(slope, |i| values.get(i).copied().unwrap_or(0.0));
+        let g = along([-a * slope, -slope, -a * a * slope, -a * a * a * slope]);
+        let h = product(P_theta, &g);
+        if *order == Order::Second {
+            let m = along([1.0, 0.0, 2.0 * a, 3.0 * a * a]);
+            a -= slope * (m.dot(h) + 0.5 * C * g.dot(h));
+        }
+        Ok(AccelerationPartials { a, g, h, slope })
+    }
+}
+
+/// The forward linear sensor with further effects that add to its output, `u = K0 + (1 + k) f + sum c_j e_j`.
+///
+/// `f` is the specific force along the input axis, the acceleration `f - rest`. The effects `e_j` are given at every instant
+/// and follow `k, K0` among the parameters; their dependence on the state is left out of the gradient.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WithEffects {
+    /// Specific force while the stage is at rest, m/s^2.
+    pub rest: f64,
+}
+
+/// The output, and the effects in the places of their coefficients; zero in the places of the sensor's own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Driven<V: Row> {
+    /// `u`, m/s^2.
+    pub u: V::Number,
+    /// `e_j`, m/s^2 per unit of the coefficient.
+    pub columns: V,
+}
+
+/// What [`WithEffects`] needs of the estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EffectsTable<V: Row, const M: usize> {
+    slope: V::Number,
+    theta: V,
+    P_theta: [V; M],
+    order: Order,
+}
+
+impl<V: Row, const M: usize> AccelerationModel<V, M> for WithEffects {
+    type Input = Driven<V>;
+    type Table = EffectsTable<V, M>;
+
+    #[inline(always)]
+    fn table(&self, theta: &V, P_theta: &[V; M], order: Order) -> EffectsTable<V, M> {
+        let one = theta.at(SCALE).like(1.0);
+        EffectsTable { slope: one / (one + theta.at(SCALE)), theta: *theta, P_theta: *P_theta, order }
+    }
+
+    /// `g = -(f, 1, e) / (1 + k)`; with `h = M g`, `1/2 tr(a_theta,theta M) = -h_k / (1 + k)`.
+    #[inline(always)]
+    fn at(&self, table: &EffectsTable<V, M>, input: Driven<V>) -> Result<AccelerationPartials<V>, DomainError> {
+        let EffectsTable { slope, theta, P_theta, order } = table;
+        let force = *slope * (input.u - theta.at(BIAS) - theta.dot(input.columns));
+        let g = (unit::<V>(force, SCALE, force) + unit(force, BIAS, force.like(1.0)) + input.columns).scaled(-*slope);
+        let h = product(P_theta, &g);
+        let mut a = force - force.like(self.rest);
+        if *order == Order::Second {
+            a = a - *slope * h.at(SCALE);
+        }
+        Ok(AccelerationPartials { a, g, h, slope: *slope })
+    }
+}

@@ -1,0 +1,240 @@
+//! The filters of [`crate::dense::filter`] on structured kernels, with equal choices, events, checks and errors.
+//!
+//! A step in place, without matrices: what a stream needs. Smoothing needs `Phi` and gains, which the
+//! dense twin keeps; so does a low-pass in CWPA and the factored carrier.
+
+use crate::dense::aci::Aci;
+use crate::dense::belief::{Belief, Carrier};
+use crate::dense::cwpa::Cwpa;
+use crate::dense::filter::Filter;
+use crate::dense::system::{Drive, System};
+use crate::dense::update::GatedReading;
+use crate::error::{SetupError, StepError};
+use crate::sensor::polynomial::Form;
+use crate::sensor::states::Sensor;
+use crate::signal::channel::{Channel, Event};
+use crate::signal::interpolation::{Interpolation, Segment};
+use crate::stream::engine::Engine;
+use crate::structured::acceleration::{AccelerationModel, ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use crate::structured::aci::AciBlock;
+use crate::structured::aci_step::StepInput;
+use crate::structured::cwpa::CwpaBlock;
+use crate::structured::gauss_markov::GaussMarkovSet;
+use crate::structured::measurement::{OutputModel, ReadCubic, ReadInverse, ReadLinear};
+use crate::structured::row::Plain;
+
+/// A system whose blocks carry the belief of `N` states.
+pub trait Structured<const N: usize> {
+    /// Mean and covariance.
+    type Block: Copy + Send + Sync;
+
+    /// Whether this filter has a structured kernel.
+    fn has_kernel(&self) -> bool;
+
+    /// The blocks of a belief.
+    fn block(&self, belief: &Belief<N>) -> Self::Block;
+
+    /// The belief of the blocks.
+    fn belief(&self, block: &Self::Block) -> Belief<N>;
+
+    /// One step of the output, in place.
+    ///
+    /// # Errors
+    /// [`StepError`]; the block is then to be dropped.
+    fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError>;
+
+    /// Updates by one sample, unless it drives the state.
+    ///
+    /// # Errors
+    /// [`StepError`]; the block is then to be dropped.
+    fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError>;
+}
+
+/// The filter on its structured kernel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InBlocks<S>(pub Filter<S>);
+
+impl<S: System<N>, const N: usize> Engine<N> for InBlocks<S>
+where
+    Filter<S>: Structured<N>,
+{
+    type State = <Filter<S> as Structured<N>>::Block;
+    type Outcome = (Event, Option<GatedReading>);
+
+    const DRIVEN: bool = S::DRIVEN;
+
+    fn interpolation(&self) -> Interpolation {
+        self.0.interpolation
+    }
+
+    fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
+        self.0.initial(prior)?;
+        Ok(self.0.block(prior))
+    }
+
+    fn belief(&self, state: &Self::State) -> Belief<N> {
+        Structured::belief(&self.0, state)
+    }
+
+    fn reading(outcome: &Self::Outcome) -> Option<GatedReading> {
+        outcome.1
+    }
+
+    fn step(
+        &self,
+        state: &Self::State,
+        drive: Option<&Drive>,
+        event: &Event,
+    ) -> Result<(Self::State, Self::Outcome), StepError> {
+        let mut block = *state;
+        if let Some(drive) = drive {
+            Structured::predict(&self.0, &mut block, drive)?;
+        }
+        let reading = Structured::update(&self.0, &mut block, event)?;
+        Ok((block, (*event, reading)))
+    }
+}
+
+fn drift<const M: usize>(sensor: &Sensor) -> GaussMarkovSet<Plain<f64, M>, M> {
+    GaussMarkovSet::new(0.0, core::array::from_fn(|i| sensor.gauss_markov[i]))
+}
+
+impl Filter<Aci> {
+    fn aci_step<E, const M: usize>(
+        &self,
+        block: &mut AciBlock<Plain<f64, M>, M>,
+        effect: E,
+        drive: &Drive,
+    ) -> Result<(), StepError>
+    where
+        E: AccelerationModel<Plain<f64, M>, M, Input = f64>,
+    {
+        let &Drive { segment, from, to } = drive;
+        let input = |s: f64| Segment::value(&segment, from + s);
+        let step_input = StepInput { model: effect, order: self.order, input, dt: to - from };
+        block.step(self.integrator, self.system.q, &drift(&self.system.sensor), &step_input)?;
+        block.checked()
+    }
+
+    fn aci_update<const M: usize>(
+        &self,
+        block: &mut AciBlock<Plain<f64, M>, M>,
+        event: &Event,
+    ) -> Result<Option<GatedReading>, StepError> {
+        if event.channel == Channel::Output {
+            return Ok(None);
+        }
+        let (R, tau) = (self.R_position, self.system.tau);
+        let innovation = block.innovate(tau, event.value, R);
+        let reading = GatedReading::new(innovation.e, innovation.s, self.gate)?;
+        if reading.accepted {
+            block.correct(tau, R, &innovation);
+            block.checked()?;
+        }
+        Ok(Some(reading))
+    }
+}
+
+impl Filter<Cwpa> {
+    fn cwpa_update<O: OutputModel<Plain<f64, M>>, const M: usize>(
+        &self,
+        block: &mut CwpaBlock<Plain<f64, M>, M>,
+        sensor: &O,
+        event: &Event,
+    ) -> Result<Option<GatedReading>, StepError> {
+        let reading = match event.channel {
+            Channel::Output => {
+                let innovation = block.innovate_output(sensor, self.order, event.value, self.R_output)?;
+                let reading = GatedReading::new(innovation.innovation.e, innovation.innovation.s, self.gate)?;
+                if reading.accepted {
+                    block.correct_output(&innovation);
+                }
+                reading
+            }
+            Channel::Position => {
+                let innovation = block.innovate_position(event.value, self.R_position);
+                let reading = GatedReading::new(innovation.e, innovation.s, self.gate)?;
+                if reading.accepted {
+                    block.correct_position(self.R_position, &innovation);
+                }
+                reading
+            }
+        };
+        block.checked()?;
+        Ok(Some(reading))
+    }
+}
+
+macro_rules! aci {
+    ($N:literal, $M:literal, $inverse:ident, $forward:ident) => {
+        impl Structured<$N> for Filter<Aci> {
+            type Block = AciBlock<Plain<f64, $M>, $M>;
+
+            fn has_kernel(&self) -> bool {
+                self.carrier == Carrier::Dense
+            }
+
+            fn block(&self, belief: &Belief<$N>) -> Self::Block {
+                AciBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
+            }
+
+            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+                Belief {
+                    x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
+                    P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),
+                }
+            }
+
+            fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError> {
+                match self.system.sensor.form {
+                    Form::Inverse => self.aci_step(block, $inverse, drive),
+                    Form::Forward => self.aci_step(block, $forward, drive),
+                }
+            }
+
+            fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
+                self.aci_update(block, event)
+            }
+        }
+    };
+}
+
+macro_rules! cwpa {
+    ($N:literal, $M:literal, $forward:ident) => {
+        impl Structured<$N> for Filter<Cwpa> {
+            type Block = CwpaBlock<Plain<f64, $M>, $M>;
+
+            fn has_kernel(&self) -> bool {
+                self.carrier == Carrier::Dense && self.system.low_pass.is_none()
+            }
+
+            fn block(&self, belief: &Belief<$N>) -> Self::Block {
+                CwpaBlock::new(|i| belief.x[i], |i, j| belief.P[(i, j)])
+            }
+
+            fn belief(&self, block: &Self::Block) -> Belief<$N> {
+                Belief {
+                    x: nalgebra::SVector::from_fn(|i, _| block.x(i)),
+                    P: nalgebra::SMatrix::from_fn(|i, j| block.P(i, j)),
+                }
+            }
+
+            fn predict(&self, block: &mut Self::Block, drive: &Drive) -> Result<(), StepError> {
+                block.step(self.integrator, drive.to - drive.from, self.system.q, &drift(&self.system.sensor));
+                block.checked()
+            }
+
+            fn update(&self, block: &mut Self::Block, event: &Event) -> Result<Option<GatedReading>, StepError> {
+                match self.system.sensor.form {
+                    Form::Inverse => self.cwpa_update(block, &ReadInverse, event),
+                    Form::Forward => self.cwpa_update(block, &$forward, event),
+                }
+            }
+        }
+    };
+}
+
+aci!(4, 2, InverseLinear, ForwardLinear);
+aci!(6, 4, InverseCubic, ForwardCubic);
+cwpa!(5, 2, ReadLinear);
+cwpa!(7, 4, ReadCubic);

@@ -1,0 +1,405 @@
+//! A filter fed one sample per call at a fixed rate, or a record per call with equal bits.
+//!
+//! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
+
+use ekf_core::dense::belief::check_covariance;
+use ekf_core::dense::update::Innovation;
+use ekf_core::error::{SetupError, StepError};
+use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
+use ekf_core::structured::number::Number;
+use ekf_core::structured::row::{Plain, Row};
+use ekf_core::{Aci, Cwpa, Filter, Form, GaussMarkov};
+use pulp::NullaryFnOnce;
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V3;
+
+#[cfg(target_arch = "x86_64")]
+use crate::arch::fma::Fused;
+use crate::arch::fma::Scalar;
+#[cfg(target_arch = "x86_64")]
+use crate::arch::row4::Row4;
+use crate::fixed_rate::step::{AciWithEffects, FixedRateStep, OutputHistory, ReadingGate, SampleInput};
+use crate::record::batch::Prior;
+use crate::record::block::Block;
+use crate::record::kernel::{AciWith, CwpaWith};
+use crate::record::likelihood::{LikelihoodSum, LogLikelihood};
+use crate::record::settings::{Dynamics, Settings};
+
+/// Steps between two checks of the whole covariance.
+const EVERY: u32 = 64;
+
+/// Effects that a filter can track beside `k, K0`.
+pub const EFFECTS: usize = 14;
+
+/// A filter at a fixed rate, whatever its system, size and arithmetic.
+pub trait FixedRate: Send + Sync {
+    /// Processes one sample and returns the newest innovation.
+    ///
+    /// The prior belongs to the first sample. The whole covariance is checked every 64 steps, the innovation variance at every
+    /// reading.
+    ///
+    /// # Errors
+    /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] means that
+    /// the numbers of the filter have failed, and every later step returns it again.
+    fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError>;
+
+    /// Processes a record of outputs `u` and positions `z`, and writes the histories that are present.
+    ///
+    /// # Errors
+    /// The sample that failed and [`StepError`], as in [`FixedRate::step`].
+    fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)>;
+
+    /// Number of states.
+    fn states(&self) -> usize;
+
+    /// State `i`.
+    fn x(&self, i: usize) -> f64;
+
+    /// Covariance of states `i` and `j`.
+    fn P(&self, i: usize, j: usize) -> f64;
+
+    /// The newest innovation of all.
+    fn innovation(&self) -> Option<Innovation>;
+
+    /// Samples processed.
+    fn samples(&self) -> usize;
+
+    /// Readings that the gate rejected.
+    fn rejected(&self) -> usize;
+
+    /// Log-likelihood of the accepted readings.
+    fn log_likelihood(&self) -> f64;
+}
+
+/// Buffers for the history of a record, one row per sample; `None` where it is not wanted.
+#[derive(Debug, Default)]
+pub struct Histories<'a> {
+    /// States, `N` a row.
+    pub states: Option<&'a mut [f64]>,
+    /// Diagonals of the covariance, `N` a row.
+    pub variances: Option<&'a mut [f64]>,
+    /// `e` of the newest reading of the sample; not a number where nothing was read.
+    pub innovations: Option<&'a mut [f64]>,
+    /// `S` likewise.
+    pub innovation_variances: Option<&'a mut [f64]>,
+}
+
+impl Histories<'_> {
+    /// Writes row `j`.
+    #[inline(always)]
+    fn keep(
+        &mut self,
+        j: usize,
+        N: usize,
+        found: Option<Innovation>,
+        x: impl Fn(usize) -> f64,
+        variance: impl Fn(usize) -> f64,
+    ) {
+        if let Some(states) = self.states.as_deref_mut() {
+            for (i, to) in states[N * j..N * (j + 1)].iter_mut().enumerate() {
+                *to = x(i);
+            }
+        }
+        if let Some(variances) = self.variances.as_deref_mut() {
+            for (i, to) in variances[N * j..N * (j + 1)].iter_mut().enumerate() {
+                *to = variance(i);
+            }
+        }
+        if let Some(e) = self.innovations.as_deref_mut() {
+            e[j] = found.map_or(f64::NAN, |innovation| innovation.e);
+        }
+        if let Some(s) = self.innovation_variances.as_deref_mut() {
+            s[j] = found.map_or(f64::NAN, |innovation| innovation.s);
+        }
+    }
+}
+
+/// The instructions that a step is compiled for.
+trait Arithmetic: Copy + Send + Sync {
+    type Number: Scalar;
+
+    fn witness(self) -> Self::Number;
+
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output;
+}
+
+/// Plain numbers, nothing fused: any processor, equal bits on all.
+#[derive(Clone, Copy)]
+struct Portable;
+
+impl Arithmetic for Portable {
+    type Number = f64;
+
+    fn witness(self) -> f64 {
+        0.0
+    }
+
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output {
+        work.call()
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Arithmetic for V3 {
+    type Number = Fused<V3>;
+
+    #[inline(always)]
+    fn witness(self) -> Fused<V3> {
+        Fused { x: 0.0, simd: self }
+    }
+
+    #[inline(always)]
+    fn compile_and_run<F: NullaryFnOnce>(self, work: F) -> F::Output {
+        self.vectorize(work)
+    }
+}
+
+struct Stepper<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> {
+    arithmetic: W,
+    kernel: K,
+    settings: Settings<V, M>,
+    states: usize,
+    at: FilterState<K::Block, W::Number>,
+}
+
+/// The state of a filter between two samples.
+struct FilterState<B, T> {
+    block: B,
+    gate: ReadingGate<T>,
+    history: OutputHistory,
+    innovation: Option<Innovation>,
+    unchecked: u32,
+    failed: Option<StepError>,
+}
+
+impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> Stepper<W, K, V, M> {
+    /// One sample, in place.
+    #[inline(always)]
+    fn next(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
+        let Self { kernel, settings, states, at, .. } = self;
+        if let Some(error) = at.failed {
+            return Err(error);
+        }
+        for reading in [sample.u, sample.z] {
+            if reading.is_infinite() || K::DRIVEN && sample.u.is_nan() {
+                return Err(StepError::Innovation { e: reading });
+            }
+        }
+        let stepped = kernel.step(&mut at.block, settings, &mut at.gate, &at.history, sample);
+        at.unchecked += 1;
+        let checked = if at.unchecked == EVERY {
+            at.unchecked = 0;
+            check_covariance(*states, |i, j| at.block.P(i, j).value())
+        } else {
+            Ok(())
+        };
+        let found = stepped.and_then(|found| checked.map(|()| found));
+        at.failed = found.err();
+        let found = found?;
+        at.history.push(sample.u);
+        at.innovation = found.or(at.innovation);
+        Ok(found)
+    }
+}
+
+/// One step, to be compiled for its instructions.
+struct OneStep<'a, 'b, S>(&'a mut S, &'a SampleInput<'b>);
+
+impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> NullaryFnOnce
+    for OneStep<'_, '_, Stepper<W, K, V, M>>
+{
+    type Output = Result<Option<Innovation>, StepError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        self.0.next(self.1)
+    }
+}
+
+impl<W, K, V, const M: usize> FixedRate for Stepper<W, K, V, M>
+where
+    W: Arithmetic,
+    K: FixedRateStep<V, M>,
+    V: Row<Number = W::Number> + Send + Sync,
+{
+    fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
+        self.arithmetic.compile_and_run(OneStep(self, sample))
+    }
+
+    fn over(&mut self, u: &[f64], z: &[f64], histories: &mut Histories<'_>) -> Result<(), (usize, StepError)> {
+        for (j, (&u, &z)) in u.iter().zip(z).enumerate() {
+            let found = self.step(&SampleInput { u, z, ..SampleInput::default() }).map_err(|error| (j, error))?;
+            let block = &self.at.block;
+            histories.keep(j, self.states, found, |i| block.x(i).value(), |i| block.P(i, i).value());
+        }
+        Ok(())
+    }
+
+    fn states(&self) -> usize {
+        self.states
+    }
+
+    fn x(&self, i: usize) -> f64 {
+        self.at.block.x(i).value()
+    }
+
+    fn P(&self, i: usize, j: usize) -> f64 {
+        self.at.block.P(i, j).value()
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.at.innovation
+    }
+
+    fn samples(&self) -> usize {
+        self.at.history.samples
+    }
+
+    fn rejected(&self) -> usize {
+        self.at.gate.rejected
+    }
+
+    fn log_likelihood(&self) -> f64 {
+        self.at.gate.likelihood.value().value()
+    }
+}
+
+/// The numbers that every kernel is built from.
+struct Construction<'a> {
+    filter: Filter<Dynamics<'a>>,
+    dt: f64,
+    prior: Prior<'a>,
+}
+
+impl Construction<'_> {
+    fn build<W, K, V, const M: usize>(&self, arithmetic: W, kernel: K) -> Box<dyn FixedRate>
+    where
+        W: Arithmetic + 'static,
+        K: FixedRateStep<V, M> + 'static,
+        K::Block: 'static,
+        V: Row<Number = W::Number> + Send + Sync + 'static,
+    {
+        let witness = arithmetic.witness();
+        let settings = Settings::of(&self.filter, self.dt, witness);
+        // Places beyond the states hold zeros: a row may be wider than the filter.
+        let N = self.prior.states;
+        let x = |i: usize| witness.like(if i < N { self.prior.x[i] } else { 0.0 });
+        let P = |i: usize, j: usize| witness.like(if i < N && j < N { self.prior.P[i * N + j] } else { 0.0 });
+        let gate = ReadingGate { threshold: self.filter.gate, likelihood: LogLikelihood::new(witness), rejected: 0 };
+        let at = FilterState {
+            block: K::Block::new(x, P),
+            gate,
+            history: OutputHistory::default(),
+            innovation: None,
+            unchecked: 0,
+            failed: None,
+        };
+        Box::new(Stepper { arithmetic, kernel, settings, states: N, at })
+    }
+}
+
+/// The kernel on the processor's own instructions where it has them, on plain numbers otherwise.
+macro_rules! fastest {
+    ($plan:expr, $kernel:expr, $row:ty, $M:literal) => {{
+        #[cfg(target_arch = "x86_64")]
+        if let Some(simd) = V3::try_new() {
+            return Ok($plan.build::<V3, _, $row, $M>(simd, $kernel));
+        }
+        Ok(portable::<_, $M>(&$plan, $kernel))
+    }};
+}
+
+fn portable<K, const M: usize>(plan: &Construction<'_>, kernel: K) -> Box<dyn FixedRate>
+where
+    K: FixedRateStep<Plain<f64, M>, M> + 'static,
+    K::Block: 'static,
+{
+    plan.build::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
+}
+
+fn construction<'a, S>(
+    filter: Filter<S>,
+    dynamics: Dynamics<'a>,
+    dt: f64,
+    prior: Prior<'a>,
+    least: usize,
+) -> Result<Construction<'a>, SetupError> {
+    let Prior { states, x, P } = prior;
+    if x.len() != states || P.len() != states * states || states < least {
+        return Err(SetupError::Size { given: states });
+    }
+    if !(dt > 0.0 && dt.is_finite()) {
+        return Err(SetupError::Setting { name: "dt", value: dt });
+    }
+    if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
+        return Err(SetupError::Setting { name: "prior", value });
+    }
+    if let Err(error) = check_covariance(states, |i, j| P[i * states + j]) {
+        return Err(match error {
+            StepError::Variance { state, variance } => SetupError::Prior { state, pivot: variance },
+            _ => SetupError::Prior { state: states, pivot: f64::NAN },
+        });
+    }
+    Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
+}
+
+/// ACI at a fixed rate, samples `dt` apart.
+///
+/// # Errors
+/// [`SetupError`] for settings, sizes and a prior that cannot be used.
+pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Aci { sensor, q, tau } = filter.system;
+    let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
+    let plan = construction(*filter, dynamics, dt, prior, 4)?;
+    match (sensor.form, prior.states) {
+        (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Row4<1>, 4),
+        (Form::Forward, 4) => fastest!(plan, AciWith { effect: ForwardLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 6) => Ok(portable::<_, 4>(&plan, AciWith { effect: ForwardCubic })),
+        (_, given) => Err(SetupError::Size { given }),
+    }
+}
+
+/// ACI with a forward linear sensor and effects given at every step, by RK4; `gauss_markov` holds all parameters, `k` and `K0`
+/// first.
+///
+/// # Errors
+/// [`SetupError`] likewise; at most [`EFFECTS`] effects.
+pub fn aci_with_effects(
+    filter: &Filter<Aci>,
+    dt: f64,
+    rest: f64,
+    gauss_markov: &[GaussMarkov],
+    prior: Prior<'_>,
+) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Aci { q, tau, .. } = filter.system;
+    let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
+    let kernel = AciWithEffects { rest };
+    match prior.states - 2 {
+        0..=4 => fastest!(plan, kernel, Row4<1>, 4),
+        5..=8 => fastest!(plan, kernel, Row4<2>, 8),
+        9..=16 => fastest!(plan, kernel, Row4<4>, 16),
+        _ => Err(SetupError::Size { given: prior.states }),
+    }
+}
+
+/// CWPA without a low-pass at a fixed rate.
+///
+/// # Errors
+/// [`SetupError`] likewise.
+pub fn cwpa(filter: &Filter<Cwpa>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn FixedRate>, SetupError> {
+    let Cwpa { sensor, q, low_pass } = filter.system;
+    if let Some(low_pass) = low_pass {
+        return Err(SetupError::Setting { name: "tau", value: low_pass.tau });
+    }
+    let dynamics = Dynamics { q, tau: 0.0, gauss_markov: &sensor.gauss_markov };
+    let plan = construction(*filter, dynamics, dt, prior, 5)?;
+    match (sensor.form, prior.states) {
+        (Form::Forward, 5) => fastest!(plan, CwpaWith { sensor: ReadLinear }, Plain<Fused<V3>, 2>, 2),
+        (Form::Forward, 7) => fastest!(plan, CwpaWith { sensor: ReadCubic }, Row4<1>, 4),
+        (Form::Inverse, 5) => Ok(portable::<_, 2>(&plan, CwpaWith { sensor: ReadInverse })),
+        (Form::Inverse, 7) => Ok(portable::<_, 4>(&plan, CwpaWith { sensor: ReadInverse })),
+        (_, given) => Err(SetupError::Size { given }),
+    }
+}

@@ -1,0 +1,113 @@
+//! The log-likelihood of a run, with one logarithm per eight readings.
+
+use ekf_core::structured::aci::MaskedInnovation;
+use ekf_core::structured::number::Number;
+use pulp::Simd;
+
+use crate::arch::lanes::Lanes;
+
+/// Readings between two logarithms.
+const EVERY: u32 = 8;
+
+/// `sum of -(e^2 / S + ln 2 pi S) / 2` over the readings so far.
+///
+/// `S` is gathered as a product of eight, so every `S` must lie between `1e-38` and `1e38`.
+#[derive(Debug, Clone, Copy)]
+pub struct LogLikelihood<T> {
+    nis: T,
+    product: T,
+    logarithms: T,
+    waiting: u32,
+}
+
+/// A number whose logarithm can be taken, lane by lane.
+pub trait Logarithm: Number {
+    /// Natural logarithm.
+    #[must_use]
+    fn ln(self) -> Self;
+}
+
+impl Logarithm for f64 {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        f64::ln(self)
+    }
+}
+
+impl<S: Simd> Logarithm for Lanes<S> {
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self::from_fn(self.simd(), |lane| self.lane(lane).ln())
+    }
+}
+
+/// What is summed over the readings: their log-likelihood, or nothing.
+pub trait LikelihoodSum<T>: Copy {
+    /// No reading yet.
+    #[must_use]
+    fn new(witness: T) -> Self;
+
+    /// One reading.
+    fn add(&mut self, taken: &MaskedInnovation<T>);
+
+    /// The log-likelihood of the readings so far; zero if it is not kept.
+    fn value(&self) -> T;
+}
+
+/// No sum at all: kernels that need no likelihood compile without it.
+#[derive(Debug, Clone, Copy)]
+pub struct NoLikelihood<T>(T);
+
+impl<T: Number> LikelihoodSum<T> for NoLikelihood<T> {
+    #[inline(always)]
+    fn new(witness: T) -> Self {
+        Self(witness.like(0.0))
+    }
+
+    #[inline(always)]
+    fn add(&mut self, _: &MaskedInnovation<T>) {}
+
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.0
+    }
+}
+
+impl<T: Logarithm> LikelihoodSum<T> for LogLikelihood<T> {
+    #[inline(always)]
+    fn new(witness: T) -> Self {
+        let zero = witness.like(0.0);
+        Self { nis: zero, product: witness.like(1.0), logarithms: zero, waiting: 0 }
+    }
+
+    #[inline(always)]
+    fn add(&mut self, taken: &MaskedInnovation<T>) {
+        let &MaskedInnovation { e, s, present } = taken;
+        let one = e.like(1.0);
+        let scaled = e.like(std::f64::consts::TAU) * s;
+        let (nis, s) = match present {
+            None => (e * e * (one / s), scaled),
+            Some(present) => (e * e * (present / s), present.times_plus(scaled, one - present)),
+        };
+        self.nis = self.nis + nis;
+        self.product = self.product * s;
+        self.waiting += 1;
+        if self.waiting == EVERY {
+            self.logarithms = self.total();
+            self.product = one;
+            self.waiting = 0;
+        }
+    }
+
+    #[inline(always)]
+    fn value(&self) -> T {
+        self.nis.like(-0.5) * (self.nis + self.total())
+    }
+}
+
+impl<T: Logarithm> LogLikelihood<T> {
+    #[inline(always)]
+    fn total(&self) -> T {
+        self.logarithms + self.product.ln()
+    }
+}

@@ -1,0 +1,138 @@
+//! The loops of [`ekf_core::replay`] compiled for the widest registers of this processor.
+//!
+//! The operations are those of the plain loops, in their order and none of them fused, so the bits are equal.
+
+use ekf_core::replay::columns::{self, ReadingSpan, Response};
+use ekf_core::replay::filter::{self, InterleavedReading, interleave};
+use ekf_core::replay::{Noise, Prior, Readings, ReplayError};
+use pulp::{Arch, NullaryFnOnce};
+
+/// Sum over the parts of their log-likelihoods: [`filter::log_likelihood`].
+///
+/// # Errors
+/// Those of the plain loop.
+pub fn log_likelihood<const N: usize>(
+    readings: &[InterleavedReading<N>],
+    noise: Noise,
+    prior: Prior,
+) -> Result<f64, ReplayError> {
+    Arch::new().dispatch(Score { readings, noise, prior })
+}
+
+struct Score<'a, const N: usize> {
+    readings: &'a [InterleavedReading<N>],
+    noise: Noise,
+    prior: Prior,
+}
+
+impl<const N: usize> NullaryFnOnce for Score<'_, N> {
+    type Output = Result<f64, ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        filter::log_likelihood(self.readings, self.noise, self.prior)
+    }
+}
+
+/// Innovations of every part, m, one row of `rows` behind the other: [`filter::innovations`].
+///
+/// # Errors
+/// Those of the plain loop, and when readings are unusable or lengths differ.
+pub fn innovations<const N: usize>(
+    parts: [Readings<'_>; N],
+    noise: Noise,
+    prior: Prior,
+    rows: &mut [f64],
+) -> Result<(), ReplayError> {
+    Arch::new().dispatch(Innovations { parts, noise, prior, rows })
+}
+
+struct Innovations<'a, const N: usize> {
+    parts: [Readings<'a>; N],
+    noise: Noise,
+    prior: Prior,
+    rows: &'a mut [f64],
+}
+
+impl<const N: usize> NullaryFnOnce for Innovations<'_, N> {
+    type Output = Result<(), ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        let Self { parts, noise, prior, rows } = self;
+        let n = parts[0].t.len();
+        let mut k = 0;
+        filter::innovations(
+            interleave(parts, None)?,
+            noise,
+            prior,
+            #[inline(always)]
+            |e| {
+                for (j, value) in e.into_iter().enumerate() {
+                    rows[j * n + k] = value;
+                }
+                k += 1;
+            },
+        )
+    }
+}
+
+/// Columns that add to the acceleration: [`columns::carry_inputs`].
+///
+/// # Errors
+/// Those of the plain loop.
+pub fn filter_input_columns<const N: usize>(
+    span: ReadingSpan<'_>,
+    columns: [&[f64]; N],
+    factor: f64,
+    response: &mut Response<N>,
+    sums: [&mut [f64]; N],
+) -> Result<(), ReplayError> {
+    Arch::new().dispatch(InputColumns { span, columns, factor, response, sums })
+}
+
+/// Columns that add to the reading: [`columns::carry_readings`].
+///
+/// # Errors
+/// Those of the plain loop.
+pub fn filter_reading_columns<const N: usize>(
+    span: ReadingSpan<'_>,
+    columns: [&[f64]; N],
+    response: &mut Response<N>,
+    sums: [&mut [f64]; N],
+) -> Result<(), ReplayError> {
+    Arch::new().dispatch(ReadingColumns { span, columns, response, sums })
+}
+
+struct InputColumns<'a, const N: usize> {
+    span: ReadingSpan<'a>,
+    columns: [&'a [f64]; N],
+    factor: f64,
+    response: &'a mut Response<N>,
+    sums: [&'a mut [f64]; N],
+}
+
+impl<const N: usize> NullaryFnOnce for InputColumns<'_, N> {
+    type Output = Result<(), ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        columns::filter_input_columns(self.span, self.columns, self.factor, self.response, self.sums)
+    }
+}
+
+struct ReadingColumns<'a, const N: usize> {
+    span: ReadingSpan<'a>,
+    columns: [&'a [f64]; N],
+    response: &'a mut Response<N>,
+    sums: [&'a mut [f64]; N],
+}
+
+impl<const N: usize> NullaryFnOnce for ReadingColumns<'_, N> {
+    type Output = Result<(), ReplayError>;
+
+    #[inline(always)]
+    fn call(self) -> Self::Output {
+        columns::filter_reading_columns(self.span, self.columns, self.response, self.sums)
+    }
+}
