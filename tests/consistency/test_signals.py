@@ -17,7 +17,6 @@ def test_position_velocity_and_acceleration_scatter_as_they_say():
     made = simulate("bursts", seconds=30.0, rig=ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(4))
     one = solve_runs(Model.linear(), [made.recording]).states[0]
     s, true = one.signals, made.truth.motion
-    assert s is not None
     t = s.t + one.run.origins.t
     inside = (t > t[0] + 1.0) & (t < t[-1] - 1.0)
     for name, found, exact, std in (
@@ -43,7 +42,6 @@ def test_nothing_leaks_from_a_hole_into_the_velocity_beside_it(hole, channels):
         cut[name] = replace(channel, t=channel.t[kept], y=channel.y[kept])
     one = solve_runs(Model.linear(), [replace(made.recording, **cut)]).states[0]
     s = one.signals
-    assert s is not None
     t = s.t + one.run.origins.t
     off = np.abs(s.v - made.truth.motion.velocity(t)) / s.v_std
     beside = ((t > begin - 0.2) & (t < begin - 0.01)) | ((t > end + 0.01) & (t < end + 0.2))

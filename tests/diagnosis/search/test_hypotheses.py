@@ -72,7 +72,6 @@ def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(pla
 def test_a_coarse_curve_in_a_model_may_become_fine(plain: Simulated) -> None:
     state = fitted(plain, lambda t: 0.01 * np.sin(300.0 * plain.truth.motion.position(t)))
     run, s = state.run.recording, state.signals
-    assert s is not None
     ends = {"shape_of_position": {"low": float(np.min(s.p)), "high": float(np.max(s.p))}}
     coarse = estimate(Model.linear().add("shape_of_position", shapes=ends).freeze(**dict.fromkeys(INNER, 0.0)), run)
     missing = diagnose(coarse, run)

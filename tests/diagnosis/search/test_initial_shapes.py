@@ -9,6 +9,7 @@ import pytest
 
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.initial_shapes import jump_response, jumps, ripples, waves
+from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model
 from accelcal.simulation.sensor import Simulated
@@ -49,7 +50,7 @@ def test_what_a_jump_leaves_in_the_innovations_is_what_the_filter_makes_of_it(pl
     reading = 12_000
     jump = np.where(np.arange(len(state.run.t)) >= reading, 1.0, 0.0)
     before, after = (
-        state.run.track(dataclasses.replace(state.drive, z=state.run.z + y), state.noise) for y in (0.0, jump)
+        run_filter(state.run, dataclasses.replace(state.drive, z=state.run.z + y), state.noise) for y in (0.0, jump)
     )
     left = (after.series("e") - before.series("e"))[reading:]
     response = jump_response(state)

@@ -211,7 +211,6 @@ def rank(
 def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
     """Largest contribution of an effect over a run, m/s² (m at the encoder)."""
     s = state.signals
-    assert s is not None
     stretch = CHUNK if is_local(item.effect) else len(s.t)
     maximum = 0.0
     for begin in range(0, len(s.t), stretch):
