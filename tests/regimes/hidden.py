@@ -24,6 +24,8 @@ FITTED = 0.7
 STRENGTH = 20.0
 FULL_SCALE = 0.2
 """Largest share of the sensor's range that a contribution may have."""
+HALF = 0.5
+"""A nonlinearity that adds more than this share of the largest acceleration is no sensor any more."""
 FINE = 1e-3
 """Pieces of a contribution, s; those of a motion are shorter wherever it is curved."""
 JITTER = 10e-6
@@ -125,13 +127,15 @@ def at_strength(regime: Regime, name: str, seed: int) -> tuple[float, float]:
     limit = FULL_SCALE * regime.rig.sensor.range * G0
     for _ in range(12):
         added = effect(motion, magnitude, instant)
-        d = strength(regime, motion, added, name)
+        d = strength(regime, motion, name, magnitude, instant)
         if not d > 1e-9:
             raise OutOfReach("leaves no trace on this motion")
         if abs(d - STRENGTH) < 0.02 * STRENGTH:
             reached = float(max(np.max(np.abs(added.first)), np.max(np.abs(added.last))))
             if reached > limit:
                 raise OutOfReach(f"needs {reached / limit * FULL_SCALE:.0%} of full scale")
+            if name in ("cubic", "quadratic") and reached > HALF * motion.largest():
+                raise OutOfReach(f"needs {reached / motion.largest():.0%} of the largest acceleration")
             return magnitude, instant
         magnitude *= float(np.clip(STRENGTH / d, 0.05, 20.0)) if name == "sensor_lag" else STRENGTH / d
         if name == "sensor_lag" and magnitude > 0.1:
@@ -139,11 +143,19 @@ def at_strength(regime: Regime, name: str, seed: int) -> tuple[float, float]:
     raise OutOfReach("does not reach d = 20")
 
 
-def strength(regime: Regime, motion: Motion, added: Piecewise, name: str) -> float:
-    """Return d of an addition to the output."""
+def seen(motion: Motion, name: str, magnitude: float, instant: float, t: Array) -> Array:
+    """Return the double integral of what an effect adds, m; exact for a lag, whose transients are short."""
+    if name == "sensor_lag":
+        return motion.lagged_position(t, magnitude) - motion.position(t)
+    return Motion.of(EFFECTS[name][0](motion, magnitude, instant)).position(t)
+
+
+def strength(regime: Regime, motion: Motion, name: str, magnitude: float, instant: float = 0.0) -> float:
+    """Return d of an effect; of "base", d of a scale factor, which the base explains."""
     reference, density = regime.rig.reference, regime.rig.sensor.density * UG
     t = np.arange(int(FITTED * regime.seconds * reference.rate)) / reference.rate
-    columns = [t**2 / 2, motion.position(t), motion.velocity(t), Motion.of(added).position(t)]
+    added = magnitude * motion.position(t) if name == "base" else seen(motion, name, magnitude, instant, t)
+    columns = [t**2 / 2, motion.position(t), motion.velocity(t), added]
     if name == "sensor_lag":  # the base's own delay takes most of it up, and is then what is named
         del columns[2]
     white_share = 1 - regime.rig.clocks.missing_position[0]

@@ -108,14 +108,14 @@ def lines(outcomes: Sequence[Outcome]) -> list[Line]:
     ran = [o for o in outcomes if "effects" in o]
     beyond = [abs(z) > FAR for o in ran for z in errors(o)]
     blamed = [o["verdict"] == "unexplained" for o in ran if not TABLE[o["regime"]].unexplained]
-    told = [o["verdict"] == TABLE[o["regime"]].expected for o in ran if TABLE[o["regime"]].expected]
+    met = [o["verdict"] == TABLE[o["regime"]].expected for o in ran if TABLE[o["regime"]].expected]
     found = [
         rarely("records with a false name", [bool(false_names(o)) for o in ran], FALSE_RATE),
         rarely("parameters beyond 4 sigma", beyond, BEYOND_RATE),
         *(_pooled(p, [z for o in ran for z in errors(o, [p])]) for p in JUDGED),
         _regimes_inside(ran),
         rarely("residual laid on the sensor", blamed, FALSE_RATE),
-        *([often("expected verdict", told, 1.0)] if told else []),
+        *([often("expected verdict", met, 1.0)] if met else []),
         *common(outcomes),
     ]
     at_rest = [o for o in outcomes if TABLE[o["regime"]].refusal]

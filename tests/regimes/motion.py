@@ -112,7 +112,7 @@ def residues(poles: Sequence[complex]) -> NDArray[np.complex128]:
     """Return r of prod(-p)/prod(s - p) = sum r/(s - p)."""
     p = np.asarray(poles, dtype=complex)
     apart = p[:, None] - p[None, :] + np.eye(len(p))
-    if np.min(np.abs(apart)) < 1e-6 * np.max(np.abs(p)):
+    if len(p) > 1 and np.min(np.abs(apart[~np.eye(len(p), dtype=bool)])) < 1e-6 * np.max(np.abs(p)):
         raise ValueError(f"poles must differ, found {poles}")
     return np.asarray(np.prod(-p) / np.prod(apart, axis=1))
 

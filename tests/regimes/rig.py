@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.worlds.numerics import Array, stream
 from tests.worlds.writer import write
@@ -58,7 +59,7 @@ class Reference:
     multipath: tuple[float, float] | None = None
     """Standard deviation, m, and time constant, s, of Gauss-Markov noise."""
     zeroed: bool = False
-    """Whether the reading is set to zero once, at rest."""
+    """Whether the reading is set to zero once: at rest, or after a gap."""
     lost: float = 0.0
     """Position that is lost at one instant, while the stage moves, m."""
 
@@ -76,11 +77,13 @@ class Clocks:
     rounding: float = 0.0
     """Of the stamps of both channels, s."""
     irregular: float = 0.0
-    """Standard deviation of sampling instants that the stamps tell, as a share of the period."""
+    """Standard deviation of sampling instants that the stamps follow, as a share of the period."""
     jitter: float = 0.0
-    """Standard deviation of sampling instants that the stamps do not tell, s."""
+    """Standard deviation of sampling instants that the stamps do not follow, s."""
     held: float | None = None
     """Rate at which the sensor renews its value, Hz."""
+    gap: float = 0.0
+    """For this long nothing is recorded at all, after 40 % of the record, s."""
     missing_accel: tuple[float, int] = (0.0, 1)
     """Share, and mean length of a block in samples."""
     missing_position: tuple[float, int] = (0.0, 1)
@@ -210,7 +213,12 @@ def _accelerometer(
         y[i] += planted.wrong_size * rng.choice([-1.0, 1.0])
     y = np.clip(y, -sensor.range * G0, sensor.range * G0)
     y[holes(len(y), *clocks.missing_accel, rng)] = np.nan
-    return _rounded(t, clocks.rounding), y
+    kept = _recorded(t, clocks, seconds)
+    return _rounded(t[kept], clocks.rounding), y[kept]
+
+
+def _recorded(t: Array, clocks: Clocks, seconds: float) -> NDArray[np.bool_]:
+    return (t < 0.4 * seconds) | (t >= 0.4 * seconds + clocks.gap)
 
 
 def _turning(motion: Motion, rms: float, rng: np.random.Generator, instants: Array) -> Array:
@@ -250,11 +258,14 @@ def _position(motion: Motion, rig: Rig, seconds: float, rng: np.random.Generator
         middle = (t > 0.3 * seconds) & (t < 0.5 * seconds)
         fits = middle & ((speed > 0.02) if reference.lost else (speed < 1e-6))
         at = rng.choice(np.flatnonzero(fits if np.any(fits) else middle))
+        if clocks.gap:
+            at = int(np.searchsorted(t, 0.4 * seconds + clocks.gap))
         z[at:] += rng.choice([-1.0, 1.0]) * reference.lost if reference.lost else -z[at]
     if reference.resolution is not None:
         z = reference.resolution * np.rint(z / reference.resolution)
     z[holes(len(z), *clocks.missing_position, rng)] = np.nan
-    return _rounded(t, clocks.rounding), z
+    kept = _recorded(t, clocks, seconds)
+    return _rounded(t[kept], clocks.rounding), z[kept]
 
 
 def _rounded(t: Array, step: float) -> Array:
