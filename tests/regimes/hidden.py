@@ -121,6 +121,8 @@ def at_strength(regime: Regime, name: str, seed: int) -> tuple[float, float]:
     """Return magnitude and instant with which an effect has d = STRENGTH within 2 %."""
     if regime.rig.reference.multipath is not None:
         raise OutOfReach("d is not defined here for position noise that is not white")
+    if name == "sensor_lag" and regime.rig.sensor.corner_error:
+        raise OutOfReach("the declared tolerance of the low-pass takes it up")
     motion = regime.motion(seed).refined(FINE)
     instant = regime.seconds * float(stream(seed, 9).uniform(0.2, 0.5))
     effect, magnitude = EFFECTS[name]
