@@ -1,0 +1,82 @@
+"""Honest records of every kind of rig: the product must name nothing that is not in them.
+
+From the top of the repository: python -m benches.regimes [--regime NAME ...] [--records 12] [--seed 1] [--hidden]
+Names may hold * and ?. Outcomes are kept line by line in OUT; an interrupted run continues where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tests.regimes.judge import hidden_lines, lines, rows, unreachable
+from tests.regimes.regimes import TABLE
+from tests.regimes.trials import Outcome, Trial, plan, plan_hidden, run
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing; print the table, then figure, count and threshold of every claim."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--regime", nargs="+", default=["*"], help="names, all by default")
+    parser.add_argument("--records", type=int, help="of each regime: 12, or 40 where it failed at first; hidden: 1")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("build/regimes"))
+    parser.add_argument("--hidden", action="store_true", help="plant an effect in each record")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--list", action="store_true", help="print the names of the regimes")
+    chosen = parser.parse_args(arguments)
+    names = [name for name in TABLE if any(fnmatchcase(name, pattern) for pattern in chosen.regime)]
+    if not names:
+        parser.error(f"no regime is called {' or '.join(chosen.regime)}; --list prints all")
+    if chosen.list:
+        print("\n".join(names))
+        return 0
+    trials = list((plan_hidden if chosen.hidden else plan)(names, chosen.records, chosen.seed))
+    path = chosen.out / ("hidden.jsonl" if chosen.hidden else "null.jsonl")
+    outcomes = run_all(trials, path, chosen.workers)
+    print("\n".join(rows(outcomes)))
+    for pair in unreachable(outcomes):
+        print(f"out of reach: {pair}")
+    found = (hidden_lines if chosen.hidden else lines)(outcomes)
+    print()
+    for line in found:
+        print(line.text)
+    return 0 if all(line.holds for line in found) else 1
+
+
+def kept(path: Path) -> list[Outcome]:
+    """Outcomes of earlier runs; a last line that was cut off is left out."""
+    found = []
+    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
+        try:
+            found.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+    return found
+
+
+def run_all(trials: Sequence[Trial], path: Path, workers: int) -> list[Outcome]:
+    """Run the trials that have no outcome yet in worker processes; return the outcomes of all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    known = {outcome["key"]: outcome for outcome in kept(path)}
+    missing = [trial for trial in trials if trial.key not in known]
+    if missing:
+        cut = path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size > 0
+        with multiprocessing.Pool(workers, maxtasksperchild=8) as pool, path.open("a", encoding="utf-8") as file:
+            file.write("\n" if cut else "")
+            for outcome in pool.imap_unordered(run, missing):
+                known[outcome["key"]] = outcome
+                file.write(json.dumps(outcome) + "\n")
+                file.flush()
+    return [known[trial.key] for trial in trials]
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
