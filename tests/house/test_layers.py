@@ -139,8 +139,9 @@ def test_the_reference_shares_no_code_with_what_it_checks() -> None:
 
 def test_the_independent_simulators_import_nothing_of_the_package() -> None:
     worlds = sorted((TESTS / "worlds").rglob("*.py"))
+    regimes = [TESTS / "regimes" / f"{name}.py" for name in ("motion", "profiles", "noise", "rig", "regimes", "hidden")]
     assert worlds
-    assert not [path for path in worlds if any(imported(path))]
+    assert not [path for path in (*worlds, *regimes) if any(imported(path))]
 
 
 def test_an_upward_import_is_caught(tmp_path: Path) -> None:
