@@ -145,7 +145,7 @@ def test_nothing_missing_offers_nothing(tab, files):
     assert tab.locator("[data-verdict]").get_attribute("data-verdict") == "adequate"
     assert tab.get_by_role("button", name="Nothing to add").is_disabled()
     assert tab.get_by_role("button", name="Add", exact=False).filter(has_not_text="Nothing").count() == 1
-    assert tab.get_by_text("Nothing is missing", exact=True).is_visible()
+    assert tab.get_by_text("No effect is missing", exact=True).is_visible()
 
 
 def test_a_second_tab_is_independent(tab, files, server):  # noqa: F811
