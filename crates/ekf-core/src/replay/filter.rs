@@ -95,108 +95,66 @@ pub fn interleave<const N: usize>(
     ))
 }
 
-/// One array per quantity, so that `N` filters fill vector registers.
-#[derive(Debug, Clone, Copy)]
-struct Motion<const N: usize> {
+/// The predictions of `N` filters at one reading: references, since a copy would keep them out of registers.
+struct Prediction<'a, const N: usize> {
     /// Position, m.
-    p: [f64; N],
+    p: &'a [f64; N],
     /// Velocity, m/s.
-    v: [f64; N],
+    v: &'a [f64; N],
     /// Variance of position.
-    pp: [f64; N],
+    pp: &'a [f64; N],
     /// Covariance of position and velocity.
-    pv: [f64; N],
+    pv: &'a [f64; N],
     /// Variance of velocity.
-    vv: [f64; N],
+    vv: &'a [f64; N],
 }
 
-/// The update by one reading of each record.
-#[derive(Debug, Clone, Copy)]
-struct Update<const N: usize> {
-    /// Innovation, m.
-    e: [f64; N],
-    /// Its variance, m^2.
-    S: [f64; N],
-    /// Gain on position.
-    gain_p: [f64; N],
-    /// Gain on velocity, 1/s.
-    gain_v: [f64; N],
-}
-
-/// `N` filters of equal noise and prior, between two readings.
-struct MotionFilter<const N: usize> {
-    noise: Noise,
-    prior: Prior,
-    state: Motion<N>,
-}
-
-impl<const N: usize> MotionFilter<N> {
-    #[inline(always)]
-    fn new(noise: Noise, prior: Prior) -> Self {
-        let none = [0.0; N];
-        Self { noise, prior, state: Motion { p: none, v: none, pp: none, pv: none, vv: none } }
-    }
-
-    /// Predicts to a reading; where a record starts, the reading and the prior replace the prediction.
-    #[inline(always)]
-    fn predict(&mut self, reading: &InterleavedReading<N>) {
-        let Motion { p, v, pp, pv, vv } = &mut self.state;
-        for j in 0..N {
-            let h = reading.h[j];
-            p[j] += h * v[j] + reading.second[j];
-            v[j] += reading.first[j];
-            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, self.noise.q);
-            (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
-        }
-        if reading.any_starts {
-            let Prior { v: velocity, P } = self.prior;
-            for j in (0..N).filter(|&j| reading.starts[j]) {
-                (p[j], v[j]) = (reading.z[j], velocity);
-                (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
-            }
-        }
-    }
-
-    /// Updates by the reading. The factor `R/S` keeps `pp` positive.
-    #[inline(always)]
-    fn update(&mut self, reading: &InterleavedReading<N>) -> Update<N> {
-        let R = self.noise.R;
-        let Motion { p, v, pp, pv, vv } = &mut self.state;
-        let (mut e, mut S, mut gain_p, mut gain_v) = ([0.0; N], [0.0; N], [0.0; N], [0.0; N]);
-        for j in 0..N {
-            S[j] = pp[j] + R;
-            e[j] = reading.z[j] - p[j];
-            let inverse = 1.0 / S[j];
-            (gain_p[j], gain_v[j]) = (pp[j] * inverse, pv[j] * inverse);
-            let keep = R * inverse;
-            p[j] += gain_p[j] * e[j];
-            v[j] += gain_v[j] * e[j];
-            vv[j] -= pv[j] * gain_v[j];
-            pp[j] *= keep;
-            pv[j] *= keep;
-        }
-        Update { e, S, gain_p, gain_v }
-    }
-}
-
-/// Runs the filters; `take` receives each reading, the prediction and the update.
-#[inline(always)] // with the closure, or the records do not stay side by side in registers
+/// Runs the filters; `predicted` receives each prediction, `take` each reading with its innovations `e` and variances `S`.
+#[inline(always)] // with the closures, or the records do not stay in registers
 fn run_filters<const N: usize>(
     readings: impl Iterator<Item = InterleavedReading<N>>,
     noise: Noise,
     prior: Prior,
-    mut take: impl FnMut(&InterleavedReading<N>, &Motion<N>, &Update<N>),
+    mut predicted: impl FnMut(&Prediction<'_, N>),
+    mut take: impl FnMut(&InterleavedReading<N>, [f64; N], [f64; N]),
 ) -> Result<(), ReplayError> {
     noise.check()?;
-    let mut filter = MotionFilter::new(noise, prior);
+    let Noise { q, R } = noise;
+    let (mut p, mut v) = ([0.0; N], [0.0; N]);
+    let (mut pp, mut pv, mut vv) = ([0.0; N], [0.0; N], [0.0; N]);
     for (index, reading) in readings.enumerate() {
-        filter.predict(&reading);
-        let predicted = filter.state;
-        let update = filter.update(&reading);
-        if let Some(&S) = update.S.iter().find(|&&variance| !(variance > 0.0)) {
+        for j in 0..N {
+            let h = reading.h[j];
+            p[j] += h * v[j] + reading.second[j];
+            v[j] += reading.first[j];
+            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, q);
+            (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
+        }
+        if reading.any_starts {
+            // The reading and the prior replace the prediction.
+            for j in (0..N).filter(|&j| reading.starts[j]) {
+                (p[j], v[j]) = (reading.z[j], prior.v);
+                (pp[j], pv[j], vv[j]) = (prior.P.pp, prior.P.pv, prior.P.vv);
+            }
+        }
+        predicted(&Prediction { p: &p, v: &v, pp: &pp, pv: &pv, vv: &vv });
+        let (mut e, mut S) = ([0.0; N], [0.0; N]);
+        for j in 0..N {
+            S[j] = pp[j] + R;
+            e[j] = reading.z[j] - p[j];
+            let inverse = 1.0 / S[j];
+            // The factor `R/S` keeps `pp` positive.
+            let (gain_p, gain_v, keep) = (pp[j] * inverse, pv[j] * inverse, R * inverse);
+            p[j] += gain_p * e[j];
+            v[j] += gain_v * e[j];
+            vv[j] -= pv[j] * gain_v;
+            pp[j] *= keep;
+            pv[j] *= keep;
+        }
+        if let Some(&S) = S.iter().find(|&&variance| !(variance > 0.0)) {
             return Err(ReplayError::InnovationVariance { index, S });
         }
-        take(&reading, &predicted, &update);
+        take(&reading, e, S);
     }
     Ok(())
 }
@@ -213,14 +171,22 @@ pub fn filter(readings: Readings<'_>, noise: Noise, prior: Prior, track: &mut Tr
     for found in [track.v.len(), track.pp.len(), track.pv.len(), track.vv.len()] {
         same_length(n, found)?;
     }
-    let mut k = 0;
-    run_filters(interleave([readings], None)?, noise, prior, |_, predicted, update| {
-        (track.e[k], track.S[k]) = (update.e[0], update.S[0]);
-        (track.gain_p[k], track.gain_v[k]) = (update.gain_p[0], update.gain_v[0]);
-        (track.p[k], track.v[k]) = (predicted.p[0], predicted.v[0]);
-        (track.pp[k], track.pv[k], track.vv[k]) = (predicted.pp[0], predicted.pv[0], predicted.vv[0]);
-        k += 1;
-    })
+    let (mut k, mut n) = (0, 0);
+    run_filters(
+        interleave([readings], None)?,
+        noise,
+        prior,
+        |&Prediction { p: [p], v: [v], pp: [pp], pv: [pv], vv: [vv] }| {
+            let inverse = 1.0 / (pp + noise.R);
+            (track.gain_p[k], track.gain_v[k]) = (pp * inverse, pv * inverse);
+            (track.p[k], track.v[k], track.pp[k], track.pv[k], track.vv[k]) = (*p, *v, *pp, *pv, *vv);
+            k += 1;
+        },
+        |_, [e], [S]| {
+            (track.e[n], track.S[n]) = (e, S);
+            n += 1;
+        },
+    )
 }
 
 /// Innovations of every record, m; `take` gets those of one reading, in order.
@@ -238,8 +204,9 @@ pub fn innovations<const N: usize>(
         readings,
         noise,
         prior,
+        |_| (),
         #[inline(always)]
-        |_, _, update| take(update.e),
+        |_, e, _| take(e),
     )
 }
 
@@ -262,8 +229,9 @@ pub fn log_likelihood<const N: usize>(
         readings.iter().copied(),
         noise,
         prior,
+        |_| (),
         #[inline(always)]
-        |reading, _, &Update { e, S, .. }| {
+        |reading, e, S| {
             for j in 0..N {
                 squares[j] += reading.counts[j] * (e[j] * e[j] / S[j]);
                 counted[j] += reading.counts[j];

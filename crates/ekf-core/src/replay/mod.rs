@@ -145,7 +145,6 @@ pub(crate) fn same_length(expected: usize, found: usize) -> Result<(), Condition
 impl MotionCovariance {
     /// `Phi P Phi' + Q_d` over `h` seconds, exact for white acceleration noise.
     #[must_use]
-    #[inline(always)]
     pub fn predict(self, h: f64, q: f64) -> Self {
         Self {
             pp: self.pp + h * (2.0 * self.pv + h * (self.vv + h * q / 3.0)),
