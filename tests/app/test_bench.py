@@ -350,7 +350,7 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
         assert reread[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
 
 
-def test_model_and_report_are_taken_away(grown, tmp_path):
+def test_model_and_report_are_downloaded(grown, tmp_path):
     path = tmp_path / "m.json"
     path.write_text(grown.model_text())
     assert model_file.load(path)["cubic"].value == grown.state.step.fit["cubic"].value

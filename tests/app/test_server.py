@@ -83,7 +83,7 @@ def test_old_work_makes_room(tmp_path):
     assert not (tmp_path / names[1]).exists()
 
 
-def test_a_taken_port_is_passed_over():
+def test_an_occupied_port_is_skipped():
     with socket.socket() as occupied:
         occupied.bind((HOST, 0))
         port = occupied.getsockname()[1]

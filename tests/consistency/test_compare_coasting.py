@@ -38,7 +38,7 @@ def fitted(cubic: bool) -> Fit:
     return estimate(Model.cubic() if cubic else Model.linear(), run(0, CUBIC if cubic else TRUTH).recording)
 
 
-def told(found: Fit, truth: dict[str, float]) -> Fit:
+def with_truth(found: Fit, truth: dict[str, float]) -> Fit:
     """The fit with its estimates replaced by the truth: what remains is noise alone."""
     return replace(found, estimates=tuple(replace(e, value=truth[e.name]) for e in found.estimates))
 
@@ -80,7 +80,7 @@ def drift(found: Fit, recordings: list[Recording], horizon: float) -> Consistenc
 @pytest.mark.parametrize("horizon", [1.0, 5.0])
 def test_drift_of_a_true_model_equals_its_floor(horizon: float) -> None:
     recordings = [run(seed, TRUTH, 60.0).recording for seed in range(20, 26)]
-    verdict = drift(told(fitted(False), TRUTH), recordings, horizon)
+    verdict = drift(with_truth(fitted(False), TRUTH), recordings, horizon)
     print(f"{horizon:g} s: drift²/floor² {verdict.mean:.2f} in [{verdict.low:.2f}, {verdict.high:.2f}], {verdict.runs}")
     assert verdict.verdict == "consistent"
 

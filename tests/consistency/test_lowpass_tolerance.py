@@ -75,7 +75,7 @@ def late(delay: float, slower: float = 0.0) -> Recording:
     ("delay", "slower", "named"),
     [(30e-6, 0.0, True), (10e-6, 0.0, False), (0.0, 0.015, False), (10e-6, 0.015, True), (0.0, 0.04, True)],
 )
-def test_the_tolerance_is_taken_off_a_delay_once(delay: float, slower: float, named: bool) -> None:
+def test_the_tolerance_is_subtracted_from_a_delay_once(delay: float, slower: float, named: bool) -> None:
     # The delay is known to 0.6 us; three standard deviations of the time constant would be 60 us. False alarms: 0.5 %.
     found = improve(late(delay, slower))
     assert ("time_offset" in found.effects) == named

@@ -14,7 +14,7 @@ from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig
 from accelcal.simulation.motion import PROFILES, Motion, Tones, motion
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, PARAMETERS, Vibration, simulate
 
-QUIET = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=0.0), lowpass=None, resolution=None)
+NOISE_FREE = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=0.0), lowpass=None, resolution=None)
 """No noise, no low-pass, no rounding: what is left is the sensor model."""
 
 
@@ -93,14 +93,14 @@ def test_motion_says_what_it_cannot_do(name: str, seconds: float, limits: dict[s
 
 def test_output_is_the_sensor_model_of_the_late_acceleration() -> None:
     theta = {"bias": 0.3, "scale_factor": 0.02, "time_offset": 4e-4, "quadratic": -1e-3, "cubic": 1e-4}
-    t, y = output(tone(5.0, 7.0), QUIET, theta)
+    t, y = output(tone(5.0, 7.0), NOISE_FREE, theta)
     a = 5.0 * np.sin(2 * np.pi * 7.0 * (t - 4e-4))
     np.testing.assert_allclose(y, 0.3 + 1.02 * a - 1e-3 * a**2 + 1e-4 * a**3, atol=1e-12)  # sin at 440 rad: 1e-13
 
 
 def test_low_pass_has_the_gain_and_lag_of_an_rc() -> None:
     for frequency in (5.0, 50.0, 300.0):
-        t, y = output(tone(1.0, frequency), replace(QUIET, lowpass=LowPass(159.0)), {})
+        t, y = output(tone(1.0, frequency), replace(NOISE_FREE, lowpass=LowPass(159.0)), {})
         response = 1.0 / (1.0 + 1j * frequency / 159.0)
         expected = np.imag(response * np.exp(2j * np.pi * frequency * t))
         # start-up exp(-25) = 1.4e-11; Gauss-Legendre, six nodes over 0.18 of a period at 300 Hz: below 1e-9
@@ -109,13 +109,15 @@ def test_low_pass_has_the_gain_and_lag_of_an_rc() -> None:
 
 @pytest.mark.parametrize("rate", [200.0, 1667.0, 20_000.0])
 def test_low_pass_is_exact_at_any_rate(rate: float) -> None:
-    t, y = output(tone(1.0, 20.0, 3.0), replace(QUIET, lowpass=LowPass(159.0)), {}, accel_rate=rate, accel_phase=0.123)
+    t, y = output(
+        tone(1.0, 20.0, 3.0), replace(NOISE_FREE, lowpass=LowPass(159.0)), {}, accel_rate=rate, accel_phase=0.123
+    )
     expected = np.imag(np.exp(2j * np.pi * 20.0 * t) / (1.0 + 20j / 159.0))
     np.testing.assert_allclose(y, expected, atol=1e-10)  # start-up exp(-25)
 
 
 def test_reversal_changes_the_sign_of_acceleration_and_gravity_but_not_of_the_bias() -> None:
-    tilted = replace(QUIET, gravity_along_axis=0.2)
+    tilted = replace(NOISE_FREE, gravity_along_axis=0.2)
     _, normal = output(tone(2.0, 3.0), tilted, {"bias": 0.05})
     _, turned = output(tone(2.0, 3.0), replace(tilted, mount="reversed"), {"bias": 0.05})
     np.testing.assert_allclose(normal + turned, 0.1, atol=1e-14)  # rounding of values near 2
@@ -124,8 +126,8 @@ def test_reversal_changes_the_sign_of_acceleration_and_gravity_but_not_of_the_bi
 
 def test_roll_changes_the_sign_of_everything_across_the_axis() -> None:
     theta = {"scale_factor": 0.01, "cross_axis_gravity": 1e-3, "misalignment": 2e-3}
-    t, normal = output(tone(2.0, 3.0), QUIET, theta)
-    _, rolled = output(tone(2.0, 3.0), replace(QUIET, mount="rolled"), theta)
+    t, normal = output(tone(2.0, 3.0), NOISE_FREE, theta)
+    _, rolled = output(tone(2.0, 3.0), replace(NOISE_FREE, mount="rolled"), theta)
     a = 2.0 * np.sin(2 * np.pi * 3.0 * t)
     g = STANDARD_GRAVITY
     np.testing.assert_allclose((normal + rolled) / 2, 1.01 * a, atol=1e-12)  # sin at 190 rad
@@ -133,8 +135,8 @@ def test_roll_changes_the_sign_of_everything_across_the_axis() -> None:
 
 
 def test_vibration_grows_with_the_square_of_the_speed() -> None:
-    t, y = output(tone(3.0, 2.0), QUIET, {})
-    _, shaken = output(tone(3.0, 2.0), QUIET, {}, vibration=Vibration(0.5, 230.0))
+    t, y = output(tone(3.0, 2.0), NOISE_FREE, {})
+    _, shaken = output(tone(3.0, 2.0), NOISE_FREE, {}, vibration=Vibration(0.5, 230.0))
     expected = 0.5 * np.cos(2 * np.pi * 2.0 * t) ** 2 * np.sin(2 * np.pi * 230.0 * t)
     np.testing.assert_allclose(shaken - y, expected, atol=1e-5)  # top speed found on a 0.25 ms grid
 
@@ -191,7 +193,7 @@ def test_missing_samples_are_absent_and_the_others_unchanged() -> None:
 
 
 def test_converter_rounds_and_clips() -> None:
-    _, y = output(tone(5.0, 3.0), QUIET, {}, lsb=0.01, full_scale=3.0)
+    _, y = output(tone(5.0, 3.0), NOISE_FREE, {}, lsb=0.01, full_scale=3.0)
     assert np.max(np.abs(y)) == pytest.approx(3.0, abs=1e-12)  # 3 is a multiple of the step
     np.testing.assert_allclose(np.round(y / 0.01), y / 0.01, atol=1e-9)  # one division
 

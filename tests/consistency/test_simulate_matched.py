@@ -14,7 +14,7 @@ def still(seconds: float, rate: float) -> Channel:
     return Channel("accel", t, np.zeros(len(t)), "m/s²")
 
 
-def test_aci_wanders_as_its_process_noise_says() -> None:
+def test_aci_scatters_as_its_process_noise_says() -> None:
     # var v = q t, var p = q t³/3, cov = q t²/2; 4000 draws: ±4 sigma of a variance is ±9 % (false-alarm rate 6e-5 each)
     q, T = 0.5, 1.5
     control, end = still(T, 20.0), np.array([T])
@@ -31,7 +31,7 @@ def test_aci_wanders_as_its_process_noise_says() -> None:
     np.testing.assert_allclose(covariance, expected, rtol=0.09)
 
 
-def test_cwpa_wanders_as_its_process_noise_says() -> None:
+def test_cwpa_scatters_as_its_process_noise_says() -> None:
     # integrals of white jerk of density q over T (derivations 4.1); 4000 draws: ±4 sigma of a variance is ±9 %
     q, T = 2.0, 0.8
     t = np.linspace(0.0, T, 9)

@@ -72,7 +72,7 @@ def test_a_live_filter_without_the_effect_is_found_out(records: list[World]) -> 
 @pytest.mark.parametrize(
     "rig", [dataclasses.replace(RIG, axis="up"), dataclasses.replace(RIG, axis="down", mount="reversed")]
 )
-def test_mount_and_gravity_are_taken_off(rig: Rig) -> None:
+def test_mount_and_gravity_are_subtracted(rig: Rig) -> None:
     live = followed(MODEL, world(3, rig=rig), rig=rig)
     # False alarm 1e-4 for one record of six coefficients.
     assert normalised(live) * len(FREE) < stats.chi2.ppf(1 - 1e-4, len(FREE))
@@ -124,7 +124,7 @@ def test_without_effects_it_is_the_forward_filter() -> None:
     )  # two ways to round, 3334 steps, variances that fall by 1e8
 
 
-def test_a_wandering_coefficient_keeps_its_uncertainty() -> None:
+def test_a_gauss_markov_coefficient_keeps_its_uncertainty() -> None:
     made = world(4, seconds=4.0)
     constant, walking = (
         LiveModel(
@@ -134,9 +134,9 @@ def test_a_wandering_coefficient_keeps_its_uncertainty() -> None:
             q=NOISE**2 / 2,
             r_position=READING**2,
             position=float(made.z[0]),
-            wander=wander,
+            gauss_markov=processes,
         )
-        for wander in ({}, {"bias": GaussMarkov(1e-4)})
+        for processes in ({}, {"bias": GaussMarkov(1e-4)})
     )
     for live in (constant, walking):
         live.run(made.u, made.z, temperature=made.temperature)
@@ -145,7 +145,7 @@ def test_a_wandering_coefficient_keeps_its_uncertainty() -> None:
 
 REFUSED = {
     "vibration": "changes the noise",
-    "bias_random_walk": "wander=",
+    "bias_random_walk": "gauss_markov=",
     "temperature_rate": "other times",
     "hysteresis": "other times",
     "sensor_lag": "other times",
@@ -161,7 +161,7 @@ def test_what_cannot_be_followed_live_is_refused_by_name(name: str) -> None:
         live_filter(Model.linear().add(name, shapes=shapes))
 
 
-def test_every_effect_with_memory_is_refused_and_every_local_mean_is_taken() -> None:
+def test_every_effect_with_memory_is_refused_and_every_local_mean_is_tracked() -> None:
     for effect in HOUSE:
         if effect.name in ("bias", "scale_factor", "time_offset"):
             continue
@@ -198,6 +198,6 @@ def test_too_many_coefficients_are_refused() -> None:
         live_filter(Model.linear().add(*names, shapes={name: {"low": -1.0, "high": 1.0} for name in names}))
 
 
-def test_wander_of_what_is_not_there_is_refused() -> None:
+def test_a_process_of_a_missing_coefficient_is_refused() -> None:
     with pytest.raises(ValueError, match="cubic not in the model"):
-        live_filter(Model.linear(), wander={"cubic": GaussMarkov(1.0)})
+        live_filter(Model.linear(), gauss_markov={"cubic": GaussMarkov(1.0)})

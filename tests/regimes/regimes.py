@@ -56,7 +56,7 @@ SERVO = Sensor(1.0, range=2.0)
 SENSORS = {"adxl105": ADXL105, "cxl02": CXL02, "servo": SERVO}
 SHORT = {"trapezoid": "trap", "s_curve": "seg7", "minimum_jerk": "minjerk"}
 STAGE = ("trapezoid", "s_curve", "cosine", "minimum_jerk", "smooth", "random", "chirp", "hand", "mixed")
-WANDER = frozenset({"bias_gauss_markov", "bias_random_walk", "bias_step"})
+BIAS_PROCESSES = frozenset({"bias_gauss_markov", "bias_random_walk", "bias_step"})
 DELAYED = frozenset({"time_offset", "sensor_lag", "sensor_resonance"})
 STAMPED = frozenset({"timing_jitter", "rounded_stamps"})
 HELD = frozenset({"time_offset", "timing_jitter", "held_samples"})
@@ -164,7 +164,7 @@ def _laboratory() -> Iterator[Regime]:
     yield Regime("i-student", "mixed", Rig(replace(ADXL105, freedom=4.0)), honest=outliers)
     for level in (10.0, 100.0):
         rig = Rig(replace(ADXL105, instability=level))
-        yield Regime(f"i-flicker-{level:g}", "mixed", rig, honest=WANDER, compare=PARAMETERS[1:])
+        yield Regime(f"i-flicker-{level:g}", "mixed", rig, honest=BIAS_PROCESSES, compare=PARAMETERS[1:])
 
 
 def _lengths() -> Iterator[Regime]:

@@ -21,7 +21,7 @@ from tests.worlds.numerics import stream
 RNG = [7]
 
 
-def quiet(rig: Rig, profile: str = "rest", seconds: float = 10.0) -> Regime:
+def low_noise(rig: Rig, profile: str = "rest", seconds: float = 10.0) -> Regime:
     return Regime("test", profile, rig, seconds)
 
 
@@ -60,7 +60,7 @@ def test_names_and_failing_beginnings_fit_the_table() -> None:
     ],
 )
 def test_noise_of_the_file_is_the_declared_density(sensor: Sensor, expected: float) -> None:
-    record = quiet(Rig(sensor)).build(1)
+    record = low_noise(Rig(sensor)).build(1)
     # 16 670 samples, correlated over two: 1.1 %; with t(4) tails 2 % more
     assert np.std(record.accel - record.truth["bias"]) == pytest.approx(expected, rel=0.05)
 
@@ -83,7 +83,7 @@ def test_flicker_has_a_flat_allan_deviation_at_its_instability() -> None:
     assert np.sqrt(np.mean(found)) == pytest.approx(3.0, rel=0.08)  # 2000 pairs: 2 %; averaging below 1/(2 s): 3 %
 
 
-def test_heavy_tails_and_wander_have_their_variance() -> None:
+def test_heavy_tails_and_drift_have_their_variance() -> None:
     rng = np.random.default_rng(RNG)
     assert np.std(student(200_000, 5.0, rng)) == pytest.approx(1.0, rel=0.03)
     t = np.cumsum(rng.uniform(0.5, 1.5, 50_000))
@@ -93,12 +93,12 @@ def test_heavy_tails_and_wander_have_their_variance() -> None:
 
 
 def test_position_noise_rounding_and_zeroing() -> None:
-    sharp = quiet(Rig(reference=Reference(3e-6, None))).build(2)
+    sharp = low_noise(Rig(reference=Reference(3e-6, None))).build(2)
     assert np.std(sharp.position) == pytest.approx(3e-6, rel=0.05)
-    coarse = quiet(Rig(reference=Reference(1e-6, 20e-6)), "smooth").build(2)
+    coarse = low_noise(Rig(reference=Reference(1e-6, 20e-6)), "smooth").build(2)
     np.testing.assert_allclose(coarse.position / 20e-6, np.rint(coarse.position / 20e-6), atol=1e-6)
     for faulty in (Reference(zeroed=True), Reference(lost=5e-4)):
-        record = quiet(Rig(reference=faulty), "smooth", 20.0).build(3)
+        record = low_noise(Rig(reference=faulty), "smooth", 20.0).build(3)
         error = record.position - record.motion.position(record.t_position)
         assert np.count_nonzero(np.abs(np.diff(error)) > 1e-4) == 1
 
@@ -112,10 +112,10 @@ def test_a_reference_meets_the_sensor_at_its_crossover() -> None:
 
 def test_stamps_are_rounded_and_samples_held_or_missing() -> None:
     rounded = Rig(phone(200.7), Reference(2e-4, None, 120.0), Clocks(rounding=1e-3))
-    record = quiet(rounded).build(4)
+    record = low_noise(rounded).build(4)
     np.testing.assert_allclose(record.t_accel * 1e3, np.rint(record.t_accel * 1e3), atol=1e-9)
     assert np.all(np.diff(record.t_accel) > 0)
-    logger = quiet(Rig(replace(ADXL105, rate=1000.0, corner=None), clocks=Clocks(held=400.0)), "random").build(4)
+    logger = low_noise(Rig(replace(ADXL105, rate=1000.0, corner=None), clocks=Clocks(held=400.0)), "random").build(4)
     assert np.mean(np.diff(logger.accel) == 0.0) == pytest.approx(0.6, abs=0.01)
     rng = np.random.default_rng(RNG)
     assert np.all(np.diff(held(np.arange(0.1, 1, 1e-3), 400.0, rng)) >= 0)
@@ -127,7 +127,7 @@ def test_stamps_are_rounded_and_samples_held_or_missing() -> None:
 
 def test_output_is_late_by_the_time_offset() -> None:
     rig = Rig(replace(ADXL105, density=1e-3, corner=None), clocks=Clocks(offset=5e-3))
-    record = quiet(rig, "random").build(5)
+    record = low_noise(rig, "random").build(5)
     t, truth = record.t_accel, record.truth
     a = record.motion.a.at(t - truth["time_offset"])
     assert 2.5e-3 <= abs(truth["time_offset"]) <= 5e-3
@@ -136,7 +136,7 @@ def test_output_is_late_by_the_time_offset() -> None:
 
 
 def test_a_turning_sensor_feels_its_tilt() -> None:
-    still = quiet(Rig(replace(phone(100.0), tilt=3.0)), seconds=60.0).build(6)
+    still = low_noise(Rig(replace(phone(100.0), tilt=3.0)), seconds=60.0).build(6)
     seen = np.degrees((still.accel - still.truth["bias"]) / G0)
     assert np.std(seen) == pytest.approx(3.0, rel=0.2)
 
@@ -171,7 +171,7 @@ def test_wrong_samples_are_as_many_as_planted() -> None:
     size = hidden.wrong_size(TABLE["a-random-cxl02"])
     surprise = 20 * UG * np.sqrt(2 * np.pi * 159.0 / 4)
     assert 2 * surprise < size < 9 * surprise
-    regime = quiet(Rig(CXL02))
+    regime = low_noise(Rig(CXL02))
     difference = regime.build(8, Planted(wrong=20, wrong_size=0.5)).accel - regime.build(8).accel
     assert np.count_nonzero(np.abs(np.abs(difference) - 0.5) < 1e-9) == 20
 

@@ -31,7 +31,7 @@ class Case:
 
     def twin(self) -> reference.Twin:
         choice, given = self.choice, self.settings
-        wander = [given["parameters"].get(name) for name in filters.PARAMETERS["cubic"]]
+        processes = [given["parameters"].get(name) for name in filters.PARAMETERS["cubic"]]
         return reference.Twin(
             choice.system,
             choice.form,
@@ -44,8 +44,8 @@ class Case:
             r_accel=given["r_accel"] or 0.0,
             q_output=given["q_accel"] or 0.0,
             tau=given["tau"],
-            rates=tuple(0.0 if w is None else 1 / w.tau for w in wander),
-            drifts=tuple(0.0 if w is None else w.q for w in wander),
+            rates=tuple(0.0 if w is None else 1 / w.tau for w in processes),
+            drifts=tuple(0.0 if w is None else w.q for w in processes),
             gate=math.inf if given["gate"] is None else given["gate"],
         )
 
@@ -89,7 +89,7 @@ def cases(draw: st.DrawFn, **fixed: Any) -> Case:
         "x0": mean + sigma * rng.normal(size=len(names)) * 0.5,
         "P0": correlation * np.outer(sigma, sigma),
         "tau": 1e-3 if low_pass else 0.0,
-        "parameters": draw(wander(choice.model)),
+        "parameters": draw(gauss_markov(choice.model)),
         "gate": draw(st.sampled_from([None, None, 4.0])),
     }
     return Case(choice, settings, accel, position)
@@ -113,12 +113,14 @@ def record(draw: st.DrawFn, rng: np.random.Generator, *, even: bool) -> tuple[Ch
 
 
 @st.composite
-def wander(draw: st.DrawFn, model: str) -> dict[str, filters.Wander]:
-    """Some parameters walk, some are Gauss-Markov, most stay constant."""
+def gauss_markov(draw: st.DrawFn, model: str) -> dict[str, filters.GaussMarkov]:
+    """Some parameters are random walks, some Gauss-Markov, most constant."""
     kinds = st.sampled_from(["constant", "constant", "constant", "walk", "markov"])
     chosen = {name: draw(kinds) for name in filters.PARAMETERS[model]}
     taus = {"walk": math.inf, "markov": 2.0}
-    return {n: filters.Wander(q=1e-2 * SIGMA[n] ** 2, tau=taus[kind]) for n, kind in chosen.items() if kind in taus}
+    return {
+        n: filters.GaussMarkov(q=1e-2 * SIGMA[n] ** 2, tau=taus[kind]) for n, kind in chosen.items() if kind in taus
+    }
 
 
 def random_correlation(rng: np.random.Generator, n: int) -> Array:

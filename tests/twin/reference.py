@@ -350,13 +350,13 @@ def horner(c: Array, s: float) -> float:
     return float(c[0] + s * (c[1] + s * (c[2] + s * c[3])))
 
 
-def segment(filter: Twin, t: Array, u: Array, taken: int) -> tuple[Array, float]:
-    """Coefficients of the output after `taken` samples, and the instant they count from."""
+def segment(filter: Twin, t: Array, u: Array, sampled: int) -> tuple[Array, float]:
+    """Coefficients of the output after `sampled` samples, and the instant they count from."""
     n = len(t)
-    if taken == 0 or taken == n:
-        i = min(taken, n - 1)
+    if sampled == 0 or sampled == n:
+        i = min(sampled, n - 1)
         return np.array([u[i], 0, 0, 0]), float(t[i])
-    i = taken - 1
+    i = sampled - 1
     if filter.interpolation == "hold":
         return np.array([u[i], 0, 0, 0]), float(t[i])
     first = min(max(i - 1, 0), n - 4)
@@ -375,12 +375,12 @@ def segment(filter: Twin, t: Array, u: Array, taken: int) -> tuple[Array, float]
 def run(filter: Twin, x: Array, P: Array, t_u: Array, u: Array, t_z: Array, z: Array) -> TwinRun:
     """The filter over one record; at a tie the output comes first."""
     events = sorted([(t, 0, v) for t, v in zip(t_u, u, strict=True)] + [(t, 1, v) for t, v in zip(t_z, z, strict=True)])
-    rows, taken, now = TwinRun(), 0, events[0][0]
+    rows, sampled, now = TwinRun(), 0, events[0][0]
     for count, (t, kind, reading) in enumerate(events):
         try:
             Phi = np.eye(len(x))
             if t > now:
-                c, start = segment(filter, t_u, u, taken)
+                c, start = segment(filter, t_u, u, sampled)
                 x, P, Phi = predict(filter, x, P, c, now - start, t - start)
             rows.predicted.append((x, P, Phi))
             expected = expect(filter, x, P, kind == 1)
@@ -402,7 +402,7 @@ def run(filter: Twin, x: Array, P: Array, t_u: Array, u: Array, t_z: Array, z: A
                     rows.log_likelihood -= 0.5 * (e * e / s + math.log(2 * math.pi * s))
         except StepFailed as failure:
             raise StepFailed(failure.kind, count) from None
-        now, taken = t, taken + (kind == 0)
+        now, sampled = t, sampled + (kind == 0)
         for column, value in zip((rows.t, rows.x, rows.P, rows.e, rows.s), (t, x, P, e, s), strict=True):
             column.append(value)  # type: ignore[attr-defined]
         rows.accepted.append(accepted)

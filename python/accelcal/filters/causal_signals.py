@@ -52,11 +52,11 @@ class CausalSignals:
         """
         (p, v, k, K0), polarity = x[:4], self.rig.polarity
         h = self.step if self.outputs else 0.0
-        output, slope, bend = self._course(u) / (1.0 + k)
+        output, slope, curvature = self._output_with_derivatives(u) / (1.0 + k)
         rise = (added[1] - added[0]) / (1.0 + k)
         force = output - (K0 + added[0]) / (1.0 + k) - INSTANTS * rise
         slope = (slope - rise) / self.step
-        bend = bend / self.step**2
+        curvature = curvature / self.step**2
         first, middle, last = moving = force - polarity * self.rig.gravity
         # The velocity of a parabola through the three, and the position that goes with it.
         speed = v + h / 24.0 * np.array([0.0, 5.0 * first + 8.0 * middle - last, 4.0 * (first + 4.0 * middle + last)])
@@ -66,7 +66,7 @@ class CausalSignals:
             p=polarity * (place + self.tau * speed) - self.origins.p,
             v=polarity * (speed + self.tau * moving),
             a=force + self.tau * slope,
-            jerk=slope + self.tau * bend,
+            jerk=slope + self.tau * curvature,
             scale=float(1.0 + k),
             bias=float(K0),
             rig=self.rig,
@@ -84,7 +84,7 @@ class CausalSignals:
         self.reached = np.array([signals.whole.a, signals.whole.v])
         self.t, self.outputs = self.t + self.step, (*self.outputs[-2:], u)
 
-    def _course(self, u: float) -> Array:
+    def _output_with_derivatives(self, u: float) -> Array:
         """Output at the three instants and its first and second derivatives per step, (3, 3): the filter's own cubic
         through the last four samples, a line while there are fewer."""
         if len(self.outputs) == 3:

@@ -33,11 +33,11 @@ def core_setup(
         if (value is not None) != needed:
             verb = "needs" if needed else "has no use for"
             raise ValueError(f"{choice.system} with tau = {tau:g} s {verb} {name}.")
-    wandering = dict(parameters or {})
-    unknown = set(wandering) - set(PARAMETERS[choice.model])
+    moving = dict(parameters or {})
+    unknown = set(moving) - set(PARAMETERS[choice.model])
     if unknown:
         raise ValueError(f"parameters: {sorted(unknown)} are not in the {choice.model} model.")
-    wander = [wandering.get(name) for name in PARAMETERS["cubic"]]
+    processes = [moving.get(name) for name in PARAMETERS["cubic"]]
     return _core.FilterSetup(
         system=choice.system,
         form=choice.form,
@@ -48,7 +48,7 @@ def core_setup(
         q=q,
         q_output=q_accel or 0.0,
         tau=tau,
-        wander=[rate_and_density(w) for w in wander],
+        wander=[rate_and_density(w) for w in processes],
         r_position=r_position,
         r_output=r_accel or 0.0,
         gate=math.inf if gate is None else gate,
@@ -70,6 +70,6 @@ def core_samples(channel: Channel) -> tuple[Array, Array]:
     return np.ascontiguousarray(channel.t, dtype=np.float64), np.ascontiguousarray(channel.y, dtype=np.float64)
 
 
-def rate_and_density(wander: GaussMarkov | None) -> tuple[float, float]:
+def rate_and_density(process: GaussMarkov | None) -> tuple[float, float]:
     """1/tau and q as the core takes them."""
-    return (0.0, 0.0) if wander is None else (1.0 / wander.tau, wander.q)
+    return (0.0, 0.0) if process is None else (1.0 / process.tau, process.q)

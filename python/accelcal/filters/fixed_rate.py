@@ -109,9 +109,9 @@ def fixed_rate_with_effects(
     if not 0 <= m <= MOST_EFFECTS:
         raise ValueError(f"x0 has {len(x)} states; p, v, k, K0 and up to {MOST_EFFECTS} effects are possible.")
     names = ("p", "v", "k", "K0", *(f"c_{j}" for j in range(1, m + 1)))
-    wander = [None] * (m + 2) if parameters is None else list(parameters)
-    if len(wander) != m + 2:
-        raise ValueError(f"parameters: {len(wander)} given for {m + 2}, {', '.join(names[2:])}.")
+    processes = [None] * (m + 2) if parameters is None else list(parameters)
+    if len(processes) != m + 2:
+        raise ValueError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
     choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4", order=order)
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
-    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in wander]))
+    return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))

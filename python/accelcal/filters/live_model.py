@@ -48,7 +48,7 @@ class LiveModel:
     position : position of the stage at the first sample, m: the first reading will do.
     speed : a speed that the stage surely does not exceed there, m/s.
     origins : zero points of time, position and temperature; the first sample is at time zero.
-    wander : coefficients that are not constant, by name.
+    gauss_markov : coefficients that are not constant, by name.
     order : first- or second-order filter.
     gate : reject readings with e²/S above this; None for no gate.
 
@@ -78,7 +78,7 @@ class LiveModel:
         position: float,
         speed: float = 1.0,
         origins: Origins | None = None,
-        wander: Mapping[str, GaussMarkov] | None = None,
+        gauss_markov: Mapping[str, GaussMarkov] | None = None,
         order: Literal[1, 2] = 1,
         gate: float | None = None,
     ) -> None:
@@ -97,10 +97,10 @@ class LiveModel:
                 f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
                 f"the model has {m}: drop some."
             )
-        moving = dict(wander or {})
+        moving = dict(gauss_markov or {})
         unknown = sorted(set(moving) - set(terms))
         if unknown:
-            raise ValueError(f"wander: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
+            raise ValueError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
         beliefs = [_belief(model, terms[name]) for name in self.names]
         tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
         # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
@@ -221,7 +221,7 @@ def refusal(effect: Effect) -> str | None:
     if effect.port == "noise":
         return "it changes the noise, and a live filter follows means"
     if effect.port == "process":
-        return "its shape spans a whole record; let the bias itself wander: wander={'bias': Wander(q, tau)}"
+        return "its shape spans a whole record; model the bias as a process: gauss_markov={'bias': GaussMarkov(q, tau)}"
     if is_local(effect):
         return None
     if effect in HOUSE:

@@ -350,7 +350,7 @@ fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
 
 const LENGTH: usize = 40;
 const SHARP: Prior = Prior { v: 0.1, P: MotionCovariance { pp: 1e-8, pv: 2e-9, vv: 0.5 } };
-const QUIET: Noise = Noise { q: 3e-5, R: 4e-12 };
+const LOW_NOISE: Noise = Noise { q: 3e-5, R: 4e-12 };
 
 /// Four parts of a record with its own gaps, restarts and readings that do not count.
 struct Records {
@@ -394,7 +394,7 @@ impl Records {
 fn history(readings: Readings<'_>) -> [[f64; LENGTH]; 9] {
     let mut history = [[0.0; LENGTH]; 9];
     let [e, S, gain_p, gain_v, p, v, pp, pv, vv] = &mut history;
-    filter(readings, QUIET, SHARP, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv }).unwrap();
+    filter(readings, LOW_NOISE, SHARP, &mut Track { e, S, gain_p, gain_v, p, v, pp, pv, vv }).unwrap();
     history
 }
 
@@ -414,13 +414,13 @@ fn interleaved_records_have_the_likelihood_of_each() {
             (0..LENGTH).filter(|&k| counts[k]).map(term).sum::<f64>()
         })
         .sum();
-    let found = log_likelihood(&interleaved([0, 1, 2, 3].map(|part| parts.part(part))), QUIET, SHARP).unwrap();
+    let found = log_likelihood(&interleaved([0, 1, 2, 3].map(|part| parts.part(part))), LOW_NOISE, SHARP).unwrap();
     assert!((found - expected).abs() < 1e-12 * expected.abs(), "{found} {expected}"); // a hundred terms, double
-    let single: f64 = (0..4).map(|k| log_likelihood(&interleaved([parts.part(k)]), QUIET, SHARP).unwrap()).sum();
+    let single: f64 = (0..4).map(|k| log_likelihood(&interleaved([parts.part(k)]), LOW_NOISE, SHARP).unwrap()).sum();
     assert!((single - expected).abs() < 1e-12 * expected.abs(), "{single} {expected}");
-    let other = Noise { q: 4e-5, ..QUIET };
+    let other = Noise { q: 4e-5, ..LOW_NOISE };
     let moved = log_likelihood(&interleaved([parts.part(0)]), other, SHARP).unwrap();
-    let is_constant = log_likelihood(&interleaved([parts.part(0)]), QUIET, SHARP).unwrap();
+    let is_constant = log_likelihood(&interleaved([parts.part(0)]), LOW_NOISE, SHARP).unwrap();
     assert!((moved - is_constant).abs() > 1e-6 * is_constant.abs());
 }
 
@@ -430,7 +430,7 @@ fn innovations_are_those_of_the_filter() {
     let mut found = [[0.0; 4]; LENGTH];
     let mut rows = found.iter_mut();
     let all = interleave([0, 1, 2, 3].map(|part| parts.part(part).0), None).unwrap();
-    innovations(all, QUIET, SHARP, |e| *rows.next().unwrap() = e).unwrap();
+    innovations(all, LOW_NOISE, SHARP, |e| *rows.next().unwrap() = e).unwrap();
     for part in 0..4 {
         let [e, ..] = history(parts.part(part).0);
         for (k, row) in found.iter().enumerate() {
@@ -448,6 +448,6 @@ fn what_is_unusable_is_refused() {
     let rows = interleaved([(readings, counts)]);
     assert!(matches!(log_likelihood(&rows, Noise { q: 0.0, R: 1.0 }, SHARP), Err(ReplayError::Noise { .. })));
     let prior = Prior { v: 0.0, P: MotionCovariance { pp: -1.0, pv: 0.0, vv: 1.0 } };
-    let lost = ReplayError::InnovationVariance { index: 0, S: QUIET.R - 1.0 };
-    assert_eq!(log_likelihood(&rows, QUIET, prior), Err(lost));
+    let lost = ReplayError::InnovationVariance { index: 0, S: LOW_NOISE.R - 1.0 };
+    assert_eq!(log_likelihood(&rows, LOW_NOISE, prior), Err(lost));
 }
