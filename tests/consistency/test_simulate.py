@@ -82,7 +82,7 @@ def test_rests_stand_still_for_twenty_seconds_at_both_ends() -> None:
         ("tones", 0.0, {}, "must be positive"),
         ("rests", 30.0, {}, "too short"),
         ("moves", 1.0, {}, "too short"),
-        ("rest", 10.0, {"a_rms": 1.0}, "stands still"),
+        ("rest", 10.0, {"a_rms": 1.0}, "does not move"),
         ("tones", 10.0, {"a_rms": 4.0, "v_max": 0.1}, "above the limit"),
     ],
 )

@@ -27,7 +27,7 @@ HOMONYMS = {
     ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
     ("filters/choice.py", "cubic"): "interpolation",
     ("filters/core_settings.py", "cubic"): "interpolation",
-    ("filters/fixed_rate.py", "cubic"): "interpolation",
+    ("filters/fixed_rate_filter.py", "cubic"): "interpolation",
     ("io/sidecar.py", "encoder_scale"): "key of a sidecar",
     ("io/sidecar.py", "misalignment"): "key of a sidecar",
     ("io/write.py", "encoder_scale"): "key of a sidecar",

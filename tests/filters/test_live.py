@@ -12,7 +12,7 @@ from accelcal.data.rig import Rig
 from accelcal.effects import HOUSE, is_local
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.fixed_rate import fixed_rate
+from accelcal.filters.fixed_rate_filter import fixed_rate
 from accelcal.filters.live_model import LiveModel
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, simulate

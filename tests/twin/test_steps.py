@@ -17,6 +17,7 @@ from accelcal import filters
 from accelcal._core import FilterError
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import FilterChoice, GaussMarkov
+from accelcal.filters.core_settings import core_setup
 from accelcal.filters.stream import LiveFilter
 from tests.twin.cases import Case, cases
 
@@ -241,7 +242,7 @@ def unusable(kind: str) -> None:
         case "NotRising":
             filters.run(aci, accel, Channel("position", t[::-1], z, "m"), **given)
         case "Size":
-            setup = filters._setup(aci, 1e-6, 1e-12, None, None, 0.0, None, None)
+            setup = core_setup(aci, 1e-6, 1e-12, None, None, 0.0, None, None)
             filters._core.FilterStream(setup, np.zeros(3), np.eye(3))
 
 

@@ -1,7 +1,7 @@
 """Live filters: the paper's nonlinear Kalman filters over a record, a stream, or at a fixed rate."""
 
 from accelcal.filters.choice import MOTION, PARAMETERS, FilterChoice, GaussMarkov
-from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
+from accelcal.filters.fixed_rate_filter import MOST_EFFECTS, fixed_rate, fixed_rate_with_effects
 from accelcal.filters.record import BatchRun, FilterRun, ForwardParameters, forward_parameters, run, run_batch
 from accelcal.filters.stream import LiveFilter
 
@@ -15,6 +15,7 @@ __all__ = [
     "ForwardParameters",
     "GaussMarkov",
     "LiveFilter",
+    "fixed_rate",
     "fixed_rate_with_effects",
     "forward_parameters",
     "run",

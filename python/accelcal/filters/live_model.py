@@ -14,7 +14,7 @@ from accelcal.effects import HOUSE, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
 from accelcal.filters.causal_signals import CausalSignals
 from accelcal.filters.choice import GaussMarkov
-from accelcal.filters.fixed_rate import MOST_EFFECTS, fixed_rate_with_effects
+from accelcal.filters.fixed_rate_filter import MOST_EFFECTS, fixed_rate_with_effects
 from accelcal.model import Estimate, Model, Prior, Term, evaluate
 from accelcal.signals.signals import Origins, Signals
 
