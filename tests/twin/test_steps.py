@@ -1,4 +1,4 @@
-"""Single steps of the compiled filters against closed forms, and the failures that must be loud."""
+"""Single steps of the compiled filters against closed forms, and the failures that must be reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal import filters
-from accelcal._core import FilterError
+from accelcal._core import FilterError, FilterStream
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_setup
@@ -243,7 +243,7 @@ def unusable(kind: str) -> None:
             filters.run(aci, accel, Channel("position", t[::-1], z, "m"), **given)
         case "Size":
             setup = core_setup(aci, 1e-6, 1e-12, None, None, 0.0, None, None)
-            filters._core.FilterStream(setup, np.zeros(3), np.eye(3))
+            FilterStream(setup, np.zeros(3), np.eye(3))
 
 
 @pytest.mark.parametrize("kind", sorted(variants("SetupError")))
