@@ -47,7 +47,7 @@ class FilterSetup:
         q: float,
         q_output: float,
         tau: float,
-        wander: list[tuple[float, float]],
+        gauss_markov: list[tuple[float, float]],
         r_position: float,
         r_output: float,
         gate: float,

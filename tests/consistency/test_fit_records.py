@@ -98,7 +98,7 @@ RECORDS: dict[str, Callable[[], Recording]] = {
     "0.2 s at 50 kHz": short,
     "10 min at 200 Hz": long,
     "encoder at 50 Hz": lambda: interleaved(3, ADXL105_RIG, 60.0, position_rate=50.0).recording,
-    "encoder at 50 Hz, quiet sensor": lambda: interleaved(3, CXL02_RIG, 60.0, position_rate=50.0).recording,
+    "encoder at 50 Hz, low-noise sensor": lambda: interleaved(3, CXL02_RIG, 60.0, position_rate=50.0).recording,
     "encoder at 5 kHz, output at 500 Hz": lambda: (
         interleaved(4, ADXL105_RIG, accel_rate=500.0, position_rate=5000.0).recording
     ),

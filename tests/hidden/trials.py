@@ -92,7 +92,7 @@ def draw(trial: Trial) -> World:
     Raises
     ------
     ValueError
-        If the effects cannot be seen, or not be told apart, on any motion that was tried.
+        If the effects cannot be seen, or not be separated, on any motion that was tried.
     """
     rng = trial.rng
     first = trial.number // max(1, _cycle(trial)) + int(rng.integers(len(MIXES))) if trial.names else trial.number
@@ -222,7 +222,7 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
         truth[hidden.name] = hidden.magnitude * ((1.0 + k) if place in ("force", "dynamics") else 1.0)
         if hidden.name == "saturation":
             truth[hidden.name] = 1.0
-        if hidden.name == "temperature_scale":  # k is told at the model's reference temperature
+        if hidden.name == "temperature_scale":  # k is given at the model's reference temperature
             truth["scale_factor"] += hidden.magnitude * (fit.origins.temperature - REFERENCE_TEMPERATURE)
     for estimate in fit.estimates:
         if estimate.name in truth and estimate.std > 0.0:
@@ -231,7 +231,7 @@ def errors(fit: Fit, world: World) -> dict[str, list[float]]:
 
 
 def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
-    """Coasting on another motion: base, found model, and the model that was told the true effect."""
+    """Coasting on another motion: base, found model, and the model that knows the true effect."""
     found = workflow.improve(recording, holdout=unseen)
     last = found.steps[-1]
     outcome = {
@@ -243,10 +243,10 @@ def held_out(trial: Trial, recording: Recording, unseen: Recording) -> Outcome:
         "allowed": allowed(last.fit, unseen),
     }
     base = found.steps[0].fit
-    told = base if trial.names[0] in base.model.effects else workflow.add(base, recording, trial.names[0])
+    oracle = base if trial.names[0] in base.model.effects else workflow.add(base, recording, trial.names[0])
     if "time_offset" in base.model.fixed:
-        told = found.steps[1].fit
-    return {**outcome, "oracle": coasting(workflow.compare(told, unseen))}
+        oracle = found.steps[1].fit
+    return {**outcome, "oracle": coasting(workflow.compare(oracle, unseen))}
 
 
 def coasting(compared: Any) -> dict[str, float | None]:

@@ -43,9 +43,10 @@ impl FixedRateFilter {
         let prior = ekf_simd::Prior { states, x, P };
         let count = effects.as_ref().map_or(0, |_| states.saturating_sub(4));
         let filter = match (setup.system, effects) {
-            (AnySystem::Aci(system), Some((rest, wander))) => {
-                let wander: Vec<GaussMarkov> = wander.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
-                filter::aci_with_effects(&setup.choices.with_system(system), dt, rest, &wander, prior)
+            (AnySystem::Aci(system), Some((rest, gauss_markov))) => {
+                let gauss_markov: Vec<GaussMarkov> =
+                    gauss_markov.into_iter().map(|(rate, q)| GaussMarkov { rate, q }).collect();
+                filter::aci_with_effects(&setup.choices.with_system(system), dt, rest, &gauss_markov, prior)
             }
             (AnySystem::Aci(system), None) => filter::aci(&setup.choices.with_system(system), dt, prior),
             (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),

@@ -57,9 +57,9 @@ fn form_named(name: &str) -> PyResult<Form> {
 
 #[pymethods]
 impl FilterSetup {
-    /// `wander` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate.
+    /// `gauss_markov` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate.
     #[new]
-    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, q, q_output, tau, wander, r_position, r_output, gate, kernel))]
+    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel))]
     #[allow(clippy::too_many_arguments)] // keyword-only, called from one place
     fn new(
         system: &str,
@@ -71,13 +71,14 @@ impl FilterSetup {
         q: f64,
         q_output: f64,
         tau: f64,
-        wander: [(f64, f64); 4],
+        gauss_markov: [(f64, f64); 4],
         r_position: f64,
         r_output: f64,
         gate: f64,
         kernel: &str,
     ) -> PyResult<Self> {
-        let sensor = Sensor { form: form_named(form)?, gauss_markov: wander.map(|(rate, q)| GaussMarkov { rate, q }) };
+        let sensor =
+            Sensor { form: form_named(form)?, gauss_markov: gauss_markov.map(|(rate, q)| GaussMarkov { rate, q }) };
         let low_pass = (tau != 0.0).then_some(LowPass { tau, q: q_output });
         let aci = AnySystem::Aci(Aci { sensor, q, tau });
         let cwpa = AnySystem::Cwpa(Cwpa { sensor, q, low_pass });

@@ -221,7 +221,7 @@ def solve(information: Array, score: Array, layout: Layout) -> tuple[Array, Arra
     if eigenvalues[0] < 1e-10:
         tied = [n for n, w in zip(names, vectors[:, 0], strict=True) if abs(w) > 0.2]
         raise NotIdentifiable(
-            f"{', '.join(tied)} cannot be told apart on this record; drop all but one, or hold them with a value"
+            f"{', '.join(tied)} are confounded on this record; drop all but one, or hold them with a value"
         )
     inverse = (vectors / eigenvalues) @ vectors.T
     covariance = inverse / np.outer(size, size)

@@ -57,4 +57,4 @@ class GaussMarkov:
 
     def __post_init__(self) -> None:
         if not self.tau > 0:
-            raise ValueError(f"Wander: tau = {self.tau:g} s is not positive.")
+            raise ValueError(f"GaussMarkov: tau = {self.tau:g} s is not positive.")

@@ -48,7 +48,7 @@ def core_setup(
         q=q,
         q_output=q_accel or 0.0,
         tau=tau,
-        wander=[rate_and_density(w) for w in processes],
+        gauss_markov=[rate_and_density(w) for w in processes],
         r_position=r_position,
         r_output=r_accel or 0.0,
         gate=math.inf if gate is None else gate,

@@ -92,7 +92,7 @@ def fixed_rate_with_effects(
     ----------
     rest : float
         Specific force at rest, m/s².
-    parameters : sequence of Wander or None
+    parameters : sequence of GaussMarkov or None
         How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
 
     Other parameters are those of `fixed_rate`.

@@ -104,7 +104,7 @@ def run(
     tau : float
         Time constant of a single-pole low-pass in front of the output, s. CWPA carries the filtered output as a state;
         ACI reads p + tau v.
-    parameters : mapping of str to Wander
+    parameters : mapping of str to GaussMarkov
         Parameters that are not constant.
     gate : float
         Reject readings with e²/S above this (6.63: 99 %, 10.83: 99.9 %). None by default; never gate while parameters
