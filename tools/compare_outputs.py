@@ -37,6 +37,8 @@ SIMULATED = {
     "nothing": ["--seed", "12", "--motion", "moves"],
 }
 """Simulated recordings by the effect that is hidden in them, with the arguments of `accelcal simulate`."""
+TINY = 1e-12
+"""Numbers closer than this are equal where a tolerance is given: p values and bounds of rounding."""
 SENTENCE = re.compile(r"\s")
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
@@ -98,17 +100,25 @@ def differences(a: Any, b: Any, rtol: float, at: str = "") -> Iterator[str]:
         for i, (one, two) in enumerate(zip(a, b, strict=True)):
             yield from differences(one, two, rtol, f"{at}[{i}]")
     elif isinstance(a, float) and isinstance(b, float):
-        if abs(a - b) > rtol * max(abs(a), abs(b)):
+        if abs(a - b) > max(rtol * max(abs(a), abs(b)), TINY if rtol else 0.0):
             yield f"{at}: {a!r} -> {b!r}"
     elif a != b:
         yield f"{at}: {a!r} -> {b!r}"
 
 
+def number(token: str) -> float | str:
+    """A hexadecimal constant of C as a number; any other token as it is."""
+    try:
+        return float.fromhex(token.removesuffix("f")) if "0x" in token else token
+    except ValueError:
+        return token
+
+
 def read(path: Path) -> Any:
-    """A JSON file with its sentences masked; code without comments; a refusal by its exit code."""
+    """A JSON file with its sentences masked; code as tokens without comments; a refusal by its exit code."""
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".h":
-        return COMMENT.sub("", text).split()
+        return [number(token) for token in re.findall(r"[^\s(),;{}]+", COMMENT.sub("", text))]
     try:
         return masked(json.loads(text))
     except json.JSONDecodeError:

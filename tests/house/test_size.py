@@ -1,0 +1,83 @@
+"""Sizes that keep the code readable: classes of estimation, parameters of functions."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import accelcal
+
+PACKAGE = Path(accelcal.__file__).parent
+CRATES = Path(__file__).parents[2] / "crates"
+MOST_LINES = 250
+"""Of a class in `estimation`."""
+MOST_PARAMETERS = 10
+"""Of a function, outside commands (an option each) and bindings (a keyword each)."""
+SETTINGS = {
+    "registry.py:effect": 12,
+    "record.py:run": 13,
+    "record.py:run_batch": 12,
+    "live_model.py:__init__": 11,
+    "sensor.py:simulate": 16,
+}
+"""Public functions whose settings are keywords with defaults, one each: more than the limit, and no more than today."""
+RUST_FUNCTION = re.compile(r"\bfn (\w+)\s*(?:<[^{(]*>)?\s*\(([^{]*?)\)\s*(?:->|\{|where|;)", re.DOTALL)
+
+
+def class_lengths(source: str) -> dict[str, int]:
+    """Lines of each class of a Python source."""
+    nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ClassDef)]
+    return {node.name: (node.end_lineno or node.lineno) - node.lineno + 1 for node in nodes}
+
+
+def parameters_of_python(source: str) -> Iterator[tuple[str, int]]:
+    """Functions and methods with the number of their parameters, `self` and `cls` aside."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            names = [a.arg for a in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+            yield node.name, len([name for name in names if name not in ("self", "cls")])
+
+
+def parameters_of_rust(source: str) -> Iterator[tuple[str, int]]:
+    """Functions with the number of their parameters, the receiver aside: colons that are no paths."""
+    for name, inside in RUST_FUNCTION.findall(source):
+        flat = re.sub(r"<[^<>]*>|\([^()]*\)|\[[^\[\]]*\]", "", re.sub(r"<[^<>]*>", "", inside))
+        yield name, len(re.findall(r"(?<!:):(?!:)", flat))
+
+
+def test_classes_of_estimation_are_short() -> None:
+    found = {
+        f"{path.name}:{name}": lines
+        for path in (PACKAGE / "estimation").glob("*.py")
+        for name, lines in class_lengths(path.read_text(encoding="utf-8")).items()
+    }
+    longest = max(found, key=found.__getitem__)
+    print(f"longest class of estimation: {longest}, {found[longest]} lines (at most {MOST_LINES})")
+    assert found[longest] <= MOST_LINES
+
+
+def test_functions_take_few_parameters() -> None:
+    python = [path for path in PACKAGE.rglob("*.py") if path.relative_to(PACKAGE).parts[0] != "cli"]
+    rust = [path for crate in ("ekf-core", "ekf-simd") for path in (CRATES / crate / "src").rglob("*.rs")]
+    found = {
+        f"{path.name}:{name}": count
+        for read, paths in ((parameters_of_python, python), (parameters_of_rust, rust))
+        for path in paths
+        for name, count in read(path.read_text(encoding="utf-8"))
+    }
+    largest = max(found, key=found.__getitem__)
+    print(f"most parameters: {largest}, {found[largest]} of {len(found)} functions (at most {MOST_PARAMETERS})")
+    beyond = {name: count for name, count in found.items() if count > MOST_PARAMETERS}
+    print(f"beyond the limit: {beyond}")
+    assert not {name: count for name, count in beyond.items() if count > SETTINGS.get(name, 0)}
+    assert set(SETTINGS) <= set(beyond)  # one that is mended leaves the list
+
+
+def test_a_long_class_and_a_long_list_are_caught() -> None:
+    # The twin that must fail: the same counts on sources beyond the limits.
+    assert class_lengths("class Long:\n" + "    x = 1\n" * MOST_LINES)["Long"] > MOST_LINES
+    eleven = ", ".join(f"a{i}: f64" for i in range(11))
+    assert dict(parameters_of_rust(f"pub fn many<T>(&self, {eleven}) -> f64 {{ 0.0 }}")) == {"many": 11}
+    assert dict(parameters_of_python(f"def many(self, {eleven}): ...")) == {"many": 11}
