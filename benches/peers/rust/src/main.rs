@@ -11,7 +11,7 @@ mod workloads;
 use std::hint::black_box;
 
 use cpu_time::ProcessTime;
-use ekf_core::{Aci, Carrier, Filter, Form, Integrator, Interpolation, Order, Sensor, GaussMarkov};
+use ekf_core::{Aci, Carrier, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Sensor};
 use ekf_simd::{Batch, InstructionSet, Prior, run_aci};
 use workloads::{DT, Data, QV, R_OUTPUT, R_POSITION};
 
