@@ -11,11 +11,8 @@ from accelcal.app.state import State
 
 def python(state: State) -> str:
     """A script that repeats the steps to the current model."""
-    lines = ["import accelcal as ac", "from accelcal import workflow", ""]
-    if state.own:
-        lines.insert(1, "import accelcal.effects")
-        files = ", ".join(f'*ac.effects.load_effects("{own.effect.name}.py")' for own in state.own)
-        lines.append(f"own = [{files}]")
+    lines = ["import accelcal as ac", ""]
+    lines += [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
     if state.file is None or state.recording is None:
         return "\n".join([*lines, "# load a recording first"]) + "\n"
     sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
@@ -38,13 +35,12 @@ def python(state: State) -> str:
     for i, step in enumerate(state.path):
         made = step.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
-    extra = ", extra=own" if state.own else ""
     lines += [
         "",
         f"for m in [{', '.join(names)}]:",
         "    seen = ac.compare(m, unseen)",
         "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
-        f"print(workflow.diagnose({names[-1]}, train{extra}).sentence)",
+        f"print(ac.diagnose({names[-1]}, train).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',
     ]
     return "\n".join(lines) + "\n"

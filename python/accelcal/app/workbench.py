@@ -208,7 +208,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
             found = fit(chosen, loaded(state).train, report=share_of(report, 0.0, 0.8))
-            python = f"workflow.fit(ac.Model.{model}(), train)"
+            python = f"ac.fit(ac.Model.{model}(), train)"
             command = f"accelcal fit train.csv --model {model} -o THIS"
             return self._with_model(replace(state, steps=(), current=None), "base", python, command, found)
 
@@ -221,8 +221,7 @@ class Workbench:
             before = fitted(state)
             extra = effects_of(state)
             found = add(before.fit, state.train, name, extra=extra, report=share_of(report, 0.0, 0.8))
-            more = ", extra=own" if extra else ""
-            python = f'workflow.add(PARENT, train, "{name}"{more})'
+            python = f'ac.add(PARENT, train, "{name}")'
             command = f"accelcal add PARENT train.csv --effect {name}{state.own_files} -o THIS"
             return self._with_model(state, f"+ {name}", python, command, found)
 
@@ -233,7 +232,7 @@ class Workbench:
 
         def work(state: State, report: Report) -> State:
             found = drop(fitted(state).fit, state.train, name, report=share_of(report, 0.0, 0.8))
-            python = f'workflow.drop(PARENT, train, "{name}")'
+            python = f'ac.drop(PARENT, train, "{name}")'
             command = f"accelcal drop PARENT train.csv --effect {name}{state.own_files} -o THIS"
             return self._with_model(state, f"− {name}", python, command, found)
 
@@ -246,7 +245,7 @@ class Workbench:
             before = fitted(state).fit
             require_parameter(before, name)
             found = self._refit(before, before.model.freeze(**{name: value}), state, report)
-            python = f'workflow.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
+            python = f'ac.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{state.own_files} -o THIS"
             return self._with_model(state, f"{name} held", python, command, found)
 
@@ -258,7 +257,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
             found = self._refit(before, before.model.release(name), state, report)
-            python = f'workflow.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
+            python = f'ac.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
             command = f"accelcal freeze PARENT train.csv --release {name}{state.own_files} -o THIS"
             return self._with_model(state, f"{name} free", python, command, found)
 
