@@ -1,4 +1,4 @@
-# accelcal: every job of the house. `make help` lists them.
+# accelcal: all jobs. `make help` lists them.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -11,7 +11,7 @@ export CARGO_INCREMENTAL ?= 0
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
-demo: $(STAMP) ## Set up, then walk the main job: simulate, fit, compare, draw.
+demo: $(STAMP) ## Set up, then run the main steps: simulate, fit, compare, draw.
 	$(BIN)/accelcal demo -o demo
 
 docs: $(STAMP) ## Build the site into build/docs: pages, cards with pictures, the tutorial run anew. No network.
@@ -71,7 +71,7 @@ bench-peers: $(STAMP) ## Run every other filter on our workloads and put the tab
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write
 
-format: $(STAMP) ## Rewrite sources in the house style.
+format: $(STAMP) ## Rewrite sources in the project's style.
 	cargo fmt --all
 	cargo fmt --manifest-path firmware/Cargo.toml
 	cargo fmt --manifest-path benches/peers/rust/Cargo.toml

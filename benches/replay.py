@@ -4,8 +4,8 @@ Run from the top of the repository: python -m benches.replay
 Encoder readings at 833.5 Hz run through the two-state filter; 170 columns (powers and products of acceleration,
 velocity, position and time, on a grid of 400 Hz) are carried through its gains stretch by stretch, every reading
 counts, and the Gram matrix of columns and innovations is summed. Columns are made where they are needed, so an hour of
-them never stands in memory. Each length runs in a fresh process with one BLAS thread. Prints figure and threshold; exit
-code 1 when one is missed.
+them is never held in memory. Each length runs in a fresh process with one BLAS thread. Prints figure and threshold;
+exit code 1 when one is missed.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ RATE = 833.5
 GRID = 1.0 / 400.0
 """Spacing of the grid on which columns are given, s."""
 STRETCH = 1 << 12
-"""Readings whose columns stand in memory at a time."""
+"""Readings whose columns are held in memory at a time."""
 LENGTHS = (60.0, 240.0, 960.0, 3600.0)
 """s"""
 REPEATS = 3

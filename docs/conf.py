@@ -16,7 +16,7 @@ import accelcal
 import accelcal.plots.interactive
 import accelcal.plots.static.diagnosis
 from accelcal.cli import app as cli
-from accelcal.effects import HOUSE, Effect
+from accelcal.effects import BUILT_IN, Effect
 from accelcal.effects.cards import symptoms
 from accelcal.plots.static.signature import caption, signature
 from accelcal.plots.style import THEMES, save
@@ -71,7 +71,7 @@ def draw(app: Any) -> None:
     """Draw the picture of every card, light and dark."""
     folder = pictures(app)
     folder.mkdir(parents=True, exist_ok=True)
-    for effect in HOUSE:
+    for effect in BUILT_IN:
         for theme in THEMES:
             save(signature(effect, theme=theme), folder / f"{effect.name}-{theme}.png")
 
@@ -80,11 +80,11 @@ def complete(app: Any, page: str, source: list[str]) -> None:
     """Put pictures into the page of cards, and the tables of symptoms and commands where a page has their mark."""
     if page == "effects":
         folder = os.path.relpath(pictures(app), app.srcdir)
-        by_name = {effect.name: effect for effect in HOUSE}
+        by_name = {effect.name: effect for effect in BUILT_IN}
         source[0] = re.sub(
             r"^## (\w+)\n", lambda head: head[0] + pair(by_name[head[1]], folder), source[0], flags=re.MULTILINE
         )
-    source[0] = source[0].replace(SYMPTOMS, symptoms(HOUSE)).replace(COMMANDS, commands())
+    source[0] = source[0].replace(SYMPTOMS, symptoms(BUILT_IN)).replace(COMMANDS, commands())
 
 
 def pair(effect: Effect, folder: str) -> str:

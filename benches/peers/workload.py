@@ -2,7 +2,7 @@
 
 1667 Hz output, position at every second step, three tones. W1: ACI, linear, first order, RK2. W2: ACI, cubic, second
 order, RK4. W3: CWPA, linear, first order. W4: CWPA, cubic, second order. W5: 100 runs of W2. The output is linear
-between its samples. In W1 to W4 the process noise stands at the acceleration; the product has it at the output, where
+between its samples. In W1 to W4 the process noise acts on the acceleration; the product has it at the output, where
 the sensor's slope acts on it, and `public` says so.
 """
 

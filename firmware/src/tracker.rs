@@ -24,7 +24,7 @@ pub struct Tracker<T> {
 }
 
 impl<T: Real> Tracker<T> {
-    /// At rest at zero, as far as the prior knows; `output` is the first sample, m/s².
+    /// Initial state: at rest at zero, with the variance of the prior; `output` is the first sample, m/s².
     pub fn new(output: T) -> Self {
         let zero = output.like(0.0);
         let variance = |i: usize| output.like(PRIOR.get(i).map_or(0.0, |sigma| sigma * sigma));

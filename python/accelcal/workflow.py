@@ -44,7 +44,7 @@ def diagnose(
     ----------
     fit : the model; on another recording than its own all coefficients are profiled anew.
     recordings : one or several runs.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+    extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part is used.
@@ -166,7 +166,7 @@ def add(
     ----------
     fit, recordings : the model, and what it is fitted to again.
     names : effects to add, in this order.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+    extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     report : called with the share of the work that is done, 0 to 1.
 
@@ -251,7 +251,7 @@ def improve(
     holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is
         not fitted.
     most : most effects to add.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered (`load_effects`,
+    extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part of the recordings is used.

@@ -269,20 +269,20 @@ def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
     assert bench.sentence == "Cancelled; nothing was changed."
 
 
-def test_work_hears_of_a_cancellation_while_it_runs(bench, files):
+def test_work_ends_when_it_is_cancelled(bench, files):
     bench.load(files / "cubic.csv")
     seen = []
 
     def work(state, report):
         fit = estimate(ac.Model.linear(), state.train)
 
-        def zoomed(share):
+        def reported(share):
             seen.append(share)
             if share > 0.3:
                 bench.cancel()
             report(share)
 
-        return workflow.diagnose(fit, state.train, report=zoomed)
+        return workflow.diagnose(fit, state.train, report=reported)
 
     bench._perform("diagnosing", work)
     assert max(seen) < 0.6  # it ended at the next report, long before the end

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 
 from .pages import DOCS
 
@@ -20,8 +20,10 @@ ENDINGS = ("", "s", "ed", "ing", "er", "est", "ness")
 """Forms of a stem that are rejected with it; a longer word that contains a stem (standard, thinned) is another word."""
 TERMS = {("random", "walk")}
 """Pairs of words that are terms of the field although the second is rejected by itself."""
-EFFECTS = {effect.name for effect in HOUSE}
+EFFECTS = {effect.name for effect in BUILT_IN}
 """Names of effects are commands and keys of files, and stay."""
+TYPED = re.compile(r"(?:^|[(,{])\s*(?:pub(?:\(\w+\))?\s+)?(?:mut\s+)?([a-z_]\w*)\s*:(?!:)", re.MULTILINE)
+"""Fields and parameters of Rust: a name before its type."""
 DEFINED = re.compile(
     r"^\s*(?:pub(?:\([^)]*\))?\s+)?(?:(?:const|unsafe|async|extern(?:\s+\"C\")?)\s+)*"
     r"(?:fn|struct|enum|trait|type|const|static|mod)\s+(\w+)",
@@ -74,9 +76,10 @@ def defined_in_python(text: str) -> Iterator[tuple[int, str]]:
 
 
 def defined_in_rust(text: str) -> Iterator[tuple[int, str]]:
-    """Line and name of every item."""
-    for found in DEFINED.finditer(text):
-        yield text.count("\n", 0, found.start(1)) + 1, found[1]
+    """Line and name of every item, field and parameter."""
+    for pattern in (DEFINED, TYPED):
+        for found in pattern.finditer(text):
+            yield text.count("\n", 0, found.start(1)) + 1, found[1]
 
 
 def files(folders: tuple[str, ...], suffix: str) -> Iterator[Path]:
@@ -88,7 +91,7 @@ def files(folders: tuple[str, ...], suffix: str) -> Iterator[Path]:
 def misnamed(path: Path) -> Iterator[str]:
     """Every definition of a file, and the file itself, that has a rejected stem in its name."""
     text = path.read_text(encoding="utf-8")
-    names = defined_in_python(text) if path.suffix == ".py" else defined_in_rust(text)
+    names = defined_in_python(text) if path.suffix in (".py", ".pyi") else defined_in_rust(text)
     for line, name in [(1, path.stem), *names]:
         if name not in EFFECTS and stems_in(name):
             reasons = "; ".join(f"instead of {stem}: {STEMS[stem]}" for stem in sorted(stems_in(name)))
@@ -96,7 +99,9 @@ def misnamed(path: Path) -> Iterator[str]:
             yield f"{place}:{line}: {name} ({reasons})"
 
 
-@pytest.mark.parametrize(("folder", "suffix"), [(f, ".py") for f in PYTHON] + [(f, ".rs") for f in RUST])
+@pytest.mark.parametrize(
+    ("folder", "suffix"), [(f, ".py") for f in PYTHON] + [(PYTHON[0], ".pyi")] + [(f, ".rs") for f in RUST]
+)
 def test_definitions_are_named_in_terms_of_the_field(folder, suffix):
     found = list(files((folder,), suffix))
     assert found
@@ -113,9 +118,9 @@ def test_the_glossary_rejects_about_thirty_stems_each_with_what_to_write():
 def test_a_definition_with_a_rejected_stem_is_found(stem, tmp_path):
     python, rust = tmp_path / "a.py", tmp_path / "b.rs"
     python.write_text(f"class Big{stem.capitalize()}ing:\n    {stem}_size: int\n\n\ndef f({stem}s): ...\n")
-    rust.write_text(f"pub(crate) const fn as_{stem}<T>() {{}}\nmod {stem};\n")
+    rust.write_text(f"pub(crate) const fn as_{stem}<T>({stem}: u8) {{}}\nmod {stem};\n")
     assert len(list(misnamed(python))) == 3
-    assert len(list(misnamed(rust))) == 2
+    assert len(list(misnamed(rust))) == 3
 
 
 def test_terms_names_of_effects_and_longer_words_are_let_pass(tmp_path):

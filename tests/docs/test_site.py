@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from accelcal.cli import app
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 
 from .site import broken, read, remote
 
@@ -54,7 +54,7 @@ def check_pages(site):
 def check_cards(site):
     page = (site / "effects.html").read_text(encoding="utf-8")
     symptoms = read(site / "symptoms.html")
-    for effect in HOUSE:
+    for effect in BUILT_IN:
         for theme in ("light", "dark"):
             assert f"{effect.name}-{theme}.png" in page
             assert (site / "_images" / f"{effect.name}-{theme}.png").stat().st_size > 5000

@@ -13,7 +13,7 @@ import pytest
 
 import accelcal.effects as effects
 from accelcal.data.rig import Rig
-from accelcal.effects import HOUSE, Effect, cards
+from accelcal.effects import BUILT_IN, Effect, cards
 from accelcal.effects.registry import CARD
 from accelcal.signals.signals import Signals
 
@@ -37,7 +37,7 @@ IDENTIFIERS = re.findall(
     """,
 )
 
-every = pytest.mark.parametrize("effect", HOUSE, ids=lambda e: e.name)
+every = pytest.mark.parametrize("effect", BUILT_IN, ids=lambda e: e.name)
 
 
 def trials(effect: Effect, s: Signals) -> list[dict[str, float]]:
@@ -52,10 +52,10 @@ def middle(effect: Effect, s: Signals) -> dict[str, float]:
 
 
 def test_the_catalogue_holds_exactly_the_promised_names():
-    assert sorted(e.name for e in HOUSE) == sorted(IDENTIFIERS)
+    assert sorted(e.name for e in BUILT_IN) == sorted(IDENTIFIERS)
     unseen = {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity", "lowpass_error"}
-    assert {e.name for e in HOUSE if not e.traits.visible} == unseen
-    assert {e.name for e in HOUSE if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
+    assert {e.name for e in BUILT_IN if not e.traits.visible} == unseen
+    assert {e.name for e in BUILT_IN if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
 
 
 @every
@@ -106,7 +106,7 @@ def test_the_card_is_complete(effect):
 
 def test_the_page_of_cards_is_the_catalogue():
     page = Path(__file__).parents[2] / "docs" / "effects.md"
-    assert page.read_text() == cards(HOUSE), "run python -m accelcal.effects > docs/effects.md"
+    assert page.read_text() == cards(BUILT_IN), "run python -m accelcal.effects > docs/effects.md"
 
 
 @every
@@ -195,7 +195,7 @@ def powers(unit: str, metre: float, second: float) -> float:
 
 SCALED = [
     pytest.param(effect, metre, second, id=f"{effect.name}-{axis}")
-    for effect in HOUSE
+    for effect in BUILT_IN
     for axis, metre, second in (("length", 4.0, 1.0), ("time", 1.0, 4.0))
     if effect.name not in FIXED_SIZE and (axis == "length" or effect.name not in FIXED_TIME)
 ]
@@ -246,10 +246,10 @@ def test_the_whole_catalogue_with_all_trials_is_evaluated_in_a_quarter_second():
     best = np.inf
     for _ in range(3):
         count, columns, begin = 0, 0, time.process_time()
-        for effect in HOUSE:
+        for effect in BUILT_IN:
             for shape in trials(effect, s):
                 effect.column(s, **shape)
                 count, columns = count + 1, columns + effect.width
         best = min(best, time.process_time() - begin)
-    print(f"{len(HOUSE)} effects, {count} trials, {columns} columns of {len(s.t)}: {1e3 * best:.0f} ms")
+    print(f"{len(BUILT_IN)} effects, {count} trials, {columns} columns of {len(s.t)}: {1e3 * best:.0f} ms")
     assert best < 0.25

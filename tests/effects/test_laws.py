@@ -7,7 +7,7 @@ import pytest
 
 from accelcal import _core
 from accelcal.data.rig import Rig
-from accelcal.effects import HOUSE, find
+from accelcal.effects import BUILT_IN, find
 from accelcal.effects.building_blocks import lagged, play
 from accelcal.effects.curves import CUBIC, cosines, curve, splines
 
@@ -295,7 +295,7 @@ def test_resampled_motion_is_the_motion_at_those_times(mount):
     period = 5e-4  # m; the coarse grid passes it in a tenth of a spacing
     wanted = find("encoder_cyclic").column(fine, period=period)
     np.testing.assert_allclose(find("encoder_cyclic").column(found, period=period), wanted, atol=1e-2)
-    every = [effect for effect in HOUSE if effect.port == "position"]
+    every = [effect for effect in BUILT_IN if effect.port == "position"]
     assert len(every) == 6
     for effect in every:
         shape = {name: float(each.grid(fine)[0]) for name, each in effect.shapes.items()}

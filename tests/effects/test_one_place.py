@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import accelcal
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 from accelcal.model import NOMINAL
 
 PACKAGE = Path(accelcal.__file__).parent
-NAMES = {effect.name for effect in HOUSE} - set(NOMINAL)
+NAMES = {effect.name for effect in BUILT_IN} - set(NOMINAL)
 """All names but those of the nominal output: bias, scale_factor, time_offset and lowpass_error."""
 MAKERS = ("effects", "simulation", "paper", "demo.py")
 """Where names belong: the catalogue, and what makes recordings of known effects or repeats the paper's figures."""

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 from accelcal.data.rig import Rig
-from accelcal.effects import HOUSE, is_local
+from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.fixed_rate_filter import fixed_rate
@@ -155,14 +155,14 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", sorted(REFUSED))
 def test_what_cannot_be_followed_live_is_refused_by_name(name: str) -> None:
-    effect = next(effect for effect in HOUSE if effect.name == name)
+    effect = next(effect for effect in BUILT_IN if effect.name == name)
     shapes = {name: {shape: 1.0 for shape in effect.shapes}}
     with pytest.raises(ValueError, match=f"{name} cannot be tracked live: .*{REFUSED[name]}"):
         live_filter(Model.linear().add(name, shapes=shapes))
 
 
 def test_every_effect_with_memory_is_refused_and_every_local_mean_is_tracked() -> None:
-    for effect in HOUSE:
+    for effect in BUILT_IN:
         if effect.name in ("bias", "scale_factor", "time_offset"):
             continue
         model = Model.linear().add(

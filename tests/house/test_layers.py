@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator, Mapping
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -13,6 +14,7 @@ import accelcal
 
 PACKAGE = Path(accelcal.__file__).parent
 TESTS = Path(__file__).parents[1]
+CRATES = TESTS.parent / "crates"
 
 LAYERS = (
     "_support",
@@ -108,6 +110,38 @@ def test_files_form_no_cycle() -> None:
     files = {m: {t for t in imported(path) if t in MODULES and t != m} for m, path in MODULES.items() if m}
     # A package's `__init__` binds names of its files, which never import the package itself to use them.
     assert not cycle(files), " -> ".join(cycle(files))
+
+
+def rust_imports(crate: Path) -> dict[str, set[str]]:
+    """Modules of a crate with those that each names by `crate::` or `super::`, tests within a file aside."""
+    files = {rust_module(path, crate): path for path in sorted((crate / "src").rglob("*.rs")) if path.stem != "tests"}
+    found: dict[str, set[str]] = {}
+    for module, path in files.items():
+        text = path.read_text(encoding="utf-8").partition("#[cfg(test)]")[0]
+        names = [m[1] for m in re.finditer(r"\bcrate::([a-z_]\w*(?:::[a-z_]\w*)*)", text)]
+        for group in re.finditer(r"\buse crate::\{([^;]*)\}", text):
+            names += [m[1] for m in re.finditer(r"(?:^|[,{])\s*([a-z_]\w*(?:::[a-z_]\w*)*)", group[1])]
+        above = module.rpartition("::")[0]
+        names += [f"{above}::{m[1]}".removeprefix("::") for m in re.finditer(r"\bsuper::([a-z_]\w*)", text)]
+        found[module] = set()
+        for name in names:
+            parts = name.split("::")
+            known = ["::".join(parts[:k]) for k in range(len(parts), 0, -1) if "::".join(parts[:k]) in files]
+            found[module] |= set(known[:1]) - {module}
+    return found
+
+
+def rust_module(path: Path, crate: Path) -> str:
+    """Path of a module below its crate: `replay/mod.rs` is `replay`."""
+    parts = path.relative_to(crate / "src").with_suffix("").parts
+    return "::".join(parts[:-1] if parts[-1] == "mod" else parts)
+
+
+@pytest.mark.parametrize("crate", ["ekf-core", "ekf-simd", "accelcal-py"])
+def test_files_of_rust_form_no_cycle(crate: str) -> None:
+    graph = rust_imports(CRATES / crate)
+    assert sum(map(len, graph.values())) > 5, graph
+    assert not cycle(graph), " -> ".join(cycle(graph))
 
 
 def test_few_files_lie_in_the_root_of_the_package() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from accelcal.effects import HOUSE, find
+from accelcal.effects import BUILT_IN, find
 from accelcal.plots.static import signature as cards
 from accelcal.plots.static.signature import (
     FOLLOWS,
@@ -53,7 +53,7 @@ def test_share_is_one_for_a_function_zero_for_chance_and_for_a_constant():
     assert explained_share(x, np.sin(9.0 * x) + rng.standard_normal(4000)) < FOLLOWS
 
 
-@pytest.mark.parametrize("effect", HOUSE, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", BUILT_IN, ids=lambda e: e.name)
 def test_every_effect_has_a_picture_and_a_caption(effect):
     figure = cards.signature(effect)
     assert len(figure.axes) in (1, 2)

@@ -11,7 +11,7 @@ import accelcal as ac
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Confounded, sentence_with_rivals
-from accelcal.effects import HOUSE, find
+from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import estimate
 from accelcal.selection.collinearity import (
     confounding_families,
@@ -23,7 +23,7 @@ from accelcal.selection.collinearity import (
 )
 from accelcal.selection.stepwise import SelectionHistory
 
-FAMILIES = [effect for effect in HOUSE if effect.family]
+FAMILIES = [effect for effect in BUILT_IN if effect.family]
 
 
 def candidate(effect: str, p_raw: float, comparisons: int = 1) -> Candidate:

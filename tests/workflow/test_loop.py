@@ -82,6 +82,14 @@ def test_outliers_count_neither_in_a_fit_nor_when_an_effect_is_added():
     assert not any("outliers" in text for text in truth.remarks)
 
 
+def test_a_fit_of_a_record_without_outliers_is_that_of_all_readings():
+    run = record(9)
+    rejecting, every = ac.fit(ac.Model.linear(), run), estimate(ac.Model.linear(), run)
+    assert [e.value for e in rejecting.estimates] == [e.value for e in every.estimates]
+    np.testing.assert_array_equal(rejecting.covariance, every.covariance)
+    assert rejecting.remarks == every.remarks
+
+
 def test_a_delay_beyond_its_tolerance_is_named_first():
     found = improve(record(4, time_offset=2e-4), holdout=record(5, time_offset=2e-4))
     assert found.effects == ("time_offset",)

@@ -20,7 +20,7 @@ from .numerics import STEP, Array, interpolate, lag, play, resonate
 from .scene import G0, REFERENCE_TEMPERATURE, Scene
 
 Place = Literal["force", "dynamics", "response", "clip", "clock", "sample", "scale", "encoder", "reading"]
-Kind = Literal["mean", "wander", "variance", "invisible"]
+Kind = Literal["mean", "random", "variance", "invisible"]
 Shape = Mapping[str, float]
 Contribution = Callable[[Scene, Array, float, Shape, np.random.Generator], Array]
 """(scene, signal at that place, magnitude, shape, generator of this effect) -> what is added, on the same instants."""
@@ -36,7 +36,7 @@ class Effect:
     """Of the magnitude."""
     place: Place
     kind: Kind
-    """`mean` adds a signal, `wander` a random one, `variance` noise; `invisible` hides in the base on a level rig."""
+    """`mean` adds a signal, `random` a random one, `variance` noise; `invisible` hides in the base on a level rig."""
     explains: tuple[str, ...]
     """What its contribution is a function of."""
     typical: float
@@ -190,14 +190,14 @@ def bias_step(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Gen
     return np.where(scene.t >= shape["instant"], m, 0.0)
 
 
-@declare(CATALOGUE, "m/s²/√s", "response", "time", 1e-3, kind="wander")
+@declare(CATALOGUE, "m/s²/√s", "response", "time", 1e-3, kind="random")
 def bias_random_walk(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
     """Wiener process of intensity m² (IEEE Std 952-1997, annex C, rate random walk)."""
     walk = np.cumsum(rng.standard_normal(len(scene.t))) * m * np.sqrt(STEP)
     return np.asarray(walk - walk[np.searchsorted(scene.t, 0.0)])
 
 
-@declare(CATALOGUE, "m/s²", "response", "time", 3e-3, kind="wander", draw=between(tau=(2.0, 6.0)))
+@declare(CATALOGUE, "m/s²", "response", "time", 3e-3, kind="random", draw=between(tau=(2.0, 6.0)))
 def bias_gauss_markov(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
     """Stationary b' = −b/tau + w of standard deviation m (Gelb 1974, section 2.2 and table 2.2-1)."""
     keep = np.exp(-STEP / shape["tau"])

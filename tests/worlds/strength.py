@@ -44,7 +44,7 @@ def d2(world: World, base: Sequence[str] | None = None, index: int = -1) -> floa
     hidden = world.hidden[index]
     base = _default_base(hidden) if base is None else base
     chain = pass_through(world)
-    if hidden.effect.kind == "wander":
+    if hidden.effect.kind == "random":
         return _random_bias(world, hidden, chain, index, base)
     if hidden.effect.kind == "variance":
         return _variance(world, hidden, chain, index)

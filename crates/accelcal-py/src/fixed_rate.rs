@@ -72,28 +72,29 @@ impl FixedRateFilter {
         }
     }
 
-    /// The same with effects: `columns` (3, m) holds them per unit of their coefficients at the sample before, half-way and
-    /// at this one, m/s^2; `leaning` (m,) what a unit of each adds to the position read, m.
+    /// As `step`, with effects: `columns` (3, m) holds them per unit of their coefficients at the sample before, half-way and
+    /// at this one, m/s^2; `position_columns` (m,) what a unit of each adds to the position read, m.
     fn step_with_effects(
         &mut self,
         py: Python<'_>,
         u: f64,
         z: Option<f64>,
         columns: PyReadonlyArray2<'_, f64>,
-        leaning: PyReadonlyArray1<'_, f64>,
+        position_columns: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Option<f64>> {
-        if columns.shape() != [3, self.effects] || leaning.len() != self.effects {
+        if columns.shape() != [3, self.effects] || position_columns.len() != self.effects {
             return Err(PyValueError::new_err(format!(
-                "this filter tracks {} effects; found columns of shape {:?} and {} leanings",
+                "this filter tracks {} effects; found columns of shape {:?} and {} position columns",
                 self.effects,
                 columns.shape(),
-                leaning.len()
+                position_columns.len()
             )));
         }
         let (before, rest) = columns.as_slice()?.split_at(self.effects);
         let (middle, here) = rest.split_at(self.effects);
         let effects = [before, middle, here];
-        let sample = SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns: leaning.as_slice()? };
+        let sample =
+            SampleInput { u, z: z.unwrap_or(f64::NAN), effects, position_columns: position_columns.as_slice()? };
         match self.filter.step(&sample) {
             Ok(innovation) => Ok(innovation.map(|innovation| innovation.e)),
             Err(error) => Err(self.failed(py, self.filter.samples(), error)),

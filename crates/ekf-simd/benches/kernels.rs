@@ -1,6 +1,6 @@
 //! The kernels' table: structured against dense in one binary, interleaved; then criterion's own figures.
 //!
-//! Time is the process's own (others on the machine are left out), but for threads, which only the clock on the wall sees.
+//! Time is the process's own (others on the machine are left out), but for threads, which are measured by wall-clock time.
 #![allow(missing_docs, non_snake_case)] // x and P as in the crates
 
 #[cfg(target_arch = "x86_64")]

@@ -170,7 +170,7 @@ class Workbench:
         self._perform(f"reading {path.name}", work)
 
     def hold_out(self, start: float, end: float) -> None:
-        """Choose the part of the recording that no fit sees."""
+        """Choose the part of the recording that is held out."""
 
         def work(state: State, report: Report) -> State:
             begin, finish = inside_used(state, start, end)

@@ -71,7 +71,7 @@ def apply(fit: Fit, output: float) -> Application:
 
 
 def example(fit: Fit) -> Application:
-    """A reading of about half the largest acceleration that the fit has seen, as an instrument would show it."""
+    """A reading of about half the largest acceleration of the trained range, as an instrument would show it."""
     low, high = fit.validity.get("a", (-1.0, 1.0))
     output = fit["bias"].value + fit.values().scale * 0.5 * (high if high >= -low else low)
     sensor = fit.rig.sensor

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects import HOUSE, Effect, static_terms
+from accelcal.effects import BUILT_IN, Effect, static_terms
 from accelcal.estimation.estimate import Fit
 from accelcal.model import Term
 
@@ -110,7 +110,7 @@ def characteristic(fit: Fit) -> Characteristic:
     fit : estimates in forward sense.
     """
     kept = {name: fit[name].value for name in STATIC if name in fit.model.effects}
-    clipping = next((effect for effect in HOUSE if clip_level(effect, fit) is not None), None)
+    clipping = next((effect for effect in BUILT_IN if clip_level(effect, fit) is not None), None)
     inside = {*kept, *([clipping.name] if clipping else [])}
     others = {term.effect.name: term for term in fit.model.terms if term.effect.name not in inside}
     return Characteristic(
@@ -139,7 +139,7 @@ def _left_out(term: Term) -> LeftOut:
         return LeftOut(effect.name, effect.owner, "is a random process with mean zero", False)
     equation = effect.line("Equation").split(". ")[0].rstrip(".")
     stated = f" ({equation})" if equation else ""
-    if effect not in HOUSE:
+    if effect not in BUILT_IN:
         return LeftOut(effect.name, effect.owner, "is an effect of your own, whose inverse is not known", True)
     if effect.traits.memory:
         return LeftOut(effect.name, effect.owner, f"depends on earlier readings{stated}", True)

@@ -33,7 +33,7 @@ app = typer.Typer(
 )
 Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
-Band = Annotated[str | None, typer.Option("--band", help='Trust the encoder up to this frequency, e.g. "300 Hz".')]
+Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to this frequency, e.g. "300 Hz".')]
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
 Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.")]

@@ -8,11 +8,11 @@ from dataclasses import replace
 from scipy import special
 
 from accelcal.diagnosis.search.scan import Scan
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 from accelcal.estimation.estimate import Fit, judge
 from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimated
 
-DELAY_CLASS = tuple(effect.name for effect in HOUSE if effect.traits.delay_class)
+DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
 DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
 
 

@@ -11,10 +11,10 @@ from accelcal.diagnosis.policy import (
     NOISE_TEST_ALPHA,
     VIBRATION_LINE_SHARE,
 )
-from accelcal.effects import HOUSE, find
+from accelcal.effects import BUILT_IN, find
 from accelcal.model import Term, terms_of
 
-ALSO_RAISED = {e.name: e.traits.noise.raises for e in HOUSE if e.traits.noise}
+ALSO_RAISED = {e.name: e.traits.noise.raises for e in BUILT_IN if e.traits.noise}
 """Tests that a coarse converter or outliers make significant besides their own."""
 
 

@@ -18,10 +18,10 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 from accelcal.estimation.gauss_newton import Solution
 
-CHANNEL_OF = {e.name: e.traits.noise.rejects for e in HOUSE if e.traits.noise and e.traits.noise.rejects}
+CHANNEL_OF = {e.name: e.traits.noise.rejects for e in BUILT_IN if e.traits.noise and e.traits.noise.rejects}
 """Channel from which each noise test rejects samples."""
 
 

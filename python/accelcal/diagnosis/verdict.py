@@ -24,7 +24,7 @@ from accelcal.diagnosis.policy import (
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
-from accelcal.effects import HOUSE, Effect, find
+from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run import prepare
@@ -257,7 +257,7 @@ def sentence_with_rivals(group: Confounded, text: str) -> tuple[Verdict, str]:
 
 def inseparable_groups(model: Model) -> tuple[Confounded, ...]:
     """Effects that no motion of this rig separates, as long as the model holds one of each group."""
-    groups = [(base.name, base.traits.lumped) for base in HOUSE if base.traits.lumped]
+    groups = [(base.name, base.traits.lumped) for base in BUILT_IN if base.traits.lumped]
     return tuple(
         Confounded(name, (name, *group.members), group.experiment)
         for name, group in groups

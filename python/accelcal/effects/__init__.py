@@ -33,9 +33,9 @@ from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.user_file import EffectsFileError, load_effects
 
-HOUSE = tuple(CATALOGUE.values())
+BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""
-_BY_NAME = {effect.name: effect for effect in HOUSE}
+_BY_NAME = {effect.name: effect for effect in BUILT_IN}
 
 
 def is_local(effect: Effect) -> bool:
@@ -52,7 +52,7 @@ def users_own() -> tuple[Effect, ...]:
 
 def static_terms() -> dict[str, Static]:
     """Terms of a sensor's static characteristic by effect: of acceleration alone in rising order, then thermal ones."""
-    found = {effect.name: effect.traits.static for effect in HOUSE if effect.traits.static}
+    found = {effect.name: effect.traits.static for effect in BUILT_IN if effect.traits.static}
     return dict(sorted(found.items(), key=lambda item: (item[1].thermal, item[1].power, item[1].mirrored)))
 
 
@@ -66,13 +66,13 @@ def polynomial(degree: int) -> tuple[str, ...]:
 
 
 def found_by(test: NoiseTestKind) -> Effect:
-    """The house effect that a noise test finds."""
-    return next(effect for effect in HOUSE if effect.traits.noise and effect.traits.noise.found_by == test)
+    """The built-in effect that a noise test finds."""
+    return next(effect for effect in BUILT_IN if effect.traits.noise and effect.traits.noise.found_by == test)
 
 
 __all__ = [
+    "BUILT_IN",
     "CATALOGUE",
-    "HOUSE",
     "Effect",
     "EffectsFileError",
     "ExpressionError",

@@ -1,5 +1,5 @@
 """`python -m accelcal.effects > docs/effects.md`"""
 
-from accelcal.effects import HOUSE, cards
+from accelcal.effects import BUILT_IN, cards
 
-print(cards(HOUSE), end="")
+print(cards(BUILT_IN), end="")

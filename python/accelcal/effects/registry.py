@@ -159,7 +159,7 @@ class Traits:
     """Whether physics allows a positive coefficient only."""
     memory: bool = False
     """Whether its value at one time depends on the signals at other times. Users' own effects are always taken to; a
-    house effect that does not is evaluated on parts of a long record."""
+    built-in effect that does not is evaluated on parts of a long record."""
     visible: bool = True
     """False for what no motion of a level, untouched rig can show."""
     basis: str = ""
@@ -220,7 +220,7 @@ class Effect:
     family: Family | None = None
     """Set for a nonparametric function; None for a physical cause."""
     text: str = ""
-    """The user's file that it comes from, whole; empty in the house catalogue."""
+    """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
 

@@ -13,7 +13,7 @@ from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
-from accelcal.effects import CATALOGUE, HOUSE, find
+from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.gauss_newton import (
     MAX_ROUNDS,
     Layout,
@@ -34,8 +34,8 @@ from accelcal.signals.signals import Origins
 
 TRIAL_BANDS = 9
 """Bands that are tried where the noise is not white."""
-SEPARATED_BY_TURNING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "turning")
-SEPARATED_BY_ROLLING = tuple(effect.name for effect in HOUSE if effect.traits.separated_by == "rolling")
+SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
+SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
@@ -127,7 +127,7 @@ def estimate(
     Raises
     ------
     NotIdentifiable
-        If the motion does not excite what the model asks for.
+        If the motion does not excite a parameter of the model.
     RecordingError
         If polarity or axis of the sidecar contradict the data.
 

@@ -55,7 +55,7 @@ def smoothed_signals(
     before: Signals | None,
     cutoff: float | None = None,
 ) -> Signals:
-    """Smoothed motion: corrected output plus the process noise that the readings ask for.
+    """Smoothed motion: corrected output plus the smoothed process noise.
 
     The smoothed noise is the optimal share of either channel at each frequency, so that the error of the signals is
     not correlated with what the replay regresses on them.
@@ -115,7 +115,7 @@ def smoothed_signals(
 def unread_spans(run: PreparedRun, integrals: DriveIntegrals, t: Array) -> list[slice]:
     """Spans of times `t` in which neither channel was read; a straight line bridges them.
 
-    An integral over what nobody measured would carry the motion far outside its range.
+    An integral over an interval without measurements would carry the motion far outside its range.
     """
     long = np.diff(run.t, prepend=run.t[0]) > HOLE * run.reading_step
     rows = np.flatnonzero(integrals.restart & long)

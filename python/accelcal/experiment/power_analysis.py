@@ -49,7 +49,7 @@ def power(
     ----------
     source : a recording, which is fitted first up to its first break, or a run that has been fitted.
     model : what is known already; the linear model by default. For a fitted run the model it was fitted with.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     alpha : family-wise false-alarm rate of `diagnose`.
     start, end : s, optional; only this part of a recording is used.
 

@@ -85,8 +85,8 @@ def fixed_rate_with_effects(
     """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
 
     u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m; RK4.
-    `step_with_effects(u, z, columns, leaning)` takes e_j per unit of c_j at the sample before, half-way and at this
-    one, (3, m) m/s², and b_j at this one, (m,) m; everything else is as in `fixed_rate`, a cubic between samples.
+    `step_with_effects(u, z, columns, position_columns)` takes e_j per unit of c_j at the sample before, half-way
+    and at this one, (3, m) m/s², and b_j at this one, (m,) m; all else is as in `fixed_rate`, a cubic between samples.
 
     Parameters
     ----------

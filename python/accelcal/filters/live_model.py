@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
-from accelcal.effects import HOUSE, Effect, is_local
+from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
 from accelcal.filters.causal_signals import CausalSignals
 from accelcal.filters.choice import GaussMarkov
@@ -143,9 +143,9 @@ class LiveModel:
         before, _, here = self._columns @ theta
         added = np.array([here, 2.0 * here - before])  # a line through the last step
         signals = self._signals.over(u, added, self._x, self._variances, self._side)
-        columns, leaning = self._evaluate(signals)
+        columns, position_columns = self._evaluate(signals)
         polarity = self.rig.polarity
-        e = self._filter.step_with_effects(u, None if z is None else polarity * z, columns, leaning)
+        e = self._filter.step_with_effects(u, None if z is None else polarity * z, columns, position_columns)
         self._columns = columns
         self._signals.advance(u, signals)
         return None if e is None else polarity * e
@@ -202,10 +202,10 @@ class LiveModel:
 
     def _evaluate(self, s: Signals) -> tuple[Array, Array]:
         """What effects add per unit over the step: (3, m) m/s² to the low-passed output, (m,) m to a reading."""
-        columns, leaning = np.zeros_like(self._columns), np.zeros(len(self._added))
+        columns, position_columns = np.zeros_like(self._columns), np.zeros(len(self._added))
         for j, (term, column) in enumerate(zip(self._added, evaluate(self._added, s), strict=True)):
             if term.port == "position":
-                leaning[j] = self.rig.polarity * column[2]
+                position_columns[j] = self.rig.polarity * column[2]
             else:
                 columns[:, j] = column
         if self._lag is not None and self._filter.samples > 0:
@@ -213,7 +213,7 @@ class LiveModel:
             start = self._columns[2]
             middle = decay * start + old * columns[0] + new * columns[1]
             columns[:] = start, middle, decay * middle + old * columns[1] + new * columns[2]
-        return columns, leaning
+        return columns, position_columns
 
 
 def refusal(effect: Effect) -> str | None:
@@ -224,7 +224,7 @@ def refusal(effect: Effect) -> str | None:
         return "its shape spans a whole record; model the bias as a process: gauss_markov={'bias': GaussMarkov(q, tau)}"
     if is_local(effect):
         return None
-    if effect in HOUSE:
+    if effect in BUILT_IN:
         return "its value at one time depends on the signals at other times; fit it to a record"
     return "an effect of your own may look at other times than the present; fit it to a record"
 

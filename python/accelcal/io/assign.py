@@ -117,7 +117,7 @@ def _common_clock(table: Table, sidecar: Path) -> Clock | None:
 
 
 def _recorded(table: Table, sources: Mapping[str, Source], channel: str, clock: Clock | None) -> bool:
-    """Whether the file holds the column of a channel, or one that nobody claims and that may be it."""
+    """Whether the file holds the column of a channel, or one that is not assigned and that may be it."""
     claimed = {source.column for source in sources.values()}
     claimed |= {time.column for time in (clock, *(source.time for source in sources.values())) if time and time.column}
     stamps = {column for column in table.columns if naming.role(naming.take_apart(column).base) == "time"}

@@ -69,7 +69,7 @@ def gather(
     fit : the model, as a model file holds it.
     recording : to evaluate it on, the fitted recording or another.
     holdout : unseen recording for the error reduction; by default the last 30 % of `recording`.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     command : that made the report; printed under provenance.
     report : called with the share of the work that is done, 0 to 1.
 

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal.diagnosis.policy import COLLINEAR_CORRELATION, FAMILY_REMAINDER_ALPHA
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.effects import HOUSE, Effect, find
+from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit
 
 
@@ -44,7 +44,7 @@ def family_replacing(fit: Fit, entering: str, members: Sequence[str] = ()) -> Re
     -------
     The curve with the effects that it replaces; None where nothing shows that an effect is misnamed.
     """
-    for family in HOUSE:
+    for family in BUILT_IN:
         replaced = [name for name in fit.model.effects if name in family.covers]
         if entering in replaced and family.name not in fit.model.effects:
             same_group = {name for group in family.groups if entering in group for name in group}
@@ -141,7 +141,7 @@ def confounding_families(name: str, gains: Mapping[str, float]) -> tuple[str, ..
         others, whichever is less.
     """
     families = {other: gain for other, gain in gains.items() if find(other).family}
-    for family in HOUSE:
+    for family in BUILT_IN:
         for group in family.groups:
             parts = [gains[part] for part in group if part in gains]
             if len(parts) > 1:
@@ -156,14 +156,14 @@ def sum_families(name: str, model: Sequence[str]) -> tuple[str, ...]:
     """
     return tuple(
         family.name
-        for family in HOUSE
+        for family in BUILT_IN
         if name in effects_of_variable(family, model) and len({*effects_of_variable(family, model), name}) > 1
     )
 
 
 def effects_of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
     """Effects of a model that are functions of a family's variable alone, the family included."""
-    random_biases = {e.name for e in HOUSE if e.port == "process"} if family.function_of == "t" else set()
+    random_biases = {e.name for e in BUILT_IN if e.port == "process"} if family.function_of == "t" else set()
     return tuple(name for name in model if name == family.name or name in family.covers or name in random_biases)
 
 

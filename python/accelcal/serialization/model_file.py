@@ -14,7 +14,7 @@ import numpy as np
 from accelcal import _core
 from accelcal.calibration.electrical import electrical
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
-from accelcal.effects import CATALOGUE, HOUSE, find, side_channel
+from accelcal.effects import BUILT_IN, CATALOGUE, find, side_channel
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
 from accelcal.estimation.run_fit import RunFit
@@ -59,7 +59,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
             "side_channels": {
                 e.name: {"channel": e.needs[0], "unit": e.unit}
                 for e in (find(name) for name in fit.model.effects)
-                if e not in HOUSE and not e.text
+                if e not in BUILT_IN and not e.text
             },
         },
         "parameters": [{**estimate_to_dict(e), "stands_for": tied_sum(fit, e.name)} for e in fit.estimates],

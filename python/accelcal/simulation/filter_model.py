@@ -1,4 +1,4 @@
-"""Records drawn from a filter's own model, for which an honest filter must be consistent (paper II-H, III-A1).
+"""Records drawn from a filter's own model, for which an optimal filter must be consistent (paper II-H, III-A1).
 
 Nothing here is a rig: the process noise is exactly the white noise that the ACI model (9) or the CWPA model (10)
 assumes, and the readings carry exactly the noise that its update assumes. What `accelcal.simulate` adds to that is what

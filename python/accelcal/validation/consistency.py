@@ -1,4 +1,4 @@
-"""Is a filter honest? NEES, NIS, whiteness, rms error and coverage, each against what chance alone would give.
+"""Consistency of a filter: NEES, NIS, whiteness, rms error and coverage, each against what chance alone would give.
 
 Statistics only; nothing here runs a filter. Source: Bar-Shalom, Li, Kirubarajan (2001), section 5.4; paper II-H.
 """
@@ -31,11 +31,11 @@ class Consistency:
     high: float
     """Two-sided region of `mean`: N mean is chi-square with N dof degrees of freedom."""
     probability: float
-    """Probability that an honest filter falls inside the region."""
+    """Probability that a consistent filter falls inside the region."""
 
     @property
     def verdict(self) -> ConsistencyVerdict:
-        """Overconfident: the errors are larger than the filter says."""
+        """Overconfident: the errors are larger than the stated covariance."""
         if not self.mean <= self.high:  # also catches NaN
             return "overconfident"
         return "underconfident" if self.mean < self.low else "consistent"

@@ -11,7 +11,7 @@ from accelcal.calibration.export import LaboratoryError, SchemaError, calibrate,
 from accelcal.calibration.export.dcc import UNITS, quantities
 from accelcal.calibration.export.laboratory import ENTRIES, Laboratory
 from accelcal.data.rig import Sensor, Uncertainty
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 
 from .models import VOLTS, fit_of
 
@@ -183,7 +183,7 @@ def test_every_unit_of_the_sensor_s_static_effects_has_a_si_notation():
     made, _ = certificate()
     assert {quantity.unit for quantity in quantities(made)} <= set(UNITS)
     static = {"bias", "scale_factor", "scale_asymmetry", "quadratic", "odd_quadratic", "cubic"}
-    assert {e.unit for e in HOUSE if e.name in static or e.name in ("temperature_bias", "temperature_scale")} <= set(
+    assert {e.unit for e in BUILT_IN if e.name in static or e.name in ("temperature_bias", "temperature_scale")} <= set(
         UNITS
     )
 

@@ -7,7 +7,7 @@ import pytest
 
 from accelcal.calibration.export import NotExportable, calibrate, header, module, to_dict
 from accelcal.calibration.export.inverse import READING_OUTSIDE, evaluate
-from accelcal.effects import HOUSE, from_expression
+from accelcal.effects import BUILT_IN, from_expression
 from accelcal.effects.registry import CATALOGUE
 
 from .models import SHAPES, THERMAL, fit_of
@@ -27,7 +27,7 @@ def named(effect):
 
 
 @pytest.mark.parametrize(
-    "effect", [e for e in HOUSE if e.name not in EXPORTED and e.name != "time_offset"], ids=lambda e: e.name
+    "effect", [e for e in BUILT_IN if e.name not in EXPORTED and e.name != "time_offset"], ids=lambda e: e.name
 )
 def test_every_other_effect_is_left_out_or_refused_by_its_owner(effect):
     fit = named(effect)

@@ -15,7 +15,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
-from accelcal.effects import HOUSE, Effect, find, is_local
+from accelcal.effects import BUILT_IN, Effect, find, is_local
 from accelcal.estimation.columns import CHUNK, ColumnFilter, whitened_columns
 from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.estimation.run_state import RunState
@@ -110,7 +110,7 @@ def off_in_a_part(effect: Effect) -> float:
     return float(np.max(np.abs(part - whole)) / max(float(np.max(np.abs(whole))), 1e-300))
 
 
-@pytest.mark.parametrize("effect", [e for e in HOUSE if is_local(e)], ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", [e for e in BUILT_IN if is_local(e)], ids=lambda e: e.name)
 def test_an_effect_without_memory_has_its_values_on_any_stretch(effect: Effect):
     assert off_in_a_part(effect) == 0.0
 

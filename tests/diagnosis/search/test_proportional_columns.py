@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.refine import profile_loss
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
-from accelcal.effects import HOUSE, Effect, find
+from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.columns import multiples, sizes
 from accelcal.estimation.estimate import solve_runs
 from accelcal.model import Model, terms_of
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from tests.effects.motions import sines
 
-WITH_BASIS = [effect for effect in HOUSE if effect.basis]
+WITH_BASIS = [effect for effect in BUILT_IN if effect.basis]
 
 
 MOTION = sines()

@@ -26,7 +26,7 @@ pub enum Carrier {
 const SLACK: f64 = 1e-6;
 
 impl<const N: usize> Belief<N> {
-    /// The same belief if `P` can still be a covariance.
+    /// Returns the belief if `P` is still a covariance.
     ///
     /// The test is cheap and deterministic: every variance is non-negative and no two states correlate by more than one.
     /// A zero variance (a parameter known exactly) passes.

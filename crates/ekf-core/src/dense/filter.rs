@@ -78,7 +78,7 @@ pub struct Outcome<const N: usize> {
 }
 
 impl<S> Filter<S> {
-    /// The same choices for another system.
+    /// This filter with another system.
     pub fn with_system<T>(self, system: T) -> Filter<T> {
         let Self { system: _, interpolation, integrator, order, carrier, R_position, R_output, gate } = self;
         Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }

@@ -22,7 +22,7 @@ pub struct Gains<'a> {
     pub S: &'a [f64],
 }
 
-/// One reading, with the gains and the weight that a column meets there.
+/// One reading, with the gains and the weight applied to a column there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilteredReading {
     /// Time since the reading before, s.

@@ -216,10 +216,10 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn new(gains: Gains<'_>, rows: usize, before: Option<f64>) -> Result<Self, ReplayError> {
+    fn new(gains: Gains<'_>, grid: Grid, rows: usize, before: Option<f64>) -> Result<Self, ReplayError> {
         let (mut readings, mut cells) = (Vec::new(), Vec::new());
         let counts = vec![true; gains.t.len()];
-        prepare(gains, &counts, (GRID, rows), before, |cell| cells.push(cell), |reading| readings.push(reading))?;
+        prepare(gains, &counts, (grid, rows), before, |cell| cells.push(cell), |reading| readings.push(reading))?;
         Ok(Self { readings, cells })
     }
 
@@ -240,7 +240,7 @@ impl Filtered {
     /// Appends readings `rows` of the record.
     fn extend(&mut self, kept: &Kept, restart: &[bool], rows: core::ops::Range<usize>) {
         let before = rows.start.checked_sub(1).map(|k| T[k]);
-        let prepared = Prepared::new(kept.gains(restart, rows.clone()), ROWS, before).unwrap();
+        let prepared = Prepared::new(kept.gains(restart, rows.clone()), GRID, ROWS, before).unwrap();
         let curve: [f64; ROWS] = core::array::from_fn(|i| column(GRID.start + i as f64 * GRID.step));
         let [mut a, mut b, mut c] = [(); 3].map(|()| vec![0.0; rows.len()]);
         let columns: [&[f64]; 2] = [&curve, &[1.0; ROWS]];
@@ -263,13 +263,13 @@ fn filtered_columns_equal_differences_of_the_filter() {
         let step = |k: usize| if k == 0 || restart[k] { 0.0 } else { T[k] - T[k - 1] };
         let from = |k: usize| T[k] - step(k);
         let curved: [f64; N] = core::array::from_fn(|k| FIRST[k] + once(T[k]) - once(from(k)));
-        let bent: [f64; N] =
+        let twice_curved: [f64; N] =
             core::array::from_fn(|k| SECOND[k] + twice(T[k]) - twice(from(k)) - step(k) * once(from(k)));
         let faster: [f64; N] = core::array::from_fn(|k| FIRST[k] + step(k));
         let farther: [f64; N] = core::array::from_fn(|k| SECOND[k] + step(k) * step(k) / 2.0);
         let lowered: [f64; N] = core::array::from_fn(|k| Z[k] - DIRECT[k]);
         let changed = [
-            Readings { first: &curved, second: &bent, ..readings(&restart) },
+            Readings { first: &curved, second: &twice_curved, ..readings(&restart) },
             Readings { first: &faster, second: &farther, ..readings(&restart) },
             Readings { z: &lowered, ..readings(&restart) },
         ];
@@ -340,9 +340,11 @@ fn unusable_readings_are_refused_with_the_place() {
 #[test]
 fn a_grid_that_does_not_reach_over_the_readings_is_refused() {
     let kept = Kept::of(readings(&WHOLE), NOISE, PRIOR).unwrap();
-    let short = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS - 1, None).err(); // ends at 0.22 s
+    let short = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS - 1, None).err(); // ends at 0.22 s
     assert_eq!(short, Some(ReplayError::Grid { index: 6, t: T[6] }));
-    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), ROWS, None).unwrap();
+    let late = Prepared::new(kept.gains(&WHOLE, 0..N), Grid { start: 0.005, ..GRID }, ROWS, None).err();
+    assert_eq!(late, Some(ReplayError::Grid { index: 1, t: T[1] }));
+    let prepared = Prepared::new(kept.gains(&WHOLE, 0..N), GRID, ROWS, None).unwrap();
     let mut sums = [0.0; N - 1];
     let found = filter_reading_columns(prepared.span(), [&DIRECT], &mut Response::default(), [&mut sums]);
     assert_eq!(found, Err(ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 })));
@@ -420,8 +422,8 @@ fn interleaved_records_have_the_likelihood_of_each() {
     assert!((single - expected).abs() < 1e-12 * expected.abs(), "{single} {expected}");
     let other = Noise { q: 4e-5, ..LOW_NOISE };
     let moved = log_likelihood(&interleaved([parts.part(0)]), other, SHARP).unwrap();
-    let is_constant = log_likelihood(&interleaved([parts.part(0)]), LOW_NOISE, SHARP).unwrap();
-    assert!((moved - is_constant).abs() > 1e-6 * is_constant.abs());
+    let unchanged = log_likelihood(&interleaved([parts.part(0)]), LOW_NOISE, SHARP).unwrap();
+    assert!((moved - unchanged).abs() > 1e-6 * unchanged.abs());
 }
 
 #[test]

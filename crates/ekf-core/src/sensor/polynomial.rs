@@ -58,7 +58,7 @@ impl Form {
         Ok(response.with_bias_before())
     }
 
-    /// What the sensor says at true acceleration `a`, m/s^2; the input of the partials is `a`.
+    /// Output at true acceleration `a`, m/s^2; the input of the partials is `a`.
     ///
     /// # Errors
     /// [`DomainError`] if the inverse cubic is not monotone from zero to `a`.

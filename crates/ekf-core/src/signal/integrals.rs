@@ -135,7 +135,7 @@ pub fn drive(
     Ok(())
 }
 
-/// Walks once over the samples while intervals advance.
+/// Iterates once over the samples while intervals advance.
 struct Cursor<'a> {
     samples: Samples<'a>,
     conditioning: Conditioning,

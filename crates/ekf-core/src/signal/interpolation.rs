@@ -18,7 +18,7 @@ pub struct Segment {
     pub c: [f64; 4],
 }
 
-/// A neighbour farther away than this many segment lengths says nothing about the curve inside.
+/// A neighbour farther away than this many segment lengths is not used for the curve inside.
 const FAR: f64 = 5.0;
 /// A segment this many times as long as the distance of its neighbours is not bridged by them: noise would be magnified.
 const LONG: f64 = 4.0;

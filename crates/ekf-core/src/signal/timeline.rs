@@ -43,16 +43,16 @@ impl Samples<'_> {
         Some(Event { t: *self.t.get(index)?, channel, value: *self.y.get(index)? })
     }
 
-    /// The output between its samples once `taken` of them lie in the past, and where that piece starts, s.
+    /// The output between its samples once `passed` of them lie in the past, and where that piece starts, s.
     ///
     /// Outside the samples the nearest one is held.
     #[must_use]
-    pub fn piece(&self, taken: usize, how: Interpolation) -> (Segment, f64) {
+    pub fn piece(&self, passed: usize, how: Interpolation) -> (Segment, f64) {
         let last = self.t.len().min(self.y.len());
-        if taken > 0 && taken < last {
-            return (Segment::between(self.t, self.y, taken - 1, how), self.t[taken - 1]);
+        if passed > 0 && passed < last {
+            return (Segment::between(self.t, self.y, passed - 1, how), self.t[passed - 1]);
         }
-        let nearest = taken.min(last.saturating_sub(1));
+        let nearest = passed.min(last.saturating_sub(1));
         let held = self.y.get(nearest).copied().unwrap_or(0.0);
         let start = self.t.get(nearest).copied().unwrap_or(0.0);
         let segment = Segment { c: [held, 0.0, 0.0, 0.0] };

@@ -27,7 +27,7 @@ pub struct Live<E: Engine<N>, const N: usize> {
     u: [f64; REACH],
     /// Outputs in the window, and how many of them were processed.
     held: usize,
-    taken: usize,
+    processed: usize,
     queue: [Option<Event>; CAPACITY],
     waiting: usize,
 }
@@ -46,7 +46,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
             t: [0.0; REACH],
             u: [0.0; REACH],
             held: 0,
-            taken: 0,
+            processed: 0,
             queue: [None; CAPACITY],
             waiting: 0,
         })
@@ -124,7 +124,7 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
             self.t.copy_within(1.., 0);
             self.u.copy_within(1.., 0);
             self.held -= 1;
-            self.taken = self.taken.saturating_sub(1);
+            self.processed = self.processed.saturating_sub(1);
         }
         self.t[self.held] = event.t;
         self.u[self.held] = event.value;
@@ -134,13 +134,13 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
     fn drain(&mut self, ended: bool, mut keep: impl FnMut(&E::Outcome)) -> Result<(), RunError> {
         while let Some(event) = self.queue[0].filter(|_| ended || self.ready()) {
             let window = Samples { t: &self.t[..self.held], y: &self.u[..self.held] };
-            let piece = window.piece(self.taken, self.filter.interpolation());
+            let piece = window.piece(self.processed, self.filter.interpolation());
             let step = self.filter.process(&self.track, &event, piece);
             self.queue.copy_within(1..self.waiting, 0);
             self.waiting -= 1;
             self.queue[self.waiting] = None;
             if event.channel == Channel::Output {
-                self.taken += 1;
+                self.processed += 1;
             }
             let outcome;
             (self.track, outcome) = step?;
@@ -156,9 +156,9 @@ impl<E: Engine<N>, const N: usize> Live<E, N> {
         }
         match self.filter.interpolation() {
             Interpolation::Hold => self.held > 0,
-            Interpolation::Linear => self.held > self.taken && self.held > 0,
+            Interpolation::Linear => self.held > self.processed && self.held > 0,
             Interpolation::Cubic => {
-                self.taken == 0 && self.held > 0 || self.held == REACH && self.taken + 1 < self.held
+                self.processed == 0 && self.held > 0 || self.held == REACH && self.processed + 1 < self.held
             }
         }
     }

@@ -145,15 +145,15 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             now.g = now.g * decay;
             integrals.add(h - s, weight, q, &now);
         }
-        let walks = self.drift_noise(q, drift, step)?;
+        let process_noise = self.drift_noise(q, drift, step)?;
         self.carried(q.like(h), &integrals);
         let decay = drift.decay(q, h);
         (self.theta, self.P_theta) = drift.propagated(&self.theta, &self.P_theta, h);
-        self.c1 = self.c1 * decay + walks.c1;
-        self.c2 = self.c2 * decay + walks.c2;
-        self.ppp = self.ppp + walks.ppp;
-        self.ppv = self.ppv + walks.ppv;
-        self.pvv = self.pvv + walks.pvv;
+        self.c1 = self.c1 * decay + process_noise.c1;
+        self.c2 = self.c2 * decay + process_noise.c2;
+        self.ppp = self.ppp + process_noise.ppp;
+        self.ppv = self.ppv + process_noise.ppv;
+        self.pvv = self.pvv + process_noise.pvv;
         Ok(())
     }
 

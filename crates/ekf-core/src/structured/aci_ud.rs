@@ -95,10 +95,10 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.v = self.v + push.dv;
         if pivot.is_positive() {
             // The noise alone has pivots qvv and qpp - qpv^2 / qvv; what both share is a square, never a difference.
-            let lean = if qvv.is_positive() { qpv / qvv } else { zero };
-            let apart = w - lean;
+            let ratio = if qvv.is_positive() { qpv / qvv } else { zero };
+            let remainder = w - ratio;
             self.upv = (w * dv + qpv) / pivot;
-            self.d = [dp + (qpp - qpv * lean) + dv * (qvv / pivot) * apart * apart, pivot];
+            self.d = [dp + (qpp - qpv * ratio) + dv * (qvv / pivot) * remainder * remainder, pivot];
         } else {
             self.upv = zero;
             self.d = [dp + qpp, pivot];
@@ -121,7 +121,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
     ///
     /// Every new pivot is the old one times a ratio of sums of positive terms.
     #[inline(always)]
-    pub fn correct(&mut self, R: T, taken: &MaskedInnovation<T>) {
+    pub fn correct(&mut self, R: T, innovation: &MaskedInnovation<T>) {
         let zero = R.like(0.0);
         let mut s = R + self.d[0];
         let mut gp = self.d[0];
@@ -161,7 +161,7 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
             }
             gains[j] = g;
         }
-        let scaled = taken.e / s;
+        let scaled = innovation.e / s;
         self.p = gp.times_plus(scaled, self.p);
         self.v = gv.times_plus(scaled, self.v);
         self.theta = self.theta.plus(scaled, Plain(gains));

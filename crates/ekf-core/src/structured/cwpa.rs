@@ -164,12 +164,12 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
 
     /// Updates by a reading of position; the row of `p` is multiplied by `R / S`.
     #[inline(always)]
-    pub fn correct_position(&mut self, R: V::Number, taken: &MaskedInnovation<V::Number>) {
-        let i = taken.inverse();
-        let f = taken.left(R, i);
+    pub fn correct_position(&mut self, R: V::Number, innovation: &MaskedInnovation<V::Number>) {
+        let i = innovation.inverse();
+        let f = innovation.left(R, i);
         let column = [self.ppp, self.ppv, self.ppa];
         let c = self.cp;
-        self.correct(i, taken.e, column, c);
+        self.correct(i, innovation.e, column, c);
         self.ppp = column[0] * f;
         self.ppv = column[1] * f;
         self.ppa = column[2] * f;
@@ -219,16 +219,16 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
 
     /// Updates by a reading of the output.
     #[inline(always)]
-    pub fn correct_output(&mut self, taken: &OutputInnovation<V>) {
-        let i = taken.innovation.inverse();
-        let [kp, kv, ka] = taken.motion;
-        let gain = taken.theta.scaled(-i);
+    pub fn correct_output(&mut self, output: &OutputInnovation<V>) {
+        let i = output.innovation.inverse();
+        let [kp, kv, ka] = output.motion;
+        let gain = output.theta.scaled(-i);
         let minus = -(kp * i);
         self.ppp = minus.times_plus(kp, self.ppp);
         self.ppv = minus.times_plus(kv, self.ppv);
         self.ppa = minus.times_plus(ka, self.ppa);
         self.cp = self.cp.plus(kp, gain);
-        self.correct(i, taken.innovation.e, taken.motion, taken.theta);
+        self.correct(i, output.innovation.e, output.motion, output.theta);
     }
 
     /// `x += column e i`, `P -= column column' i`, but for the row of `p` in `P`.

@@ -61,7 +61,7 @@ pub struct AciWith<E> {
 /// CWPA with a sensor.
 #[derive(Debug, Clone, Copy)]
 pub struct CwpaWith<O> {
-    /// What the output says of the acceleration.
+    /// Acceleration computed from the output.
     pub sensor: O,
 }
 

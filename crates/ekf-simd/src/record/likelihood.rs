@@ -48,7 +48,7 @@ pub trait LikelihoodSum<T>: Copy {
     fn new(witness: T) -> Self;
 
     /// One reading.
-    fn add(&mut self, taken: &MaskedInnovation<T>);
+    fn add(&mut self, innovation: &MaskedInnovation<T>);
 
     /// The log-likelihood of the readings so far; zero if it is not kept.
     fn value(&self) -> T;
@@ -81,8 +81,8 @@ impl<T: Logarithm> LikelihoodSum<T> for LogLikelihood<T> {
     }
 
     #[inline(always)]
-    fn add(&mut self, taken: &MaskedInnovation<T>) {
-        let &MaskedInnovation { e, s, present } = taken;
+    fn add(&mut self, innovation: &MaskedInnovation<T>) {
+        let &MaskedInnovation { e, s, present } = innovation;
         let one = e.like(1.0);
         let scaled = e.like(std::f64::consts::TAU) * s;
         let (nis, s) = match present {

@@ -45,7 +45,7 @@ impl<T> Sample<T> {
     }
 }
 
-/// A uniform record as a run sees it.
+/// Samples of a uniform record by index.
 pub trait Record<T> {
     /// Whether samples up to `j` can be read; checked once, so that the loops need no bounds checks.
     fn reaches(&self, j: usize) -> bool;
@@ -104,7 +104,7 @@ fn during<T: Number>(record: &impl Record<T>, how: Interpolation, j: usize) -> [
 }
 
 impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>, L> {
-    /// Goes from sample `from` to sample `to`, reading positions after `from` up to `to`.
+    /// Processes samples from `from` to `to`, reading positions after `from` up to `to`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
@@ -184,7 +184,7 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
 }
 
 impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>, L> {
-    /// Goes from sample `from` to sample `to`, reading both channels after `from` up to `to`.
+    /// Processes samples from `from` to `to`, reading both channels after `from` up to `to`.
     ///
     /// # Errors
     /// [`DomainError`] where the sensor has no inverse.
@@ -241,10 +241,10 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
         sample: Sample<V::Number>,
     ) -> Result<(), DomainError> {
         let Some((z, present)) = sample.given() else { return Ok(()) };
-        let mut taken = self.block.innovate_output(sensor, order, z, R)?;
-        taken.innovation.present = present;
-        self.block.correct_output(&taken);
-        self.score.add(&taken.innovation);
+        let mut output = self.block.innovate_output(sensor, order, z, R)?;
+        output.innovation.present = present;
+        self.block.correct_output(&output);
+        self.score.add(&output.innovation);
         Ok(())
     }
 
@@ -252,8 +252,8 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
         let Some((z, present)) = sample.given() else { return };
-        let taken = MaskedInnovation { present, ..self.block.innovate_position(z, settings.R_position) };
-        self.block.correct_position(settings.R_position, &taken);
-        self.score.add(&taken);
+        let innovation = MaskedInnovation { present, ..self.block.innovate_position(z, settings.R_position) };
+        self.block.correct_position(settings.R_position, &innovation);
+        self.score.add(&innovation);
     }
 }

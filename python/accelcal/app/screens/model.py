@@ -6,7 +6,7 @@ from nicegui import ui
 
 from accelcal.app import widgets, wording
 from accelcal.app.page import Page
-from accelcal.effects import HOUSE, spelled
+from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import tied_sum
 from accelcal.formatting import number, usual
@@ -106,7 +106,9 @@ def added(page: Page) -> None:
                 lambda name=name: page.improve(bench.drop, name),
                 label=f"Remove {spelled(name)}",
             )
-    known = [e.name for e in HOUSE if e.traits.visible and e.port != "noise" and e.name not in step.fit.model.effects]
+    known = [
+        e.name for e in BUILT_IN if e.traits.visible and e.port != "noise" and e.name not in step.fit.model.effects
+    ]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(

@@ -172,7 +172,7 @@ def _require_left_out(without: Sequence[str], own: Characteristic) -> None:
 
 
 def _domain(fit: Fit, own: Characteristic) -> Domain:
-    """Accelerations and temperatures that the fit has seen, as far as the output does not saturate."""
+    """Accelerations and temperatures of the trained range, as far as the output does not saturate."""
     if "a" not in fit.validity:
         raise NotExportable(
             "the model does not state the range of accelerations of its fit; fit it again: "

@@ -20,7 +20,7 @@ from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.effects import HOUSE
+from accelcal.effects import BUILT_IN
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
@@ -126,7 +126,7 @@ def smooth_rivals(item: Hypothesis, s: Signals) -> tuple[str, ...]:
     """
     if RESOLVED_WAVE_PERIODS * item.shape.get("period", 0.0) <= float(np.ptp(s.p)):
         return ()
-    return tuple(family.name for family in HOUSE if item.effect.name in family.covers)
+    return tuple(family.name for family in BUILT_IN if item.effect.name in family.covers)
 
 
 def redundant(evidence: CandidateScores, i: int, G: Array) -> tuple[str, ...]:

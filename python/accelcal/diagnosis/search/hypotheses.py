@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
-from accelcal.effects import HOUSE, Effect, find, side_channels, users_own
+from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
@@ -51,13 +51,13 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     ----------
     state : a fitted run.
     model : effects that it has are not offered again, but for the fine form of a coarse curve.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     """
     s = state.signals
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items()]
-    offered = (*HOUSE, *side_channels(recorded), *(users_own() if extra is None else extra))
+    offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
-    time_functions = {name for e in HOUSE if e.function_of == "t" for name in e.covers} if random_bias else set()
+    time_functions = {name for e in BUILT_IN if e.function_of == "t" for name in e.covers} if random_bias else set()
     hypotheses: list[Hypothesis] = []
     for effect in offered:
         if may_be_refined(model, effect):

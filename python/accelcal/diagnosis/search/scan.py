@@ -100,7 +100,7 @@ def scan(
     ----------
     passes : fitted runs.
     model : the model they were fitted with.
-    extra : users' effects to consider besides the house catalogue; by default all that are registered.
+    extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     only : test these effects alone, whether significant or not.
     separate : contributions that other tests report, such as spectral lines; no effect is credited for explaining them.
     alpha : family-wise false-alarm rate.
