@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from accelcal._support.threads import one_thread
-from accelcal.data.recording import Recording
+from accelcal.data.recording import Recording, listed
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
@@ -59,7 +59,7 @@ def diagnose(
     NotIdentifiable
         If the motion does not excite what the model already contains.
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    several = listed(recordings)
     stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
 
@@ -118,7 +118,7 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    several = listed(recordings)
     share = 0.8 if reject_outliers else 1.0
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
@@ -175,7 +175,7 @@ def add(
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    several = listed(recordings)
     model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
@@ -208,7 +208,7 @@ def drop(
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    several = listed(recordings)
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
     return fit_without_outliers(left, several)
 
@@ -266,7 +266,7 @@ def improve(
     NotIdentifiable, RecordingError
         From the fit of the base model.
     """
-    original = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    original = listed(recordings)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end

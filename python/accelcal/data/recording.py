@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -116,6 +116,11 @@ class Recording:
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
         side = {name: channel for name, channel in side.items() if len(channel)}
         return replace(self, accel=accel, position=position, side=side, digest=digest)
+
+
+def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """One recording, or several, as a list."""
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
 def require_same_sensor(recording: Recording, rig: Rig, other: str) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping, Sequence
-from functools import cached_property
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from itertools import groupby, pairwise
 
 import numpy as np
@@ -28,6 +28,9 @@ PARALLEL = 8
 """Columns that pass the filter at a time."""
 TIMES = 256
 """Times at which two columns are compared."""
+
+Carry = Callable[[Array, Array], None]
+"""Filters the columns of a stretch: response before and after it, (columns, 2), and their sums, (columns, rows)."""
 
 
 def whitened_columns(state: RunState, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
@@ -63,26 +66,28 @@ def whitened_accelerations(state: RunState, columns: Sequence[Array], step: floa
     columns : accelerations from the first reading on, (rows,) each.
     step : their spacing, s.
     """
-    grid = float(state.run.t[0]), step, len(columns[0])
-    whitened, response = np.empty((int(np.sum(state.counts)), len(columns))), np.zeros((len(columns), 2))
-    begin = 0
-    for readings in chunks(state):
-        bank = bank_of(state, readings, grid)
-        sums = np.empty((len(columns), bank.rows))
-        bank.carry_inputs(list(columns), 1.0, response, sums)
-        whitened[begin : begin + bank.rows] = sums.T
-        begin += bank.rows
-    return whitened
+    grid, inputs = (float(state.run.t[0]), step, len(columns[0])), list(columns)
+    banks = (bank_of(state, readings, grid) for readings in chunks(state))
+    return joined(state, len(inputs), ((bank, partial(bank.carry_inputs, inputs, 1.0)) for bank in banks))
 
 
 def whitened_reading_errors(state: RunState, columns: Sequence[Array]) -> Array:
     """Whitened responses to errors of the readings, (n,) each, as (counted readings, columns)."""
-    whitened, response = np.empty((int(np.sum(state.counts)), len(columns))), np.zeros((len(columns), 2))
-    begin = 0
-    for readings in chunks(state):
+
+    def carried(readings: slice) -> tuple[_core.Bank, Carry]:
         bank = bank_of(state, readings, grid_times(state, grid_rows(state, readings)))
-        sums = np.empty((len(columns), bank.rows))
-        bank.carry_readings([column[readings] for column in columns], response, sums)
+        return bank, partial(bank.carry_readings, [column[readings] for column in columns])
+
+    return joined(state, len(columns), map(carried, chunks(state)))
+
+
+def joined(state: RunState, width: int, stretches: Iterable[tuple[_core.Bank, Carry]]) -> Array:
+    """Whitened columns of successive stretches as one array, (counted readings, width); the response is carried on."""
+    whitened, response = np.empty((int(np.sum(state.counts)), width)), np.zeros((width, 2))
+    begin = 0
+    for bank, carry in stretches:
+        sums = np.empty((width, bank.rows))
+        carry(response, sums)
         whitened[begin : begin + bank.rows] = sums.T
         begin += bank.rows
     return whitened

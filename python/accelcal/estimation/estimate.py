@@ -11,7 +11,7 @@ import numpy as np
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Recording, RecordingError, require_same_sensor
+from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.gauss_newton import (
@@ -136,7 +136,7 @@ def estimate(
     Gauss-Newton about the exact nominal: output re-stamped by `time_offset`, integrals of the output, RTS-smoothed
     motion as regressors, q and R by innovation likelihood in each of the first rounds.
     """
-    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    several = listed(recordings)
     if not several:
         raise ValueError("a fit needs at least one recording")
     return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
