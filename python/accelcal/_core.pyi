@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 _Array = NDArray[np.float64]
 _Flags = NDArray[np.bool_]
+_Record = tuple[_Array, _Array, _Array, _Array, _Flags, _Array]
 
 __version__: str
 __all__ = [
@@ -153,7 +154,7 @@ def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float
 ) -> tuple[_Array, _Array, _Flags]: ...
 def innovations(
-    drives: list[tuple[_Array, _Array, _Array, _Array, _Flags]],
+    drives: list[_Record],
     *,
     q: float,
     r: float,
@@ -181,7 +182,7 @@ class Bank:
 
 @final
 class Parts:
-    def __new__(cls, parts: list[tuple[_Array, _Array, _Array, _Array, _Flags, _Flags]]) -> Parts: ...
+    def __new__(cls, parts: list[tuple[_Record, _Flags]]) -> Parts: ...
     def log_likelihood(self, *, q: float, r: float, prior: tuple[float, float, float, float]) -> float: ...
 
 @final
@@ -193,12 +194,13 @@ class ReplayTrack:
         first: _Array,
         second: _Array,
         restart: _Flags,
+        extra_q: _Array,
         *,
         q: float,
         r: float,
         prior: tuple[float, float, float, float],
     ) -> ReplayTrack: ...
     def smooth(
-        self, t: _Array, z: _Array, first: _Array, second: _Array, restart: _Flags
+        self, t: _Array, z: _Array, first: _Array, second: _Array, restart: _Flags, extra_q: _Array
     ) -> tuple[_Array, _Array, _Array]: ...
     def series(self, name: str) -> _Array: ...

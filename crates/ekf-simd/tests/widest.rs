@@ -21,6 +21,7 @@ struct Record {
     first: Vec<f64>,
     second: Vec<f64>,
     restart: Vec<bool>,
+    extra_q: Vec<f64>,
     counts: Vec<bool>,
 }
 
@@ -33,12 +34,13 @@ impl Record {
             first: each(&|x| 1e-4 * (0.1 * x).sin()),
             second: each(&|x| 1e-8 * (0.2 * x).cos()),
             restart: (0..READINGS).map(|k| k == 0 || k == 90).collect(),
+            extra_q: (0..READINGS).map(|k| if k % 31 == 7 { 1e-6 } else { 0.0 }).collect(),
             counts: (0..READINGS).map(|k| k > 5 && k % 7 != 0).collect(),
         }
     }
 
     fn readings(&self) -> Readings<'_> {
-        Readings { t: &self.t, z: &self.z, first: &self.first, second: &self.second, restart: &self.restart }
+        Readings { t: &self.t, z: &self.z, first: &self.first, second: &self.second, restart: &self.restart, extra_q: &self.extra_q }
     }
 }
 

@@ -10,7 +10,6 @@ import scipy
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
-from accelcal.diagnosis.noise_tests.robust import LOCAL
 from accelcal.diagnosis.policy import (
     BREAK_BAND_RATIO,
     BREAK_EXPLAINED,
@@ -32,6 +31,7 @@ from accelcal.diagnosis.relation import (
     _unexplained,
 )
 from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.signals.series import LOCAL
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests.robust import LOCAL, local_spread
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
@@ -28,6 +27,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.estimation.drive import HOLE
 from accelcal.estimation.run import PreparedRun
+from accelcal.signals.series import LOCAL, local_spread
 
 Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
 

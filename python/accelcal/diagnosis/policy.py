@@ -102,6 +102,16 @@ NOISE_TEST_ALPHA = 1e-4
 NOISE_TEST_LEAST_BLOCKS = 40
 """Blocks below which no noise test looks for a correlation with the motion. Fewer show none that is significant at
 1e-4. [blocks; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+JITTER_BAND = 0.3
+"""Share of the sampling rate above which jitter of the time stamps is judged. Jitter is white, while the power of a
+jump of the jerk falls as f^-4. [ratio; tests/diagnosis/noise_tests/test_unresolved.py]"""
+JUMP_TAIL_RATIO = 0.3
+"""Power of a jump of the motion above 0.3 of the sampling rate, over its power between 0.1 and 0.2, that is taken off
+before jitter is judged. A sampled step of the acceleration has 0.25, smoother ones less, jitter 1. [ratio;
+tests/diagnosis/noise_tests/test_unresolved.py]"""
+EXAMINED_SIGMA = 4.0
+"""Local standard deviations above which a sample is examined for a jump of the motion before it counts. Below it a jump
+changes no test of outliers. [sigma; tests/diagnosis/noise_tests/test_unresolved.py]"""
 OUTLIER_SIGMA = 5.5
 """Local standard deviations above which a sample may be an outlier. Normal noise exceeds it once in 26 million
 samples. [sigma; tests/diagnosis/noise_tests/test_noise_tests.py]"""

@@ -35,11 +35,11 @@ class RelationColumns:
             (early.first + late.first - 2.0 * plain.first, early.second + late.second - 2.0 * plain.second),
             (h, h**2 / 2.0),
         ]
-        moving = ~gone
+        moving, extra = ~gone, plain.extra_q
         self.drives = [
-            DriveIntegrals(plain.t, zero, first * moving, second * moving, gone) for first, second in integrals
+            DriveIntegrals(plain.t, zero, first * moving, second * moving, gone, extra) for first, second in integrals
         ]
-        self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone))
+        self.drives.append(DriveIntegrals(plain.t, np.ascontiguousarray(plain.z - plain.z[0]), zero, zero, gone, extra))
 
     def in_band(self, band: float) -> BandRelation:
         """Innovations of each column behind a filter whose crossover is `band`, Hz."""
@@ -67,7 +67,7 @@ class RelationColumns:
         begins = zero > 0.0
         begins[0] = True
         t: Array = np.arange(len(reading), dtype=np.float64) * run.reading_step
-        return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins), noise).series("e")[
+        return run_filter(run, DriveIntegrals(t, reading, zero, zero, begins, zero), noise).series("e")[
             before + len(z) // 2 :
         ]
 

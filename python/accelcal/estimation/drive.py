@@ -28,11 +28,13 @@ class DriveIntegrals:
     """Position gained over it beyond v h, m."""
     restart: Flags
     """Where the accelerometer record does not reach across the interval."""
+    extra_q: Array
+    """Density of process noise of the interval beyond that of the record: what sampling hides, (m/s²)²/Hz."""
 
     @property
-    def arrays(self) -> tuple[Array, Array, Array, Array, Flags]:
+    def arrays(self) -> tuple[Array, Array, Array, Array, Flags, Array]:
         """In the order that the core takes them."""
-        return self.t, self.z, self.first, self.second, self.restart
+        return self.t, self.z, self.first, self.second, self.restart, self.extra_q
 
     def settled(self, wait: float) -> Flags:
         """Readings later than `wait` behind the last start; of a short stretch at least the last four fifths."""
@@ -45,7 +47,8 @@ class DriveIntegrals:
         """The readings in `rows`, with a restart at the first."""
         restart = self.restart[rows].copy()
         restart[0] = True
-        return DriveIntegrals(self.t[rows], self.z[rows], self.first[rows], self.second[rows], restart)
+        first, second, extra = self.first[rows], self.second[rows], self.extra_q[rows]
+        return DriveIntegrals(self.t[rows], self.z[rows], first, second, restart, extra)
 
 
 def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveIntegrals:
@@ -59,8 +62,8 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     """
     begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
     first, second, covered = _core.drive(
-        run.accel.t - begin,
-        run.accel.y,
+        run.filled.t - begin,
+        run.filled.y,
         run.t - begin,
         how="cubic",
         tau=run.tau(values),
@@ -89,7 +92,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     second *= gain
     second -= run.rig.gravity * h**2 / 2.0
     first[restart] = second[restart] = 0.0
-    return DriveIntegrals(run.t, z, first, second, restart)
+    return DriveIntegrals(run.t, z, first, second, restart, run.extra_q)
 
 
 def run_filter(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:

@@ -44,11 +44,10 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     h = np.diff(plain.t, prepend=plain.t[0])
     zero = np.zeros_like(h)
     polarity = run.rig.polarity
-    ones = DriveIntegrals(
-        plain.t, zero, np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2), plain.restart
-    )
-    encoder = DriveIntegrals(plain.t, plain.z, zero, zero, plain.restart)
-    output = DriveIntegrals(plain.t, zero, plain.first, plain.second, plain.restart)
+    once, twice = np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2)
+    ones = DriveIntegrals(plain.t, zero, once, twice, plain.restart, plain.extra_q)
+    encoder = DriveIntegrals(plain.t, plain.z, zero, zero, plain.restart, plain.extra_q)
+    output = DriveIntegrals(plain.t, zero, plain.first, plain.second, plain.restart, plain.extra_q)
     r = run.reading_variance_guess
     rate = 1.0 / run.reading_step
     best: tuple[float, float, float, Noise] | None = None

@@ -115,7 +115,7 @@ def estimate_noise(
     Returns
     -------
     Noise
-        Intensities; `r` is never below a twentieth of the variance of one encoder step.
+        Intensities; `r` is never below `run.least_reading_variance`.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def estimate_noise(
         From the core, if the record is unusable.
     """
     likelihood = Likelihood(run, integrals, start, counts)
-    floor = math.log(max(run.least_step**2 / 12.0 / 20.0, 1e-30))
+    floor = math.log(run.least_reading_variance)
 
     def cost(x: Array) -> float:
         log_q, log_r = float(x[0]), float(x[1])
@@ -155,7 +155,7 @@ class Likelihood:
             if count.any():
                 parts.append((part, np.ascontiguousarray(count)))
         self.count = int(sum(count.sum() for _, count in parts))
-        self.parts = _core.Parts([(*part.arrays, count) for part, count in parts])
+        self.parts = _core.Parts([(part.arrays, count) for part, count in parts])
 
     def __call__(self, log_q: float, log_r: float) -> float:
         q, r = math.exp(log_q), math.exp(log_r)

@@ -11,8 +11,11 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.estimation.glitches import MIN_READINGS, spikes
+from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
+from accelcal.signals.series import FilledSeries, fill_gaps
 from accelcal.signals.signals import Origins
+from accelcal.signals.unresolved import Jumps, jumps
 
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
@@ -46,8 +49,27 @@ class PreparedRun:
 
     def tau(self, values: Values) -> float:
         """Time constant of the low-pass at the values of a model, s; 0 where there is none."""
-        declared = self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
-        return max(0.0, declared + values.lowpass_error)
+        return max(0.0, self.declared_tau + values.lowpass_error)
+
+    @cached_property
+    def jumps(self) -> Jumps:
+        """Instants at which the motion changes faster than the samples of the output resolve."""
+        return jumps(self.accel.t, self.accel.y, self.accel_step, self.declared_tau)
+
+    @property
+    def declared_tau(self) -> float:
+        """Time constant of the declared low-pass, s; 0 where there is none."""
+        return self.rig.lowpass.tau if self.rig.lowpass is not None else 0.0
+
+    @cached_property
+    def filled(self) -> FilledSeries:
+        """Output with up to three lost samples in a row filled in: what is integrated."""
+        return fill_gaps(self.accel.t, self.accel.y, self.accel_step)
+
+    @cached_property
+    def extra_q(self) -> Array:
+        """Density of process noise over the interval before each reading beyond that of the record, (m/s²)²/Hz."""
+        return extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
 
     @cached_property
     def speed(self) -> float:
@@ -73,11 +95,25 @@ class PreparedRun:
         return smallest if quantised else 0.0
 
     @cached_property
+    def third_difference_variance(self) -> float:
+        """Variance of the readings from their third differences, m²: a bound, since motion adds to it."""
+        third = np.diff(self.z, 3)  # white noise of variance R gives 20 R
+        return (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
+
+    @property
     def reading_variance_guess(self) -> float:
-        """Encoder variance from third differences, m²: white noise of variance R gives 20 R."""
-        third = np.diff(self.z, 3)
-        spread = float(np.median(np.abs(third - np.median(third)))) / 0.6745
-        return max(spread**2 / 20.0, self.least_step**2 / 12.0, 1e-24)
+        """Rough variance of one reading, m²."""
+        return max(self.third_difference_variance, self.least_step**2 / 12.0, 1e-24)
+
+    @property
+    def least_reading_variance(self) -> float:
+        """Variance below which no reading is taken to be, m²: that of rounding to one encoder step.
+
+        Third differences that scatter less than rounding would make them show that it is smaller; below a twentieth,
+        where an encoder rests on one count, they show nothing.
+        """
+        rounding = self.least_step**2 / 12.0
+        return max(min(rounding, self.third_difference_variance), rounding / 20.0, 1e-30)
 
     def prior(self, r: float) -> tuple[float, float, float, float]:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""

@@ -70,9 +70,9 @@ def smoothed_signals(
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
-    output = np.interp(t + values.time_offset, run.accel.t, run.accel.y)
+    output = np.interp(t + values.time_offset, run.filled.t, run.filled.y)
     subtract_effects(output, run, t, values, before)
-    wanted = np.interp(t, run.t, wanted)
+    wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
     gain = run.rig.polarity / values.scale
     crossover = run.crossover(noise)
     if cutoff is None:
@@ -110,6 +110,11 @@ def smoothed_signals(
     p_std, v_std, a_std = smoothed_std(run, noise, cutoff)
     smooth = sensor_signals(run, grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
     return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
+
+
+def held_after(integrals: DriveIntegrals, t: Array) -> Array:
+    """Extra density of process noise at times `t`, that of the interval which each lies in."""
+    return integrals.extra_q[np.minimum(np.searchsorted(integrals.t, t), len(integrals.t) - 1)]
 
 
 def unread_spans(run: PreparedRun, integrals: DriveIntegrals, t: Array) -> list[slice]:

@@ -193,7 +193,7 @@ def planned_state(
     require_motion(run)
     values = Values({term.name: model.fixed.get(term.name, 0.0) for term in model.terms}, model.terms)
     still = np.zeros_like(run.t)
-    integrals = DriveIntegrals(run.t, still, still, still, np.arange(len(run.t)) == 0)
+    integrals = DriveIntegrals(run.t, still, still, still, np.arange(len(run.t)) == 0, still)
     track = run_filter(run, integrals, noise)
     density, crossover = noise.r * run.reading_step, run.crossover(noise)
     cutoff = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)

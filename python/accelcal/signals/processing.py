@@ -55,6 +55,12 @@ def integral(y: Array, step: float) -> Array:
     return total
 
 
+ABOVE = 1.5
+"""Density over that of the sensor's noise above which a frequency still belongs to the motion."""
+AROUND = 0.1
+"""Share of a frequency to either side over which that is judged."""
+HIGHEST = 0.2
+"""Largest bandwidth of motion that is accepted beyond what the encoder confirms, in sampling rates."""
 STRETCH = 1 << 19
 """Samples whose spectrum is taken at a time: all segments of an hour at once would need 400 MB."""
 
@@ -101,8 +107,9 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     Notes
     -----
     The noise that smoothing leaves has the density of the two channels in parallel. Power above it up to
-    about twice the crossover is motion; power above it at higher frequencies is vibration that the encoder cannot
-    confirm. The band ends above 99.99 % of the motion, with a margin of 1.4.
+    about twice the crossover is motion. Beyond, where the encoder cannot confirm it, power is motion as long as the
+    spectrum goes on above the sensor's own noise without a break; what lies apart is vibration. The band ends above
+    99.99 % of the motion, with a margin of 1.4.
     """
     lowest = 0.65 * crossover
     segment = int(min(len(a), max(256, 2 ** int(np.ceil(np.log2(8.0 * rate / lowest))))))
@@ -114,10 +121,34 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     motion[:2] = 0.0
     total = motion.sum()
     if total <= 0.0:
-        return float(lowest)
-    above = 1.0 - np.cumsum(motion) / total
-    edge = f[int(np.argmax(above < 1e-4))]
-    return float(min(max(lowest, 1.4 * edge), 0.4 * rate))
+        return float(min(lowest, HIGHEST * rate))
+    edge = float(f[int(np.argmax(1.0 - np.cumsum(motion) / total < 1e-4))])
+    edge = continued(f, density / np.maximum(noise, 1e-300), edge)
+    return float(min(1.4 * max(edge, float(f[2])), HIGHEST * rate))
+
+
+def continued(f: Array, ratio: Array, edge: float) -> float:
+    """Frequency up to which a spectrum goes on above its noise without a break, from `edge` on, Hz.
+
+    Parameters
+    ----------
+    f : (m,) evenly spaced frequencies, Hz.
+    ratio : (m,) density over that of the noise.
+    edge : where to begin, Hz.
+
+    Notes
+    -----
+    A median over `AROUND` of the frequency to either side has to exceed `ABOVE`: neither a line nor a resonance of
+    the sensor's mount that is separate from the motion continues it.
+    """
+    step = float(f[1])
+    begin = int(np.ceil(edge / step))
+    for k in range(begin, len(f)):
+        half = max(2, int(AROUND * k))
+        around = ratio[max(1, k - half) : k + half + 1]
+        if k + half >= len(f) or float(np.median(around)) <= ABOVE:
+            return float(f[k - 1]) if k > begin else edge
+    return float(f[-1])
 
 
 def resample(channel: Channel, t: Array) -> Array:

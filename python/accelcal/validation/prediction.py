@@ -70,9 +70,8 @@ class Prediction:
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
         h = np.diff(d.t, prepend=d.t[0])
-        unit = DriveIntegrals(
-            d.t, np.zeros_like(d.z), np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0), d.restart
-        )
+        once, twice = np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0)
+        unit = DriveIntegrals(d.t, np.zeros_like(d.z), once, twice, d.restart, d.extra_q)
         response = run_filter(run, unit, noise)
         g = -response.series("e")
         self.unit_p = response.series("p") - gain_p * g

@@ -6,10 +6,9 @@ use ekf_simd::replay as wide;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::replay::track::{Flags, Floats, prior_of, readings_of, refuse};
+use crate::replay::track::{Flags, Record, prior_of, readings_of, refuse};
 
-type Record<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>);
-type Part<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Flags<'py>);
+type Part<'py> = (Record<'py>, Flags<'py>);
 
 /// Parts of equal length, ready for filters of any noise.
 #[pyclass(frozen, module = "accelcal._core")]
@@ -20,15 +19,12 @@ pub struct Parts {
 
 #[pymethods]
 impl Parts {
-    /// Of each part t, z, first, second, restart, and which readings count.
+    /// Of each part its record, and which readings count.
     #[new]
     fn new(parts: Vec<Part<'_>>) -> PyResult<Self> {
         let parts = parts
             .iter()
-            .map(|(t, z, first, second, restart, counts)| {
-                let readings = readings_of((t, z, first, second, restart))?;
-                Ok((readings, counts.as_slice()?))
-            })
+            .map(|(record, counts)| Ok((readings_of(record)?, counts.as_slice()?)))
             .collect::<PyResult<Vec<_>>>()?;
         let (eights, left) = parts.as_chunks::<8>();
         let (singles, _) = left.as_chunks::<1>();
@@ -56,7 +52,7 @@ impl Parts {
     }
 }
 
-/// Innovations (drives, readings) of drives t, z, first, second, restart behind one filter, m.
+/// Innovations (drives, readings) of drives t, z, first, second, restart, `extra_q` behind one filter, m.
 #[pyfunction]
 #[pyo3(signature = (drives, *, q, r, prior))]
 pub fn innovations<'py>(
@@ -67,10 +63,7 @@ pub fn innovations<'py>(
     prior: (f64, f64, f64, f64),
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (noise, prior) = (Noise { q, R: r }, prior_of(prior));
-    let drives = drives
-        .iter()
-        .map(|(t, z, first, second, restart)| readings_of((t, z, first, second, restart)))
-        .collect::<PyResult<Vec<_>>>()?;
+    let drives = drives.iter().map(readings_of).collect::<PyResult<Vec<_>>>()?;
     let n = drives.first().map_or(0, |readings| readings.t.len());
     let mut found = vec![0.0; drives.len() * n];
     py.detach(|| {

@@ -12,6 +12,8 @@ use pyo3::prelude::*;
 
 pub(crate) type Floats<'py> = PyReadonlyArray1<'py, f64>;
 pub(crate) type Flags<'py> = PyReadonlyArray1<'py, bool>;
+/// Of one record t, z, first, second, restart, `extra_q`.
+pub(crate) type Record<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Floats<'py>);
 type Out<'py> = Bound<'py, PyArray1<f64>>;
 
 /// Every error of the core reaches Python as a `ValueError` with its sentence.
@@ -54,7 +56,7 @@ pub fn drive<'py>(
 
 /// Encoder readings with the integrals between them, as views of arrays.
 pub(crate) fn readings_of<'a>(
-    (t, z, first, second, restart): (&'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Floats<'_>, &'a Flags<'_>),
+    (t, z, first, second, restart, extra_q): &'a Record<'_>,
 ) -> PyResult<Readings<'a>> {
     Ok(Readings {
         t: t.as_slice()?,
@@ -62,6 +64,7 @@ pub(crate) fn readings_of<'a>(
         first: first.as_slice()?,
         second: second.as_slice()?,
         restart: restart.as_slice()?,
+        extra_q: extra_q.as_slice()?,
     })
 }
 
@@ -84,7 +87,7 @@ const SERIES: [&str; 9] = ["e", "S", "gain_p", "gain_v", "p", "v", "pp", "pv", "
 impl ReplayTrack {
     /// Runs the filter; see `ekf_core::replay::filter`.
     #[new]
-    #[pyo3(signature = (t, z, first, second, restart, *, q, r, prior))]
+    #[pyo3(signature = (t, z, first, second, restart, extra_q, *, q, r, prior))]
     #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
     fn new(
         py: Python<'_>,
@@ -93,11 +96,13 @@ impl ReplayTrack {
         first: Floats<'_>,
         second: Floats<'_>,
         restart: Flags<'_>,
+        extra_q: Floats<'_>,
         q: f64,
         r: f64,
         prior: (f64, f64, f64, f64),
     ) -> PyResult<Self> {
-        let readings = readings_of((&t, &z, &first, &second, &restart))?;
+        let record = (t, z, first, second, restart, extra_q);
+        let readings = readings_of(&record)?;
         let noise = Noise { q, R: r };
         let mut data = vec![0.0; SERIES.len() * readings.t.len()];
         let mut left = data.as_mut_slice();
@@ -112,7 +117,8 @@ impl ReplayTrack {
     }
 
     /// Smoothed position, velocity and process noise at the readings; see `ekf_core::replay::smooth`.
-    #[pyo3(signature = (t, z, first, second, restart))]
+    #[pyo3(signature = (t, z, first, second, restart, extra_q))]
+    #[allow(clippy::too_many_arguments)] // those of the constructor
     fn smooth<'py>(
         &self,
         py: Python<'py>,
@@ -121,8 +127,10 @@ impl ReplayTrack {
         first: Floats<'py>,
         second: Floats<'py>,
         restart: Flags<'py>,
+        extra_q: Floats<'py>,
     ) -> PyResult<(Out<'py>, Out<'py>, Out<'py>)> {
-        let readings = readings_of((&t, &z, &first, &second, &restart))?;
+        let record = (t, z, first, second, restart, extra_q);
+        let readings = readings_of(&record)?;
         let n = readings.t.len();
         let mut out: [Vec<f64>; 3] = core::array::from_fn(|_| vec![0.0; n]);
         let [position, velocity, wanted] = &mut out;

@@ -53,6 +53,8 @@ pub struct InterleavedReading<const N: usize> {
     first: [f64; N],
     /// Double integral of the input over the interval, m.
     second: [f64; N],
+    /// Density of the process noise of the interval beyond that of the record, (m/s^2)^2/Hz.
+    extra_q: [f64; N],
     /// 1 where the reading counts, else 0.
     counts: [f64; N],
     /// Where the filter starts again.
@@ -87,6 +89,7 @@ pub fn interleave<const N: usize>(
                 z: parts.map(|readings| readings.z[k]),
                 first: parts.map(|readings| readings.first[k]),
                 second: parts.map(|readings| readings.second[k]),
+                extra_q: parts.map(|readings| readings.extra_q[k]),
                 counts: counts.map_or([0.0; N], |counts| counts.map(|flags| if flags[k] { 1.0 } else { 0.0 })),
                 starts,
                 any_starts: starts.contains(&true),
@@ -127,7 +130,7 @@ fn run_filters<const N: usize>(
             let h = reading.h[j];
             p[j] += h * v[j] + reading.second[j];
             v[j] += reading.first[j];
-            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, q);
+            let P = MotionCovariance { pp: pp[j], pv: pv[j], vv: vv[j] }.predict(h, q + reading.extra_q[j]);
             (pp[j], pv[j], vv[j]) = (P.pp, P.pv, P.vv);
         }
         if reading.any_starts {

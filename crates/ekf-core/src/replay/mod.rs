@@ -57,6 +57,8 @@ pub struct Readings<'a> {
     pub second: &'a [f64],
     /// Where the chain of inputs is broken before the reading: the filter starts again there.
     pub restart: &'a [bool],
+    /// Density of the process noise of that interval beyond `Noise::q`, (m/s^2)^2/Hz: what sampling or a hole hides.
+    pub extra_q: &'a [f64],
 }
 
 /// Why a replay stopped.
@@ -71,6 +73,13 @@ pub enum ReplayError {
         q: f64,
         /// Reading variance as given, m^2.
         R: f64,
+    },
+    /// A process noise of an interval that is negative or not finite.
+    ExtraNoise {
+        /// Index of the reading that ends the interval.
+        index: usize,
+        /// Density as given, (m/s^2)^2/Hz.
+        q: f64,
     },
     /// The innovation variance stopped being positive.
     InnovationVariance {
@@ -93,6 +102,7 @@ impl core::fmt::Display for ReplayError {
         match *self {
             Self::Condition(error) => error.fmt(f),
             Self::Noise { q, R } => write!(f, "noise must be positive and finite: q = {q}, R = {R}"),
+            Self::ExtraNoise { index, q } => write!(f, "process noise {q} before reading {index} is negative or not finite"),
             Self::InnovationVariance { index, S } => {
                 write!(f, "innovation variance {S} at reading {index} is not positive")
             }
@@ -126,10 +136,13 @@ impl Readings<'_> {
     /// Refuses unusable readings and slices of different lengths.
     pub(crate) fn check_samples(&self) -> Result<(), ReplayError> {
         check_samples(self.t, self.z)?;
-        for found in [self.first.len(), self.second.len(), self.restart.len()] {
+        for found in [self.first.len(), self.second.len(), self.restart.len(), self.extra_q.len()] {
             same_length(self.t.len(), found)?;
         }
-        Ok(())
+        match self.extra_q.iter().position(|q| !(q.is_finite() && *q >= 0.0)) {
+            Some(index) => Err(ReplayError::ExtraNoise { index, q: self.extra_q[index] }),
+            None => Ok(()),
+        }
     }
 
     /// True where the filter starts at `k` with the prior.

@@ -5,9 +5,10 @@ use crate::replay::{Noise, Readings, ReplayError, same_length};
 
 /// Smooths a finished track: position, velocity and process noise given all readings.
 ///
-/// Modified Bryson-Frazier form of the RTS smoother: no inverse, exact for any gap. `noise_wanted[k]` is the
-/// smoothed process noise at reading `k`, m/s^2; between two readings it is a straight line, and adding it to the
-/// input gives the smoothed acceleration.
+/// Modified Bryson-Frazier form of the RTS smoother: no inverse, exact for any gap. `smoothed_noise[k]` is the
+/// smoothed process noise of density `noise.q` at reading `k`, m/s^2; between two readings it is a straight line. Times
+/// `1 + extra_q/q` of its interval it is all of the process noise there, and adding that to the input gives the
+/// smoothed acceleration.
 ///
 /// # Errors
 /// [`ReplayError`] when a buffer has the wrong length or the readings are unusable.

@@ -16,11 +16,12 @@ const FIRST: [f64; N] = [0.0, 0.02, -0.01, 0.03, 0.2, -0.02, 0.01, 0.05];
 const SECOND: [f64; N] = [0.0, 1e-4, -4e-5, 2e-4, 1.5e-2, -1e-4, 3e-5, 4e-4];
 const WHOLE: [bool; N] = [true, false, false, false, false, false, false, false];
 const BROKEN: [bool; N] = [true, false, false, false, true, false, false, false];
+const EXTRA: [f64; N] = [0.0, 0.0, 1.9, 0.0, 0.0, 0.3, 0.0, 0.0]; // two intervals know less of the motion
 const NOISE: Noise = Noise { q: 0.7, R: 4e-4 };
 const PRIOR: Prior = Prior { v: 0.4, P: MotionCovariance { pp: 2e-3, pv: 1e-2, vv: 0.9 } };
 
 fn readings(restart: &[bool]) -> Readings<'_> {
-    Readings { t: &T, z: &Z, first: &FIRST, second: &SECOND, restart }
+    Readings { t: &T, z: &Z, first: &FIRST, second: &SECOND, restart, extra_q: &EXTRA }
 }
 
 /// A track that owns its memory: e, S, `gain_p`, `gain_v`, p, v, pp, pv, vv.
@@ -81,7 +82,7 @@ fn dense_prior(restart: &[bool]) -> (States, Spread) {
         mean[at] += SECOND[k];
         mean[at + 1] += FIRST[k];
         P = F * P * F.transpose();
-        let q = NOISE.q;
+        let q = NOISE.q + EXTRA[k];
         P[(at, at)] += q * h * h * h / 3.0;
         P[(at, at + 1)] += q * h * h / 2.0;
         P[(at + 1, at)] += q * h * h / 2.0;
@@ -141,8 +142,9 @@ fn smoothed_noise_drives_the_smoothed_motion() {
     smooth(readings(&BROKEN), NOISE, kept.view(), &mut p, &mut v, &mut w).unwrap();
     for k in (1..N).filter(|&k| !BROKEN[k]) {
         let h = T[k] - T[k - 1];
-        let gained = FIRST[k] + h * (w[k - 1] + w[k]) / 2.0; // a straight line between readings
-        let moved = h * v[k - 1] + SECOND[k] + h * h * (2.0 * w[k - 1] + w[k]) / 6.0;
+        let share = 1.0 + EXTRA[k] / NOISE.q;
+        let gained = FIRST[k] + share * h * (w[k - 1] + w[k]) / 2.0; // a straight line between readings
+        let moved = h * v[k - 1] + SECOND[k] + share * h * h * (2.0 * w[k - 1] + w[k]) / 6.0;
         assert!((v[k] - v[k - 1] - gained).abs() < 1e-13, "v {k}");
         assert!((p[k] - p[k - 1] - moved).abs() < 1e-14, "p {k}");
     }
@@ -327,6 +329,10 @@ fn unusable_readings_are_refused_with_the_place() {
     lost[3] = f64::NAN;
     let found = Kept::of(Readings { z: &lost, ..readings(&WHOLE) }, NOISE, PRIOR).err();
     assert_eq!(found, Some(ReplayError::Condition(ConditionError::Sample { index: 3 })));
+    let mut negative = EXTRA;
+    negative[2] = -1.9;
+    let found = Kept::of(Readings { extra_q: &negative, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(found, Some(ReplayError::ExtraNoise { index: 2, q: -1.9 }));
     let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
     let found = Kept::of(Readings { first: &FIRST[1..], ..readings(&WHOLE) }, NOISE, PRIOR).err();
     assert_eq!(found, Some(short));
@@ -361,6 +367,7 @@ struct Records {
     first: [[f64; LENGTH]; 4],
     second: [[f64; LENGTH]; 4],
     restart: [[bool; LENGTH]; 4],
+    extra_q: [[f64; LENGTH]; 4],
     counts: [[bool; LENGTH]; 4],
 }
 
@@ -376,6 +383,7 @@ impl Records {
             first: each(&|part, k| 1e-4 * libm::sin(0.1 * at(part, k))),
             second: each(&|part, k| 1e-8 * libm::cos(0.2 * at(part, k))),
             restart: core::array::from_fn(|part| core::array::from_fn(|k| k == 0 || (part == 2 && k == 20))),
+            extra_q: each(&|part, k| if (k + 3 * part) % 9 == 4 { 3e-5 } else { 0.0 }),
             counts: core::array::from_fn(|part| core::array::from_fn(|k| k > 3 && (k + part) % 5 != 0)),
         }
     }
@@ -387,6 +395,7 @@ impl Records {
             first: &self.first[part],
             second: &self.second[part],
             restart: &self.restart[part],
+            extra_q: &self.extra_q[part],
         };
         (readings, &self.counts[part])
     }

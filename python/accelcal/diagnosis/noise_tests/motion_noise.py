@@ -12,6 +12,8 @@ from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
 from accelcal.diagnosis.policy import (
+    JITTER_BAND,
+    JUMP_TAIL_RATIO,
     NOISE_TEST_ALPHA,
     NOISE_TEST_LEAST_BLOCKS,
     SEPARATE_POWER_ALPHA,
@@ -57,13 +59,20 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     p_speed_given_jerk = math.exp(-0.5 * float(c[1:3] @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])))  # two degrees
 
     weights = spectra.power.mean(axis=0) ** -2.0
+    high = spectra.f > JITTER_BAND * residuals.rate
+    if int(high.sum()) > FEWEST_BINS:
+        weights = np.where(high, weights, 0.0)
     if p_speed < NOISE_TEST_ALPHA:
         occupied = vibration_bins(spectra.power, v4, band)
-        if occupied.stop - occupied.start < len(weights) - FEWEST_BINS:
-            weights[occupied] = 0.0
+        left = weights.copy()
+        left[occupied] = 0.0
+        if np.count_nonzero(left) > FEWEST_BINS:
+            weights = left
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
-    z_jerk, p_jerk = power_trend_test(white, j2)
-    c, covariance = power_fit(white, design)
+    leaked = JUMP_TAIL_RATIO * residuals.tail_blocks(spectra)  # at most, of jumps that sampling does not resolve
+    certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
+    z_jerk, p_jerk = power_trend_test(certain, j2)
+    c, covariance = power_fit(certain, design)
     p_jerk_given_speed = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
     confounded = (
         max(p_speed, p_jerk) < NOISE_TEST_ALPHA and min(p_speed_given_jerk, p_jerk_given_speed) > SEPARATE_POWER_ALPHA

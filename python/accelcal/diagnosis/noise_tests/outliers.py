@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
-from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
+from accelcal.diagnosis.policy import EXAMINED_SIGMA, NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
+from accelcal.signals.series import widened
+from accelcal.signals.unresolved import ISOLATED, jumps_at, local_maxima
 
 
 def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
@@ -39,6 +41,19 @@ def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     return np.asarray(np.sqrt(behind, out=behind))
 
 
+def motion_jumps(residuals: Residuals, score: Array) -> Flags:
+    """Which of the sampled times lie at a jump of the motion, by the samples about each score that is large."""
+    scores, marked = np.zeros(residuals.n), np.zeros(residuals.n, dtype=np.bool_)
+    scores[residuals.sampled] = score
+    peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
+    run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
+    places = np.searchsorted(run.accel.t, stamps)
+    found = jumps_at(run.accel.t, run.accel.y, places, run.accel_step, run.declared_tau)
+    at = np.rint((found.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
+    marked[np.clip(at, 0, residuals.n - 1)] = True
+    return np.asarray(widened(marked, 2 * ISOLATED)[residuals.sampled])
+
+
 def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     """Test for single samples of the output that its local noise does not allow."""
     y, gain = residuals.interpolation_errors
@@ -50,14 +65,16 @@ def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     y *= usual
     del usual
     np.hypot(spread, residuals.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
-    found = outliers(y, spread, len(y), dof)
+    kept = ~motion_jumps(residuals, np.abs(y) / np.maximum(spread, 1e-300))
+    y, t = y[kept], residuals.t[residuals.sampled][kept]
+    found = outliers(y, spread[kept], len(y), dof)
     text = (
         found.sentence("samples of the output", "m/s²")
         if found.p_value < NOISE_TEST_ALPHA
         else "the output has no outliers"
     )
     n = len(residuals.u)
-    at = tuple(float(t) for t in residuals.t[residuals.sampled][found.peaks])
+    at = tuple(float(instant) for instant in t[found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
     return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
 

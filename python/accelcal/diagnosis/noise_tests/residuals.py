@@ -8,18 +8,22 @@ from functools import cached_property
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpectra
-from accelcal.diagnosis.noise_tests.interpolation_error import InterpolationError, Places, high_passed
-from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, local_spread, outliers, spread_of
+from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
+from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.run_state import RunState
+from accelcal.signals.processing import low_pass
+from accelcal.signals.series import bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
 
 MOTION_FREE = 0.09
 """Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""
 FORGOTTEN_AFTER = 4.0
 """Time constants after which the filter has forgotten an outlier."""
+TAIL = (0.1, 0.2)
+"""Band, in sampling rates, where a motion that sampling does not resolve is stronger than above."""
 REPAIRS = 2
 """Rounds of filling in outlying samples; the noise spectrum that fills them in is more accurate without them."""
 
@@ -47,6 +51,7 @@ class Residuals:
         self.edge = min(max(MOTION_FREE * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.sampled[:ends] = self.sampled[self.n - ends :] = False
+        self.sampled[widened(self.unresolved, REACH)] = False
 
     @property
     def place(self) -> Places:
@@ -74,9 +79,28 @@ class Residuals:
         return np.asarray(at, dtype=np.float64)
 
     @cached_property
+    def unresolved(self) -> Flags:
+        """Uniform times about the jumps of the motion, (n,)."""
+        jumps, begin = self.run.jumps, float(self.t_u[0])
+        first = np.floor((jumps.t - jumps.before - begin) / self.step).astype(np.intp)
+        last = np.ceil((jumps.t + jumps.after - begin) / self.step).astype(np.intp)
+        edges = np.zeros(self.n + 1)
+        np.add.at(edges, np.clip(first, 0, self.n), 1.0)
+        np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
+        return np.asarray(np.cumsum(edges)[:-1] > 0.0)
+
+    @cached_property
     def residual(self) -> Array:
-        """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s²."""
-        model, place = self.model, self.place
+        """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s².
+
+        Where the motion jumps, output and smoothed motion differ by more than noise: the jumps are bridged, and what
+        is left is the output beyond the bandwidth of the motion.
+        """
+        place = self.place
+        if self.unresolved.any():
+            output = bridged(np.interp(np.arange(self.n), place, self.u), self.unresolved)
+            return output - low_pass(output, self.rate, self.signals.cutoff)
+        model = self.model
         slope = np.gradient(model, self.step)[place]
         r = self.u - model[place] - slope * (self.t_u - self.t_u[0] - self.step * place)
         return np.asarray(np.interp(np.arange(self.n), place, r))
@@ -159,6 +183,14 @@ class Residuals:
         v2 = v**2
         return spectra.means(v2), spectra.means(v2**2), spectra.means(jerk**2)
 
+    def tail_blocks(self, spectra: BlockSpectra) -> Array:
+        """Power of the output over the blocks of some spectra in the band `TAIL`, below that of the tests, (K,)."""
+        output = bridged(np.interp(np.arange(self.n), self.place, self.u), self.unresolved)
+        low, high = (share * self.rate for share in TAIL)
+        output -= low_pass(output, self.rate, 0.5 * low)
+        tail = BlockSpectra.of(high_passed(output, self.rate, 0.8 * low), self.sampled, self.rate, low, spectra.window)
+        return np.asarray(tail.power[:, tail.f < high].mean(axis=1))
+
     @cached_property
     def lsb(self) -> float:
         """Step of the grid on which the output lies, m/s²; 0 if it lies on none."""
@@ -170,11 +202,20 @@ class Residuals:
         p, _, _ = self.state.track.smooth(*self.state.drive.arrays)
         return np.asarray(p)
 
+    @property
+    def at_jumps(self) -> Flags:
+        """Settled readings so close to a jump of the motion that the integral of the output is uncertain there."""
+        jumps, t = self.run.jumps, self.run.t[self.state.counts]
+        begin, end = jumps.t - jumps.before - self.step, jumps.t + jumps.after + self.step
+        open_ = np.searchsorted(np.sort(begin), t, side="right") - np.searchsorted(np.sort(end), t, side="left")
+        return np.asarray(open_ > 0)
+
     @cached_property
     def reading_outliers(self) -> Outliers:
         """Outliers among the settled readings, against the smoothed position; see `outliers`."""
         z = (self.run.z - self.smooth_position)[self.state.counts]
         z = z - np.median(z)
+        z[self.at_jumps] = 0.0
         spread, dof = spread_of(z, self.run.least_step)
         return outliers(z, spread, len(z), dof)
 
@@ -196,21 +237,6 @@ class Residuals:
     def lowpass_gain(self, frequency: float) -> float:
         """Gain of the declared low-pass at a frequency, Hz."""
         return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
-
-
-def grid_step(y: Array) -> float:
-    """Spacing of the values of a quantised channel; 0 when they do not lie on a grid that is used repeatedly."""
-    levels = np.unique(y)
-    if len(levels) < 2:
-        return 0.0
-    gaps = np.diff(levels)
-    step = float(np.min(gaps[gaps > 1e-9 * (levels[-1] - levels[0])], initial=math.inf))
-    if not math.isfinite(step) or len(levels) > 0.5 * len(y):
-        return 0.0
-    count = np.rint(gaps / step)
-    step = float(np.sum(gaps) / np.sum(count))
-    off = np.abs((levels - levels[0]) / step - np.rint((levels - levels[0]) / step))
-    return step if float(np.max(off)) < 0.1 else 0.0
 
 
 def is_coarse(residuals: Residuals) -> bool:

@@ -17,9 +17,8 @@ from accelcal.diagnosis.policy import (
     OUTLIER_SIGMA,
     STEADY_SCATTER_RATIO,
 )
+from accelcal.signals.series import LOCAL, local_spread
 
-LOCAL = 64
-"""Samples over which a local spread is taken; within them no noise level changes much."""
 LONG_SPANS = ((16384, 3200.0, 2), (1024, 200.0, 8), (256, 100.0, 8))
 """Longer spans over which a scale may be taken where the scatter is steady, the degrees of freedom it then has, and how
 many such spans show that it is steady."""
@@ -57,19 +56,6 @@ class Outliers:
     def parts(self) -> dict[str, float]:
         """Particulars."""
         return {"count": self.count, "largest": self.size}
-
-
-def local_spread(y: Array) -> Array:
-    """Robust standard deviation about each sample, (n,): the largest of its block and both neighbours, and no less
-    than that of the whole series."""
-    whole = float(np.median(np.abs(y))) / 0.6745
-    K = len(y) // LOCAL
-    if K < 3:
-        return np.full(len(y), max(whole, 1e-300))
-    each = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1) / 0.6745
-    each = np.maximum(np.maximum(each, np.append(each[1:], 0.0)), np.append(0.0, each[:-1]))
-    index = np.minimum(np.arange(len(y)) // LOCAL, K - 1)
-    return np.asarray(np.maximum(each, max(whole, 1e-300))[index])
 
 
 def steady_spread(y: Array) -> tuple[Array, float] | None:

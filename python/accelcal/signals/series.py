@@ -1,0 +1,169 @@
+"""Sampled series: error of each sample against its neighbours, local scale, and the grid on which values lie."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array, Flags
+
+HOLE_LEAST = 1.5
+"""Spacings of samples from which on an interval counts as a gap."""
+END_WEIGHT = 13.0 / 24.0
+"""Weight of either end of a gap in the integral of a cubic over it, in lengths of the gap."""
+LOCAL = 64
+"""Samples over which a local spread is taken; within them no noise level changes much."""
+NEIGHBOURS = (-4, -3, -2, -1, 1, 2, 3, 4)
+"""Samples from which one between them is interpolated."""
+
+
+def interpolation_errors(t: Array, y: Array) -> tuple[Array, Array]:
+    """Sample minus the polynomial through its eight neighbours, (n,), and its standard deviation for unit white noise.
+
+    Uneven times are allowed. The four samples at either end have no error.
+    """
+    n, reach = len(y), max(NEIGHBOURS)
+    error, gain = np.zeros(n), np.ones(n)
+    inner = slice(reach, n - reach)
+    if n <= 2 * reach:
+        return error, gain
+    offsets = {k: t[reach + k : n - reach + k] - t[inner] for k in NEIGHBOURS}
+    predicted, power = np.zeros(n - 2 * reach), np.ones(n - 2 * reach)
+    for k in NEIGHBOURS:
+        weight = np.ones(n - 2 * reach)
+        for other in NEIGHBOURS:
+            if other != k:
+                weight *= offsets[other] / (offsets[other] - offsets[k])
+        predicted += weight * y[reach + k : n - reach + k]
+        power += weight**2
+    error[inner] = y[inner] - predicted
+    gain[inner] = np.sqrt(power)
+    return error, gain
+
+
+def local_spread(y: Array) -> Array:
+    """Robust standard deviation about each sample, (n,): the largest of its block and both neighbours, and no less
+    than that of the whole series."""
+    whole = float(np.median(np.abs(y))) / 0.6745
+    K = len(y) // LOCAL
+    if K < 3:
+        return np.full(len(y), max(whole, 1e-300))
+    each = np.median(np.abs(y[: K * LOCAL].reshape(K, LOCAL)), axis=1) / 0.6745
+    each = np.maximum(np.maximum(each, np.append(each[1:], 0.0)), np.append(0.0, each[:-1]))
+    index = np.minimum(np.arange(len(y)) // LOCAL, K - 1)
+    return np.asarray(np.maximum(each, max(whole, 1e-300))[index])
+
+
+def grid_step(y: Array) -> float:
+    """Spacing of the values of a quantised channel; 0 when they do not lie on a grid that is used repeatedly."""
+    levels = np.unique(y)
+    if len(levels) < 2:
+        return 0.0
+    gaps = np.diff(levels)
+    step = float(np.min(gaps[gaps > 1e-9 * (levels[-1] - levels[0])], initial=math.inf))
+    if not math.isfinite(step) or len(levels) > 0.5 * len(y):
+        return 0.0
+    count = np.rint(gaps / step)
+    step = float(np.sum(gaps) / np.sum(count))
+    off = np.abs((levels - levels[0]) / step - np.rint((levels - levels[0]) / step))
+    return step if float(np.max(off)) < 0.1 else 0.0
+
+
+SIDE = 8
+"""Samples to either side of a stretch from which it is bridged."""
+DEGREE = 5
+"""Degree of the polynomial that bridges it: value, slope and curvature continue at both ends."""
+
+
+def bridged(y: Array, hidden: Flags) -> Array:
+    """Uniform samples (n,) with the `hidden` stretches replaced by polynomials through their neighbours."""
+    filled = y.copy()
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], hidden, [False]]).astype(np.int8)))
+    for begin, end in edges.reshape(-1, 2):
+        low, high = max(0, begin - SIDE), min(len(y), end + SIDE)
+        x = (np.arange(low, high) - 0.5 * (low + high - 1)) / (0.5 * (high - low))
+        known = ~hidden[low:high]
+        if int(known.sum()) <= DEGREE:
+            filled[begin:end] = np.interp(np.arange(begin, end), np.flatnonzero(~hidden), y[~hidden])
+            continue
+        powers = np.vander(x, DEGREE + 1)
+        coefficients, *_ = np.linalg.lstsq(powers[known], y[low:high][known], rcond=None)
+        filled[begin:end] = (powers @ coefficients)[begin - low : end - low]
+    return filled
+
+
+def widened(marked: Flags, reach: int) -> Flags:
+    """Samples that are marked, or at most `reach` from one that is, (n,)."""
+    return np.asarray(scipy.ndimage.binary_dilation(marked, iterations=reach)) if marked.any() else marked
+
+
+FILLED = {1: 4, 2: 3, 3: 3}
+"""Samples to either side from which lost ones are filled in, by how many are lost: more would raise their noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilledSeries:
+    """A series with its short gaps filled in."""
+
+    t: Array
+    y: Array
+    begin: Array
+    """Last sample before each gap, filled or not, (gaps,) s."""
+    end: Array
+    """First sample behind it, (gaps,) s."""
+    noise: Array
+    """Variance of the integral over each gap beyond the usual, for samples of unit variance and spacing, (gaps,)."""
+    filled: Flags
+    """Whether the gap was filled in, (gaps,)."""
+
+
+def fill_gaps(t: Array, y: Array, step: float) -> FilledSeries:
+    """Fill in up to three lost samples in a row by the polynomial through their neighbours.
+
+    A cubic over such a gap errs by (w gap)^4, always towards less motion, and would bias the scale factor; what is left
+    here is noise. Longer gaps are left to the interpolant of the replay.
+
+    Parameters
+    ----------
+    t, y : (n,) times and values.
+    step : usual spacing.
+    """
+    before = np.flatnonzero(np.diff(t) > HOLE_LEAST * step)
+    length = t[before + 1] - t[before]
+    spacings = length / step
+    lost = np.rint(spacings).astype(np.intp) - 1
+    noise = 2.0 * (0.5 + END_WEIGHT * spacings) ** 2 - (spacings + 1.0)
+    filled = np.zeros(len(before), dtype=np.bool_)
+    times, values = [t], [y]
+    for count, side in FILLED.items():
+        which = np.flatnonzero((lost == count) & (before >= side - 1) & (before + side < len(t)))
+        if len(which) == 0:
+            continue
+        rows = before[which][:, None] + np.arange(1 - side, side + 1)
+        inside = np.arange(1, count + 1) / (count + 1.0)
+        at = t[before[which]][:, None] + length[which][:, None] * inside
+        weights = lagrange_weights(t[rows], at)
+        times.append(at.ravel())
+        values.append(np.einsum("gkj,gj->gk", weights, y[rows]).ravel())
+        noise[which] = np.sum((1.0 + weights.sum(axis=1)) ** 2, axis=1) - (2 * side + count)
+        filled[which] = True
+    begin, end = t[before], t[before + 1]
+    if not filled.any():
+        return FilledSeries(t, y, begin, end, noise, filled)
+    every = np.concatenate(times)
+    order = np.argsort(every, kind="stable")
+    return FilledSeries(every[order], np.concatenate(values)[order], begin, end, noise, filled)
+
+
+def lagrange_weights(nodes: Array, at: Array) -> Array:
+    """Weights of values at `nodes` (g, j) in the polynomial through them, at times `at` (g, k), as (g, k, j)."""
+    weights = np.ones((*at.shape, nodes.shape[1]))
+    for j in range(nodes.shape[1]):
+        for other in range(nodes.shape[1]):
+            if other != j:
+                span = nodes[:, j] - nodes[:, other]
+                weights[:, :, j] *= (at - nodes[:, other, None]) / span[:, None]
+    return weights

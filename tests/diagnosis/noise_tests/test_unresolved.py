@@ -1,0 +1,67 @@
+"""Motion that sampling does not resolve is no outlier and no jitter; wrong samples and jitter beside it are found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from accelcal.data.recording import Channel, Recording
+from accelcal.diagnosis.noise_tests import outliers
+from accelcal.diagnosis.noise_tests.noise_test import JITTER, OUTPUT_OUTLIERS
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.run import PreparedRun
+from accelcal.io import load
+from accelcal.model import Model
+from accelcal.signals.unresolved import NO_JUMPS
+from tests.regimes.regimes import TABLE
+from tests.regimes.rig import Clocks
+
+SECONDS, ALPHA = 20.0, 1e-4
+"""Each null below alarms with a probability of `ALPHA` a test."""
+
+
+def recorded(tmp_path: Path, name: str, clocks: Clocks | None = None) -> Recording:
+    """A record of one regime of tests/regimes, with other clocks if asked."""
+    regime = TABLE[name]
+    if clocks is not None:
+        regime = replace(regime, rig=replace(regime.rig, clocks=clocks))
+    return load(regime.build(4711, seconds=SECONDS).write(tmp_path))
+
+
+def found(recording: Recording) -> set[str]:
+    """Effects that the noise tests find on the linear model."""
+    state = solve_runs(Model.linear(), [recording]).states[0]
+    return {test.effect for test in run_noise_tests(state) if test.p_value < ALPHA}
+
+
+@pytest.mark.parametrize(
+    "name", ["a-trap-cxl02", "a-trap-servo", "a-trap-adxl105", "a-seg7-servo", "a-cosine-cxl02", "a-trap-str150"]
+)
+def test_jumps_are_neither_outliers_nor_jitter(tmp_path: Path, name: str):
+    assert not found(recorded(tmp_path, name)) & {OUTPUT_OUTLIERS, JITTER}
+
+
+def test_without_the_search_for_jumps_they_are_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(PreparedRun, "jumps", NO_JUMPS)
+    monkeypatch.setattr(outliers, "jumps_at", lambda *_: NO_JUMPS)
+    assert OUTPUT_OUTLIERS in found(recorded(tmp_path, "a-trap-cxl02"))
+
+
+@pytest.mark.parametrize("name", ["a-trap-cxl02", "a-cosine-cxl02", "a-smooth-adxl105"])
+def test_wrong_samples_beside_jumps_are_found(tmp_path: Path, name: str):
+    recording = recorded(tmp_path, name)
+    rng = np.random.default_rng(5)
+    y = recording.accel.y.copy()
+    at = rng.choice(np.arange(500, len(y) - 500), 12, replace=False)
+    y[at] += 12.0 * np.std(np.diff(recording.accel.y, 3)[: len(y) // 20]) * rng.choice([-1.0, 1.0], 12)
+    spoiled = replace(recording, accel=Channel("accel", recording.accel.t, y, recording.accel.unit))
+    assert OUTPUT_OUTLIERS in found(spoiled)
+
+
+@pytest.mark.parametrize("name", ["a-cosine-cxl02", "a-random-cxl02"])
+def test_jitter_is_found_beside_kinks(tmp_path: Path, name: str):
+    assert JITTER in found(recorded(tmp_path, name, Clocks(jitter=1e-4)))

@@ -1,0 +1,1 @@
+"""Signals: what sampling holds of a motion."""

@@ -1,0 +1,121 @@
+"""Jumps of the motion between samples: found, told from wrong samples, and their effect on the integral as stated."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from accelcal import _core
+from accelcal.signals.series import bridged, fill_gaps
+from accelcal.signals.unresolved import NO_FLAGS, NONE, Jumps, jumps, lost_velocity
+from tests.regimes.profiles import PROFILES
+from tests.worlds.numerics import stream
+
+STEP, TAU, SIGMA = 6e-4, 1e-3, 2e-3
+WRONG = 40
+
+
+def output(profile: str, seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, output behind an RC of `TAU` with noise, and the knots at which the acceleration or the jerk jumps."""
+    rng = np.random.default_rng(seed)
+    motion = PROFILES[profile](seconds, stream(seed, 1))
+    t = np.arange(0.1, seconds - 0.1, STEP)
+    u = motion.a.behind([complex(-1.0 / TAU)])(t) + SIGMA * rng.standard_normal(len(t))
+    return t, u, motion
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_steps_of_the_acceleration_are_found_where_they_are(seed: int):
+    t, u, motion = output("trapezoid", 30.0, seed)
+    found = jumps(t, u, STEP, TAU)
+    assert len(found.t) > 60
+    assert np.mean(found.of_jerk) < 0.05
+    jumped = motion.a.at(found.t + 2.0 * STEP) - motion.a.at(found.t - 2.0 * STEP)
+    assert np.all(np.abs(jumped) > 3.0 * SIGMA)  # the truth jumps there
+    assert np.median(np.abs(found.size - jumped) / np.abs(jumped)) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("profile", "size"), [("smooth", 8.0), ("trapezoid", 8.0), ("trapezoid", 100.0), ("hand", 20.0)]
+)
+def test_a_wrong_sample_is_not_called_a_jump(profile: str, size: float):
+    t, u, _ = output(profile, 30.0, 21)
+    before = jumps(t, u, STEP, TAU)
+    rng = np.random.default_rng(1)
+    at = rng.choice(np.arange(100, len(t) - 100, 25), WRONG, replace=False)
+    at = np.array([k for k in at if not len(before.t) or np.min(np.abs(before.t - t[k])) > 0.02])
+    u[at] += size * SIGMA * rng.choice([-1.0, 1.0], len(at))
+    found = jumps(t, u, STEP, TAU)
+    certain = found.t[found.certain]
+    mistaken = [k for k in at if len(certain) and np.min(np.abs(certain - t[k])) < 4 * STEP]
+    assert len(mistaken) <= 2  # of some 40: a rate of 1 % leaves more than two in 0.8 % of such records
+
+
+def test_noise_holds_no_jumps():
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal(400_000)
+    found = jumps(STEP * np.arange(len(u)), u, STEP, TAU)
+    assert len(found.t) <= 3  # 5.7e-7 a sample: 0.23 are expected, four in 1 of 10 000 series
+
+
+@pytest.mark.parametrize("of_jerk", [False, True])
+@pytest.mark.parametrize("tau", [0.0, 3e-4, 1e-3])
+def test_the_lost_velocity_is_that_of_the_replay(of_jerk: bool, tau: float):
+    """The integral of the interpolated output against the closed form, over phases of the jump."""
+    t = STEP * np.arange(60)
+    errors = []
+    for phase in np.linspace(0.0, 1.0, 40, endpoint=False) + 0.0125:
+        begin = t[25] + phase * STEP
+        x = np.maximum(t - begin, 0.0)
+        decay = np.exp(-x / tau) if tau else (x <= 0.0).astype(float)
+        u = x - tau * (1.0 - decay) if of_jerk else (x > 0.0) * (1.0 - decay)
+        first, _, _ = _core.drive(t, u, np.array([t[10], t[45]]), how="cubic", tau=tau, delay=0.0, hole=1.0)
+        run = t[45] - begin
+        errors.append(first[1] - (run**2 / 2.0 if of_jerk else run))
+    if tau and not of_jerk:
+        errors = [error + tau * math.exp(-(t[45] - t[25]) / tau) for error in errors]  # what the pole still holds
+    one = np.array([1.0])
+    jump = Jumps(one, one, np.array([of_jerk]), np.array([tau]), np.array([True]), one, one)
+    assert np.std(errors) == pytest.approx(float(lost_velocity(jump, STEP)[0]), rel=0.1)
+    assert len(lost_velocity(Jumps(NONE, NONE, NO_FLAGS, NONE, NO_FLAGS, NONE, NONE), STEP)) == 0
+
+
+def test_lost_samples_are_filled_in_without_a_bias():
+    """A cubic over a lost sample errs by (w h)^4/6 of a motion at 80 Hz; the polynomial of eight by (w h)^8/70."""
+    t, w = STEP * np.arange(2000), 2.0 * math.pi * 80.0
+    kept = np.arange(2000) % 13 != 5
+    found = fill_gaps(t[kept], np.sin(w * t[kept]), STEP)
+    assert np.all(found.filled)
+    at = t[~kept][3:-3]
+    filled = np.interp(at, found.t, found.y)
+    cubic = np.array(
+        [np.polyval(np.polyfit([-2, -1, 1, 2], np.sin(w * (x + STEP * np.array([-2, -1, 1, 2]))), 3), 0) for x in at]
+    )
+    assert np.max(np.abs(filled - np.sin(w * at))) < 2e-6
+    assert np.max(np.abs(cubic - np.sin(w * at))) > 1e-3
+
+
+@pytest.mark.parametrize("lost", [1, 2, 3, 6])
+def test_the_noise_of_a_gap_is_that_of_its_integral(lost: int):
+    rng = np.random.default_rng(6)
+    t = np.arange(60.0)
+    kept = (t < 30) | (t >= 30 + lost)
+    at = np.array([10.0, 50.0])
+    gained, whole = [], []
+    for _ in range(4000):
+        y = rng.standard_normal(60)
+        found = fill_gaps(t[kept], y[kept], 1.0)
+        for times, values, sums in ((found.t, found.y, gained), (t, y, whole)):
+            first, _, _ = _core.drive(times, values, at, how="cubic", tau=0.0, delay=0.0, hole=20.0)
+            sums.append(first[1])
+    assert np.var(gained) == pytest.approx(np.var(whole) + float(found.noise[0]), rel=0.15)  # 3 % a deviation
+
+
+def test_a_bridge_continues_a_smooth_series():
+    x = np.linspace(0.0, 6.0, 600)
+    hidden = np.zeros(600, dtype=bool)
+    hidden[200:215] = hidden[597:] = True
+    filled = bridged(np.where(hidden, 50.0, np.sin(x)), hidden)
+    assert np.max(np.abs(filled - np.sin(x))[:590]) < 1e-6
