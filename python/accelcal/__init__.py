@@ -31,13 +31,12 @@ from accelcal.serialization.model_file import load as load_model
 from accelcal.serialization.model_file import save as save_model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.comparison import Coast, Comparison
-from accelcal.validation.evaluation import coast, compare
 
 if TYPE_CHECKING:
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.experiment import plan, power
     from accelcal.selection.improvement import History, Improvement
-    from accelcal.workflow import add, diagnose, drop, fit, history, improve
+    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, history, improve
 
 __all__ = [
     "ADXL105_RIG",

@@ -1,4 +1,7 @@
-"""The product's verbs: fit, diagnose, add, drop, improve, history. Outliers are rejected before every fit."""
+"""The product's verbs: fit, diagnose, add, drop, improve, history, compare, coast.
+
+Outliers are rejected before every fit, and jumps of the position are found before anything else.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from dataclasses import replace
 
 from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording, listed
+from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
@@ -20,8 +24,8 @@ from accelcal.model import Model
 from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import HELD_OUT
-from accelcal.validation.evaluation import compare
+from accelcal.validation import evaluation
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
@@ -59,7 +63,7 @@ def diagnose(
     NotIdentifiable
         If the motion does not excite what the model already contains.
     """
-    several = listed(recordings)
+    several = with_known_steps(recordings)
     stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
 
@@ -118,7 +122,7 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    several = listed(recordings)
+    several = with_known_steps(recordings)
     share = 0.8 if reject_outliers else 1.0
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
@@ -175,7 +179,7 @@ def add(
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
-    several = listed(recordings)
+    several = with_known_steps(recordings)
     model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
@@ -208,7 +212,7 @@ def drop(
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
-    several = listed(recordings)
+    several = with_known_steps(recordings)
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
     return fit_without_outliers(left, several)
 
@@ -228,7 +232,8 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     """
     if not fits:
         raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
-    return History(tuple(fits), tuple(compare(fit, recording) for fit in fits))
+    recording = with_position_steps(recording)
+    return History(tuple(fits), tuple(evaluation.compare(fit, recording) for fit in fits))
 
 
 @one_thread
@@ -266,7 +271,7 @@ def improve(
     NotIdentifiable, RecordingError
         From the fit of the base model.
     """
-    original = listed(recordings)
+    original = with_known_steps(recordings)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
@@ -281,7 +286,7 @@ def improve(
     selection.finish()
     verdict, fitted = selection.current.verdict, selection.current.fitted
     rejected = fitted.rejected(original)
-    test = original[0] if holdout is None else holdout
+    test = original[0] if holdout is None else with_position_steps(holdout)
     test_begin, test_end = (split, finish) if same_run else (None, None)
     if rejected:
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
@@ -290,8 +295,8 @@ def improve(
         Step(
             names,
             fit,
-            compare(fit, fitted.recordings[0], start=begin, end=split),
-            compare(fit, test, start=test_begin, end=test_end),
+            evaluation.compare(fit, fitted.recordings[0], start=begin, end=split),
+            evaluation.compare(fit, test, start=test_begin, end=test_end),
         )
         for names, fit in selection.fits
     ]
@@ -311,3 +316,52 @@ def clean_holdout(
     rejected = clean.rejected([recording])
     named = (replace(channel, recording=f"held out, {channel.recording or 'recording'}") for channel in rejected)
     return clean.recordings[0], tuple(named)
+
+
+def compare(
+    fit: Fit,
+    recording: Recording,
+    *,
+    band: float | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
+) -> Comparison:
+    """Compare a fitted model with a recording, simulation first; behind a jump of the position it starts anew.
+
+    Parameters
+    ----------
+    fit : parameters, noise and origins.
+    recording : any run, the fitted one or another.
+    band : Hz, optional; bandwidth of the accelerometer-side residual, by default the crossover of the two noises.
+    horizons : s; when to take the coasting error after position is withheld.
+    start, end : s, optional; only readings in [start, end] are used.
+
+    Raises
+    ------
+    RecordingError
+        If the channels do not overlap.
+    """
+    known = with_position_steps(recording)
+    return evaluation.compare(fit, known, band=band, horizons=horizons, start=start, end=end)
+
+
+def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
+    """Predict position over `horizon` seconds after the last reading at or before `start`, without using any later one.
+
+    Parameters
+    ----------
+    fit, recording : model and run.
+    start, horizon : s.
+
+    Raises
+    ------
+    ValueError
+        If no reading precedes `start` or the accelerometer record ends before the horizon.
+    """
+    return evaluation.coast(fit, with_position_steps(recording), start, horizon)
+
+
+def with_known_steps(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """One recording, or several, as a list, each with the jumps of its position."""
+    return [with_position_steps(recording) for recording in listed(recordings)]

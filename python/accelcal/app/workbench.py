@@ -22,6 +22,7 @@ from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.data.recording import Recording, RecordingError
+from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, from_expression
 from accelcal.estimation.estimate import Fit, require_distinct
@@ -31,9 +32,9 @@ from accelcal.report import gather, html
 from accelcal.serialization import model_file
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import HELD_OUT, Comparison
-from accelcal.validation.evaluation import accel_residual, compare
+from accelcal.validation.evaluation import accel_residual
 from accelcal.validation.prediction import Prediction
-from accelcal.workflow import add, diagnose, drop, fit
+from accelcal.workflow import add, compare, diagnose, drop, fit
 
 EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 """True parameters of the simulated example."""
@@ -356,7 +357,7 @@ class Workbench:
         if state.step is None or state.previous is None:
             return None
         was, band = state.previous, state.step.heldout.band
-        t, residual, _ = accel_residual(Prediction.of(was.fit, state.unseen), band)
+        t, residual, _ = accel_residual(Prediction.of(was.fit, with_position_steps(state.unseen)), band)
         return replace(was.heldout, accel_residual=(t, residual), band=band)
 
     def refuse(self, sentence: str) -> None:

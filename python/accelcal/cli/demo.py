@@ -41,7 +41,7 @@ def demo(
     from accelcal.serialization import model_file
     from accelcal.simulation.sensor import ADXL105_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
-    from accelcal.validation.evaluation import compare as compare_with
+    from accelcal.workflow import compare as compare_with
     from accelcal.workflow import fit as fit_replay
 
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}

@@ -51,7 +51,7 @@ def diagnose(
     """
     from accelcal.io import atomic_write
     from accelcal.serialization import diagnosis_json, model_file
-    from accelcal.validation.evaluation import compare as compare_with
+    from accelcal.workflow import compare as compare_with
     from accelcal.workflow import diagnose as diagnose_with
 
     load_own_effects(effects_file)

@@ -155,7 +155,7 @@ def compare(
     """
     from accelcal.io import atomic_write
     from accelcal.serialization import model_file
-    from accelcal.validation.evaluation import compare as compare_with
+    from accelcal.workflow import compare as compare_with
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)

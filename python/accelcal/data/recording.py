@@ -50,6 +50,26 @@ class Finding:
     severity: Literal["note", "warning"] = "note"
 
 
+@dataclass(frozen=True, slots=True)
+class PositionStep:
+    """A jump of the encoder's reading that stays: counts were lost, or its zero was set anew."""
+
+    time: float
+    """Of the first reading behind it, s."""
+    size: float
+    """m"""
+    p_value: float
+    """Probability of such a jump anywhere in a record without one."""
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return (
+            f"position: the reading jumps by {self.size * 1e6:+.3g} um at t = {self.time:.6g} s and stays: "
+            "missed counts, or the encoder was zeroed"
+        )
+
+
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Recording:
@@ -67,6 +87,8 @@ class Recording:
     digest: str = ""
     """SHA-256 of the source file, hex."""
     findings: tuple[Finding, ...] = ()
+    position_steps: tuple[PositionStep, ...] = ()
+    """Jumps of the position that were found; the replay starts anew behind each."""
 
     def __repr__(self) -> str:
         side = "".join(f", {name}" for name in self.side)

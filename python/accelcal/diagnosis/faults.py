@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -11,7 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, Recording
+from accelcal.data.recording import Channel, PositionStep, Recording
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
@@ -26,7 +26,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.estimation.drive import HOLE
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 
 Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
@@ -61,7 +61,9 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
     found += [*rail_hits(run), *stuck(run)]
     columns = columns or RelationColumns(run)
-    found += [*position_steps(columns), *dropped_samples(columns)]
+    steps = (*recording.position_steps, *position_steps(columns))
+    found += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
+    found += dropped_samples(columns)
     inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
     return tuple(sorted(inside, key=lambda f: f.time))
 
@@ -163,8 +165,31 @@ def _runs(flags: NDArray[np.bool_], least: int) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]
 
 
-def position_steps(columns: RelationColumns) -> list[Fault]:
-    """Instants at which the encoder lost or gained counts: its reading jumps and stays.
+MOST_STEP_SEARCHES = 3
+"""Searches for position steps: behind a large one the relation, and with it a smaller one, shows only in the next."""
+
+
+def with_position_steps(recording: Recording) -> Recording:
+    """The recording with the position steps that it shows; a recording whose steps are known is returned as it is.
+
+    A recording that cannot be used is returned as it is, too: the fit says why.
+    """
+    if recording.position_steps:
+        return recording
+    for _ in range(MOST_STEP_SEARCHES):
+        try:
+            found = position_steps(RelationColumns(prepare(recording)))
+        except ValueError:
+            break
+        if not found:
+            break
+        steps = sorted((*recording.position_steps, *found), key=lambda step: step.time)
+        recording = replace(recording, position_steps=tuple(steps))
+    return recording
+
+
+def position_steps(columns: RelationColumns) -> list[PositionStep]:
+    """Instants at which the encoder lost or gained counts, or was zeroed: its reading jumps and stays.
 
     The innovations behind a fast filter respond to a step with a pulse; the pulse is detected against the local spread.
     """
@@ -179,11 +204,12 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
     matched = np.correlate(residual, step, "full")[PULSE - 1 :] / np.linalg.norm(step)
     single = np.correlate(residual, spike, "full")[PULSE - 1 :] / np.linalg.norm(spike)
     score = np.abs(matched) / local_spread(matched)
-    limit = -float(scipy.special.stdtrit(0.7 * LOCAL, 0.5 * FAULT_ALPHA / len(score)))
+    chance = np.minimum(1.0, 2.0 * len(score) * scipy.special.stdtr(0.7 * LOCAL, -score))
     noise = float(np.median(np.abs(residual))) / 0.6745
     behind_gap = np.diff(relation.t, prepend=relation.t[0]) > HOLE * run.reading_step
-    found, last = [], -PULSE
-    for k in (int(k) for k in np.flatnonzero((score > limit) & ~behind_gap)):
+    found: list[PositionStep] = []
+    last = -PULSE
+    for k in (int(k) for k in np.flatnonzero((chance < FAULT_ALPHA) & ~behind_gap)):
         neighbours = slice(max(0, k - PULSE), k + PULSE)
         if k - last < PULSE or np.max(np.abs(matched[neighbours])) > abs(matched[k]):
             continue
@@ -196,9 +222,7 @@ def position_steps(columns: RelationColumns) -> list[Fault]:
         if abs(size) < STEP_LEAST_COUNTS * run.least_step:
             continue
         last = k
-        time = float(relation.t[k])
-        text = f"position: the reading jumps by {size * 1e6:+.3g} um at t = {time:.6g} s and stays: missed counts"
-        found.append(Fault("position_step", "position", time, size, text))
+        found.append(PositionStep(float(relation.t[k]), size, float(chance[k])))
     return found
 
 

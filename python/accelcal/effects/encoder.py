@@ -111,6 +111,7 @@ def encoder_nonlinearity(s: Signals) -> Array:
     scale=2e-5,
     source="one signal period missed",
     shapes={"instant": Shape("s", instants, trials=16, picked="jumps")},
+    traits=Traits(noise=NoiseSource("position jumps", amplitude)),
 )
 def encoder_step(s: Signals, instant: float) -> Array:
     """Counts were missed: the position jumps once and stays.

@@ -93,6 +93,7 @@ NoiseTestKind = Literal[
     "reading outliers",
     "output steps",
     "wave over position",
+    "position jumps",
 ]
 """What a noise test looks for."""
 

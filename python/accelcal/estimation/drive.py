@@ -27,7 +27,7 @@ class DriveIntegrals:
     second: Array
     """Position gained over it beyond v h, m."""
     restart: Flags
-    """Where the accelerometer record does not reach across the interval."""
+    """Where the accelerometer record does not reach across the interval, or the position counts from another zero."""
     extra_q: Array
     """Density of process noise of the interval beyond that of the record: what sampling hides, (m/s²)²/Hz."""
 
@@ -87,6 +87,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     gain = run.rig.polarity / values.scale
     restart = ~covered
     restart[0] = True
+    restart[np.searchsorted(run.t, run.restarts)] = True
     first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
     first -= run.rig.gravity * h
     second *= gain

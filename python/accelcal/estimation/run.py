@@ -41,6 +41,8 @@ class PreparedRun:
     """Median spacing of the readings, s."""
     left_out: int
     """Readings that jump away and come back."""
+    restarts: tuple[float, ...] = ()
+    """Instants from which the position counts from another zero, s."""
 
     @property
     def rig(self) -> Rig:
@@ -143,7 +145,8 @@ def prepare(
     recording : what was measured.
     origins : zero points of t, p and temperature; by default those that suit the recording.
     start, end : s, optional; only readings in [start, end] on the position clock are used.
-    withheld : s; readings after this time are not looked at when glitches are sought.
+    withheld : s; readings after this time are not looked at when glitches are sought, and no position step among them
+        is known.
 
     Raises
     ------
@@ -176,6 +179,7 @@ def prepare(
         accel_step=float(np.median(np.diff(part.t))),
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
+        restarts=tuple(step.time for step in recording.position_steps if t[0] < step.time <= min(t[-1], withheld)),
     )
 
 

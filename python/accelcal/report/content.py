@@ -19,8 +19,7 @@ from accelcal.experiment import Power, power
 from accelcal.plots.interactive.timeline import Marks, marks
 from accelcal.selection.nested_models import NestedModels, nested_models
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.evaluation import compare
-from accelcal.workflow import diagnose
+from accelcal.workflow import compare, diagnose
 
 T = TypeVar("T")
 

@@ -11,6 +11,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, require_band
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
@@ -145,15 +146,15 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
 
     # one spline at a time: each holds six arrays of its own
-    missed = smoothed(ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1])
-    residual = -values.scale * rig.polarity * second_derivative(missed, step)
+    missed = ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1]
+    residual = -values.scale * rig.polarity * second_derivative(smoothed(without_steps(missed, run)), step)
     del missed
-    p = smoothed(run.z)
+    p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
     sensed = rig.polarity * (a + rig.gravity)
     motion = Signals(
         t=t - run.origins.t,
-        p=p - run.origins.p,
+        p=p - run.origins.p + np.interp(t, run.t, run.z - without_steps(run.z, run)),
         v=derivative(p, step),
         a=sensed,
         jerk=derivative(sensed, step),
@@ -170,6 +171,14 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)
+
+
+def without_steps(y: Array, run: PreparedRun) -> Array:
+    """Readings without their jumps where the position counts from another zero; a low-pass would ring."""
+    jumps = np.zeros_like(y)
+    behind = np.searchsorted(run.t, run.restarts)
+    jumps[behind] = y[behind] - y[behind - 1]
+    return np.asarray(y - np.cumsum(jumps))
 
 
 def second_derivative(y: Array, step: float) -> Array:

@@ -14,6 +14,7 @@ OUTPUT_OUTLIERS = found_by("output outliers").name
 READING_OUTLIERS = found_by("reading outliers").name
 STEPS = found_by("output steps").name
 POSITION_WAVE = found_by("wave over position").name
+POSITION_JUMPS = found_by("position jumps").name
 """The effects that the tests find, by name."""
 
 

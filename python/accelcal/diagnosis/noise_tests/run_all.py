@@ -11,6 +11,7 @@ from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, encoder_outliers
+from accelcal.diagnosis.noise_tests.position_jumps import position_jumps
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import tones
@@ -28,7 +29,8 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     Returns
     -------
     One finding for each of vibration, timing_jitter, accelerometer_outliers, encoder_outliers, quantisation,
-    encoder_cyclic, whiteness, and one for each of at most five lines (`tone`; at least one, the most significant).
+    encoder_cyclic, encoder_step, whiteness, and one for each of at most five lines (`tone`; at least one, the most
+    significant).
     """
     residuals = Residuals(state)
     line_tests = tones(residuals)
@@ -42,6 +44,7 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
         quantisation(residuals),
         *(line for line in line_tests if not line.parts["follows_motion"]),
         encoder_cyclic(residuals),
+        position_jumps(residuals),
         whiteness(residuals),
     )
 
