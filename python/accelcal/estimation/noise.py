@@ -93,6 +93,10 @@ class NoiseSearch:
         moved = max(abs(math.log(found.q / self.noise.q)), abs(math.log(found.r / self.noise.r)))
         return NoiseSearch(found, min(max(2.0 * moved, NEAR), 1.0))
 
+    def scaled(self, factor: float) -> NoiseSearch:
+        """The same with the process density multiplied by a factor."""
+        return NoiseSearch(Noise(factor * self.noise.q, self.noise.r), self.width)
+
     def within(self, band: float | None, run: PreparedRun) -> Noise:
         """The noise whose crossover lies at `band`, Hz, with the process density kept; without a band the noise."""
         if band is None:

@@ -60,13 +60,14 @@ class RunState:
 
     def refresh(self, values: Values, *, search_noise: bool) -> None:
         """Move to other coefficients: drive and signals are made from the signals of the state before."""
-        run = self.run
+        run, ratio = self.run, self.values.scale / values.scale
         del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
         self.values = values
+        self.search = self.search.scaled(ratio**2)  # the sensor's noise stays; q is that noise over 1 + k
         self.drive = drive(run, values, self.signals)
         if search_noise:
             self.search = self.search.again(run, self.drive)
-            self.noise = self.search.within(self.band, run)
+        self.noise = self.search.within(self.band, run)
         self.track = run_filter(run, self.drive, self.noise)
         self.signals = smoothed_signals(run, self.drive, self.track, self.noise, values, self.signals, self.band)
         self._read_track()

@@ -11,6 +11,7 @@ from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.estimation.drive import HOLE, DriveIntegrals
 from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.shrinkage import Shrinkage, left_density
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import GRID_PER_CUTOFF, derivative, integral, low_pass, motion_bandwidth, resample
 from accelcal.signals.signals import Signals
@@ -107,7 +108,11 @@ def smoothed_signals(
     p += np.interp(t, run.t, p_smooth - np.interp(run.t, t, p))
     for hole in unread:
         p[hole] = np.interp(t[hole], run.t, p_smooth)
-    p_std, v_std, a_std = smoothed_std(run, noise, cutoff)
+    shrinkage = Shrinkage.of(jerk, rate / grid.every, run, noise, cutoff, values.time_offset)
+    if shrinkage is not None:
+        v, a = shrinkage(v), shrinkage(a)
+        jerk = derivative(a, grid.every * run.accel_step)
+    p_std, v_std, a_std = smoothed_std(run, noise, cutoff, shrinkage)
     smooth = sensor_signals(run, grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
     return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
 
@@ -134,13 +139,16 @@ def unbroken_spans(run: PreparedRun, integrals: DriveIntegrals, t: Array) -> lis
     return [(int(begin), int(end)) for begin, end in pairwise(edges)]
 
 
-def smoothed_std(run: PreparedRun, noise: Noise, cutoff: float) -> tuple[float, float, float]:
-    """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth (channels in parallel)."""
-    f = np.linspace(cutoff / 400.0, cutoff, 400)
-    w = 2.0 * np.pi * f
-    encoder = noise.r * run.reading_step * w**4
-    density = 2.0 * noise.q * encoder / (noise.q + encoder)
-    p_std, v_std, a_std = (float(np.sqrt(np.sum(density / w**power) * f[0])) for power in (4, 2, 0))
+def smoothed_std(
+    run: PreparedRun, noise: Noise, cutoff: float, shrinkage: Shrinkage | None = None
+) -> tuple[float, float, float]:
+    """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth; v and a may be shrunk."""
+    f: Array = np.linspace(cutoff / 400.0, cutoff, 400)
+    w, density = 2.0 * np.pi * f, left_density(run, noise, f)
+    kept = density if shrinkage is None else density * shrinkage.at(f) ** 2
+    p_std, v_std, a_std = (
+        float(np.sqrt(np.sum(left / w**power) * f[0])) for left, power in ((density, 4), (kept, 2), (kept, 0))
+    )
     return p_std, v_std, a_std
 
 
