@@ -8,7 +8,7 @@ import pytest
 from accelcal import _core
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, find
-from accelcal.effects.building_blocks import lagged, play
+from accelcal.effects.building_blocks import lagged, lagged_at, play
 from accelcal.effects.curves import CUBIC, cosines, curve, splines
 
 from .motions import PERIOD, moves, sines
@@ -81,6 +81,56 @@ def test_a_lag_has_the_gain_and_phase_of_its_pole(name, tau):
     pole = 1.0 / (1.0 + 1j * W * tau) - (1.0 if name == "sensor_lag" else 0.0)
     # Straight lines between samples: (w h)²/12 = 1.3e-5 of the amplitude.
     np.testing.assert_allclose([sine / AMPLITUDE, cosine / AMPLITUDE], [pole.real, pole.imag], atol=2e-5)
+
+
+@pytest.mark.parametrize("tau", [1e-3, 8e-3, 0.3])
+def test_a_lag_of_the_encoder_has_the_gain_and_phase_of_its_pole(tau):
+    sine, cosine = harmonic(find("encoder_lag").column(one_tone(), tau=tau), 1)
+    shown = -AMPLITUDE / W**2 * (1.0 / (1.0 + 1j * W * tau) - 1.0)  # of the position -A/w² sin(w t)
+    # Only what lies beyond p - tau v is filtered, so that straight lines between samples cost tau² of their 2e-5.
+    size = AMPLITUDE / W**2 * (W * tau) ** 2
+    np.testing.assert_allclose([sine, cosine], [shown.real, shown.imag], atol=2e-5 * size)
+
+
+def test_an_upright_or_turned_stage_moves_its_lagging_encoder_alike():
+    level = one_tone()
+    rig = Rig(axis="up", mount="reversed")
+    turned = dataclasses.replace(level, a=rig.polarity * (level.a + rig.gravity), rig=rig)
+    assert turned.rest == pytest.approx(-9.80665)
+    expected = find("encoder_lag").column(level, tau=8e-3)
+    np.testing.assert_allclose(find("encoder_lag").column(turned, tau=8e-3), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("tau", [1e-3, 0.3, 40.0])
+def test_a_high_pass_passes_what_its_corner_lets_through(tau):
+    s = one_tone(scale=1.0)
+    y = s.a + find("ac_coupling").column(s, tau=tau)
+    sine, cosine = harmonic(y, 1)
+    pole = 1j * W * tau / (1.0 + 1j * W * tau)
+    transient = np.exp(-30.0 / tau) if tau < 30.0 else 0.02  # the second half begins after 30 s
+    expected = [pole.real, pole.imag]
+    np.testing.assert_allclose([sine / AMPLITUDE, cosine / AMPLITUDE], expected, atol=2e-5 + transient)
+
+
+def test_a_high_pass_leaves_nothing_of_a_lasting_tilt():
+    s = sines(rig=Rig(axis="up"), scale=1.0)
+    tilted = dataclasses.replace(s, a=s.rest + 0.2 * (s.t >= 10.0))
+    y = tilted.a + find("ac_coupling").column(tilted, tau=2.0)
+    np.testing.assert_allclose(y[s.t < 9.9], 0.0, atol=1e-12)  # gravity went before the record
+    after = s.t > 10.01
+    np.testing.assert_allclose(y[after], 0.2 * np.exp(-(s.t[after] - 10.0) / 2.0), atol=2e-4)
+
+
+def test_a_lag_at_unequal_times_is_the_lag_at_equal_ones():
+    s = one_tone()
+    every = lagged(s.a, 0.02, s.step, 0.0)
+    kept = np.sort(np.random.default_rng(3).choice(len(s.t), len(s.t) // 2, replace=False))
+    assert np.ptp(np.diff(kept)) > 3
+    kept[0] = 0
+    thinned = lagged_at(s.t[kept], s.a[kept], 0.02, 0.0)
+    # Gaps of at most a dozen samples, straight in between: (12 w h)²/12.
+    np.testing.assert_allclose(thinned, every[kept], atol=2e-3 * AMPLITUDE)
+    np.testing.assert_allclose(lagged_at(s.t, s.a, 0.02, 0.0), every, atol=1e-9)
 
 
 def test_self_heating_settles_at_the_mean_square():
@@ -296,7 +346,7 @@ def test_resampled_motion_is_the_motion_at_those_times(mount):
     wanted = find("encoder_cyclic").column(fine, period=period)
     np.testing.assert_allclose(find("encoder_cyclic").column(found, period=period), wanted, atol=1e-2)
     every = [effect for effect in BUILT_IN if effect.port == "position"]
-    assert len(every) == 6
+    assert len(every) == 7
     for effect in every:
         shape = {name: float(each.grid(fine)[0]) for name, each in effect.shapes.items()}
         noisy, exact = effect.column(found, **shape), effect.column(fine, **shape)

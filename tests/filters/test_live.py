@@ -150,6 +150,8 @@ REFUSED = {
     "hysteresis": "other times",
     "sensor_lag": "other times",
     "encoder_backlash": "other times",
+    "encoder_lag": "other times",
+    "ac_coupling": "other times",
 }
 
 

@@ -71,7 +71,9 @@ def scale_factor(s: Signals) -> Array:
     symbol="t0",
     scale=1e-4,
     source="hold of samples: half a period",
-    traits=Traits(lumped=Lumped(("sensor_lag", "lowpass_error")), summand="clock offset", delay_class=True),
+    traits=Traits(
+        lumped=Lumped(("sensor_lag", "lowpass_error", "encoder_lag")), summand="clock offset", delay_class=True
+    ),
 )
 def time_offset(s: Signals) -> Array:
     """Accelerometer output late by t0 (derivations 7.1): output(t) = f(a(t - t0)).

@@ -43,6 +43,25 @@ def lag_weights(tau: float, step: float) -> tuple[float, float, float]:
     return decay, mean - decay, 1.0 - mean
 
 
+def lagged_at(t: Array, y: Array, tau: float, start: float) -> Array:
+    """First-order low-pass as in `lagged`, at times `t` of any spacing.
+
+    Parameters
+    ----------
+    t, y : (n,) times, s, strictly rising, and samples.
+    tau : time constant, s.
+    start : x at the first sample.
+    """
+    h = np.diff(t)
+    decay = np.exp(-h / tau)
+    mean = -np.expm1(-h / tau) * (tau / h)
+    gained = np.concatenate([[start], (mean - decay) * y[:-1] + (1.0 - mean) * y[1:]])
+    # x_k - decay_k x_(k-1) = gained_k: two diagonals, solved in order of time.
+    diagonals = np.ones((2, len(t)))
+    diagonals[1, :-1] = -decay
+    return np.asarray(scipy.linalg.solve_banded((1, 0), diagonals, gained), dtype=np.float64)
+
+
 def play(x: Array, width: float, start: float) -> Array:
     """Output of the play operator of full `width` for the input `x`, (n,); its state is kept through rests."""
     return _core.play(np.ascontiguousarray(x), width, start)

@@ -155,3 +155,27 @@ def creep(s: Signals, tau: float, start: float) -> Array:
     Separate by: a long constant tilt step.
     """
     return lagged(s.a, tau, s.step, s.rest + start * float(np.max(np.abs(s.a - s.rest))))
+
+
+@effect(
+    "ac_coupling",
+    unit="1",
+    symbol="h",
+    scale=1.0,
+    source="piezoelectric sensors and AC-coupled channels: tau = 0.1 s to 10 s",
+    shapes={"tau": Shape("s", slow(0.002, 1000.0), trials=7, spacing="log")},
+    traits=Traits(positive=True, memory=True),
+    search=Search(includes=("bias",), prior=(1.0, 0.02)),
+)
+def ac_coupling(s: Signals, tau: float) -> Array:
+    """First-order high-pass that was not declared (derivations 7.3b): a coupling capacitor, a charge amplifier.
+
+    A coefficient of 1 takes away all that is constant, gravity included. While tau exceeds the record only h/tau can
+    be estimated, and the prior decides.
+
+    Equation: e = -(1 + k) h x, tau x' = a - x; before the record the stage was at rest.
+    Looks like: after a change of acceleration the output decays to its zero; an output early at low frequencies.
+    Easily confused with: velocity where tau exceeds a period of the motion; creep, of which it is one with cc = -1.
+    Separate by: a lasting step of tilt, of which a high-pass leaves nothing after 5 tau; motion as slow as 1/tau.
+    """
+    return -s.scale * lagged(s.a, tau, s.step, s.rest)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.building_blocks import direction, instants, periods, since, slacks
+from accelcal.effects.building_blocks import direction, instants, lagged_at, periods, since, slacks
 from accelcal.effects.noise_sizes import amplitude, largest
-from accelcal.effects.registry import NoiseSource, Shape, Traits, effect
+from accelcal.effects.registry import NoiseSource, Search, Shape, Traits, effect
 from accelcal.signals.signals import Signals
 
 
@@ -143,3 +143,31 @@ def encoder_scale(s: Signals) -> Array:
     Separate by: an interferometer on the encoder; a tumble in gravity.
     """
     return s.p
+
+
+@effect(
+    "encoder_lag",
+    unit="1",
+    port="position",
+    owner="encoder",
+    symbol="le",
+    scale=1.0,
+    source="LVDT behind a demodulator of 500 Hz: tau = 0.3 ms; filtered motion capture: 10 ms",
+    shapes={"tau": Shape("s", (3e-5, 3e-2), trials=5, spacing="log")},
+    traits=Traits(positive=True, memory=True, summand="(-encoder lag)", delay_class=True),
+    search=Search(includes=("time_offset",), prior=(1.0, 0.02)),
+)
+def encoder_lag(s: Signals, tau: float) -> Array:
+    """First-order low-pass of the position sensor (derivations 7.3b): LVDT, vibrometer, filtered motion capture.
+
+    A coefficient of 1 is a plain low-pass. While tau is small only le tau² can be estimated beside time_offset, and
+    the prior decides.
+
+    Equation: b = le (x - p), tau x' = p - x; beyond the delay, a position that is short by tau²/2 times p''.
+    Looks like: an output early by tau and, beyond that, too large the more the higher the frequency.
+    Easily confused with: time_offset and sensor_resonance; sensor_lag delays the output and makes it too small.
+    Separate by: a common trigger on both channels and a sweep up to a third of 1/tau, where a lag levels off and a
+    resonance rises; a second position sensor of known bandwidth.
+    """
+    stage = s.rig.polarity * s.a - s.rig.gravity
+    return tau * (tau * lagged_at(s.t, stage, tau, float(stage[0])) - s.v)
