@@ -33,7 +33,7 @@ IDENTIFIERS = re.findall(
     shape_of_temperature shape_since_reversal encoder_shape_of_position shape_of_a_y
     shape_of_position_and_velocity shape_of_position_and_acceleration
     shape_of_temperature_and_velocity shape_of_time_and_velocity
-    lowpass_error encoder_lag ac_coupling
+    lowpass_error encoder_lag ac_coupling rounded_stamps held_samples
     """,
 )
 

@@ -6,7 +6,10 @@ backward stamps      error: there is no telling which of the samples are in the 
 duplicate stamps     equal values: one is kept. Different values: their mean, while fewer than 1 % of the stamps are
                      concerned; beyond that the stamps are coarser than the sampling, which is an error
 held repeats         accelerations only: a logger faster than its sensor writes each reading again until the next one.
-                     The first is kept, the repeats were not sampled. A quantised reading at rest is not a repeat
+                     The first is kept, the repeats were not sampled. A quantised reading at rest is not a repeat. It is
+                     stamped at the logger's next tick; where the sensor's clock is uniform, its instants are used
+rounded stamps       warning: stamps on a grid of which the spacing is no multiple. Where one uniform clock explains all
+                     of them, its instants are used, else the stamps are kept
 position repeats     mentioned, kept: an encoder at rest repeats its count
 clipping             warning, kept: readings at the declared range, or piled up at the extreme
 constant             warning, kept
@@ -26,7 +29,10 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Finding, RecordingError
 from accelcal.data.rig import Rig
+from accelcal.data.stamps import FEWEST, rounding_std, stamp_grid, uniform_clock
 
+ROUNDED, HELD = "stamps_on_grid", "held_repeats"
+"""Kinds of findings that the diagnosis reads; their size is the step of the stamps, s."""
 COARSE_STAMPS = 0.01
 """Share of contradictory duplicate stamps from which on the stamps are coarser than the sampling."""
 CLIP_MARGIN = 1e-3
@@ -73,13 +79,13 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
     _require_order(samples)
     t, y, findings = _without_duplicates(samples)
     name, unit = samples.name, samples.unit
+    t, noticed = _unrounded(name, t) if name in ("accel", "position") else (t, [])
+    findings += noticed
     if len(t) < 2 and name in ("accel", "position"):
         found = "1 sample" if len(t) else "no sample"
         raise RecordingError(f"{samples.file}: {name}: {found}; at least 2 are needed to have a rate.")
     if unit == "m/s^2":
-        kept, noticed = _without_held(name, t, y)
-        if kept is not None:
-            t, y = t[kept], y[kept]
+        t, y, noticed = _without_held(name, t, y)
         findings += noticed
         findings += _clipping(name, t, y, rig.sensor.range if name == "accel" else None)
     if name == "position":
@@ -166,8 +172,32 @@ def _without_duplicates(samples: Samples) -> tuple[Array, Array, list[Finding]]:
     return t[starts], mean, [finding]
 
 
-def _without_held(name: str, t: Array, y: Array) -> tuple[NDArray[np.bool_] | None, list[Finding]]:
-    """Find readings that a logger wrote again because the sensor had no new one yet.
+def _unrounded(name: str, t: Array) -> tuple[Array, list[Finding]]:
+    """Find stamps that were rounded, and put the instants of a uniform clock in their place where one explains them."""
+    step = stamp_grid(t)
+    if step == 0.0:
+        return t, []
+    clock = uniform_clock(t)
+    moved = clock.explains(step)
+    if not moved and (clock.spread < step or step > 0.5 * clock.period):  # spacings are multiples of the step, or gaps
+        return t, []
+    text = (
+        f"{name}: the time stamps are rounded to {1e3 * step:.6g} ms, which alone errs by "
+        f"{1e3 * rounding_std(step):.2g} ms rms: "
+    )
+    text += (
+        f"one clock of {1.0 / clock.period:.6g} Hz explains all of them and its instants are used; "
+        "where stamps are cut off instead of rounded, every one is early by half a step"
+        if moved
+        else "no uniform clock explains them, so the stamps are kept; record them with more digits"
+    )
+    if not moved:
+        return t, [Finding(ROUNDED, name, len(t), float(t[0]), text, "warning", step, 0.0, rounding_std(step))]
+    return clock.instants, [Finding(ROUNDED, name, len(t), float(t[0]), text, "warning", step, clock.common_std(step))]
+
+
+def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Finding]]:
+    """Drop readings that a logger wrote again because the sensor had no new one yet.
 
     Chance makes a quantised reading equal to the one before, most often at rest. So the question is asked only
     right after a clear change, of more than three quantisation steps. There chance makes the next reading equal as
@@ -178,29 +208,45 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[NDArray[np.bool_] | No
     clear = (step[:-1] > 3 * quantum) & (y[1:-1] != y.max()) & (y[1:-1] != y.min())
     asked = int(np.count_nonzero(clear))
     if asked < _FEWEST_CHANGES:
-        return None, []
+        return t, y, []
     repeated = int(np.count_nonzero(clear & (step[1:] == 0)))
     by_chance = np.count_nonzero(clear & (step[1:] > 0) & (step[1:] < 1.5 * quantum)) / 2
     if repeated - by_chance < max(0.02 * asked, 5.0 * np.sqrt(repeated + by_chance)):
-        return None, []
+        return t, y, []
 
     starts = np.flatnonzero(np.concatenate(([True], step > 0)))
     lengths = np.diff(starts, append=len(y))
     after_clear = np.concatenate(([False], step > 3 * quantum))[starts]
     hold = max(int(np.quantile(lengths[after_clear], 0.9)), 2)
-    sampled = np.maximum(np.rint(lengths / hold), 1.0)  # at rest the sensor itself repeats a code: one sample per hold
-    place = np.arange(len(y)) - np.repeat(starts, lengths)
-    kept = (place % hold == 0) & (place < hold * np.repeat(sampled, lengths))
+    usual = float(np.mean(lengths[after_clear & (lengths <= 1.5 * hold)]))
+    pace = usual if usual >= 1.5 else float(hold)  # below, one repeat and two equal readings have the same length
+    sampled = np.maximum(np.rint(lengths / pace), 1.0)  # at rest the sensor itself repeats a code: one sample per hold
+    if len(np.unique(y[starts])) > _DISTINCT * len(starts):
+        sampled[:] = 1.0
+    number = np.floor((np.arange(len(y)) - np.repeat(starts, lengths)) / pace + 1e-9)
+    kept = (np.diff(number, prepend=-1.0) != 0.0) & (number < np.repeat(sampled, lengths))
+    kept[starts] = True
+    tick = float(np.median(np.diff(t)))
+    kept &= np.diff(t, prepend=-np.inf) < 1.5 * tick  # behind a gap nobody knows since when the value is held
     dropped = int(np.count_nonzero(~kept))
     first = float(t[np.argmin(kept)])
+    instants, common, jitter = t[kept], rounding_std(tick), rounding_std(tick)
+    after = "the repeats are taken as not sampled"
+    if len(instants) >= FEWEST and (clock := uniform_clock(instants)).explains(tick):
+        instants, common, jitter = clock.instants, clock.common_std(tick), 0.0
+        after += (
+            f"; the sensor renews its value at {1.0 / clock.period:.6g} Hz, and the instants of this clock are used"
+        )
     text = (
         f"{name}: {dropped} of {len(y)} samples ({dropped / len(y):.0%}) repeat the one before, far more than "
         f"quantisation explains (first at t = {first:.6g} s): the logger is faster than the sensor. "
-        "The first of each run is kept, the repeats are taken as not sampled"
+        f"The first of each run is kept, {after}"
     )
-    return kept, [Finding("held_repeats", name, dropped, first, text, "warning")]
+    # A value is written at the first tick after the sensor's own instant: late by half a tick on average.
+    return instants - 0.5 * tick, y[kept], [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)]
 
 
+_DISTINCT = 0.9  # share of values that never recur, above which none repeats by chance
 _FEWEST_CHANGES = 50  # below that the share of repeats is not significant
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -48,6 +49,12 @@ class Finding:
     text: str
     """A whole sentence: what was found, where, what was done about it."""
     severity: Literal["note", "warning"] = "note"
+    size: float = 0.0
+    """Step of rounded stamps, or of the logger's ticks where samples are held, s; 0 for all else."""
+    common: float = 0.0
+    """Standard deviation of the error that all stamps of the channel share because of it, s."""
+    jitter: float = 0.0
+    """Standard deviation of the error that each stamp is left with, s; 0 where the instants of a clock are used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +96,11 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+
+    @property
+    def stamp_std(self) -> float:
+        """Standard deviation of the offset of the two clocks that is unknown because of rounded stamps, s."""
+        return math.hypot(*(finding.common for finding in self.findings))
 
     def __repr__(self) -> str:
         side = "".join(f", {name}" for name in self.side)

@@ -108,11 +108,11 @@ def accelerometer_outliers(s: Signals) -> Array:
     traits=Traits(positive=True, noise=NoiseSource("output steps", half_a_step, raises=("tone", "whiteness"))),
 )
 def quantisation(s: Signals) -> Array:
-    """The output is rounded to steps D, or repeats its last value.
+    """The output is rounded to steps D.
 
     Equation: variance of the output = D²/12, white only while the output moves by more than D per sample.
     Looks like: few distinct values; runs of equal samples at rest.
-    Easily confused with: dead_zone, a high noise density.
+    Easily confused with: dead_zone, held_samples, a high noise density.
     Separate by: the histogram of differences between samples; dither.
     """
     return np.full_like(s.t, 1.0 / 12.0)

@@ -74,6 +74,49 @@ def timing_jitter(s: Signals) -> Array:
 
 
 @effect(
+    "rounded_stamps",
+    unit="s²",
+    port="noise",
+    owner="timing",
+    symbol="Dt²",
+    scale=1e-6,
+    source="loggers and phones that write milliseconds",
+    traits=Traits(positive=True, noise=NoiseSource("stamps on a grid", jitter_at_top_jerk)),
+)
+def rounded_stamps(s: Signals) -> Array:
+    """Time stamps are rounded to steps Dt that are no divisor of the spacing of the samples.
+
+    Equation: variance of the output = Dt²/12 ((1 + k) jerk)².
+    Looks like: spacings of few values, whole multiples of one step; noise that grows with |jerk|.
+    Easily confused with: timing_jitter, whose stamps lie on no grid.
+    Separate by: the histogram of the spacings; stamps recorded with more digits.
+    """
+    return (s.scale * s.jerk) ** 2 / 12.0
+
+
+@effect(
+    "held_samples",
+    unit="s²",
+    port="noise",
+    owner="timing",
+    symbol="Th²",
+    scale=1e-6,
+    source="a bus that is read faster than the sensor renews its value",
+    traits=Traits(positive=True, noise=NoiseSource("held output", jitter_at_top_jerk, raises=("tone", "whiteness"))),
+)
+def held_samples(s: Signals) -> Array:
+    """Samples are repeated because the sensor was slower than the logger; each is late by up to Th.
+
+    Equation: variance of the output = Th²/12 ((1 + k) jerk)², beside a delay of Th/2. Where repeats are left out, Th is
+    the period of the logger; where they are not, that of the sensor.
+    Looks like: runs of equal samples while the output changes by far more than its resolution.
+    Easily confused with: quantisation, time_offset, timing_jitter.
+    Separate by: a logger at the rate of the sensor, or triggered by its data-ready signal.
+    """
+    return (s.scale * s.jerk) ** 2 / 12.0
+
+
+@effect(
     "sensor_lag",
     unit="1",
     symbol="l",

@@ -92,6 +92,8 @@ NoiseTestKind = Literal[
     "output outliers",
     "reading outliers",
     "output steps",
+    "stamps on a grid",
+    "held output",
     "wave over position",
     "position jumps",
 ]

@@ -10,6 +10,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
+from accelcal.data.stamps import usual_step
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
@@ -36,7 +37,7 @@ class PreparedRun:
     accel: Channel
     """Output over the readings and a little beyond."""
     accel_step: float
-    """Median spacing of the samples of the output, s."""
+    """Usual spacing of the samples of the output, s."""
     reading_step: float
     """Median spacing of the readings, s."""
     left_out: int
@@ -176,7 +177,7 @@ def prepare(
         t=t,
         z=z,
         accel=part,
-        accel_step=float(np.median(np.diff(part.t))),
+        accel_step=usual_step(part.t),
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
         restarts=tuple(step.time for step in recording.position_steps if t[0] < step.time <= min(t[-1], withheld)),

@@ -11,6 +11,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
+from accelcal.diagnosis.noise_tests.stamps import known_jitter
 from accelcal.diagnosis.policy import (
     JITTER_BAND,
     JUMP_TAIL_RATIO,
@@ -74,6 +75,12 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     z_jerk, p_jerk = power_trend_test(certain, j2)
     c, covariance = power_fit(certain, design)
     p_jerk_given_speed = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
+    known = known_jitter(residuals) ** 2
+    if known > 0.0:  # that noise grows with jerk is known: jitter is what exceeds the rounding of the stamps
+        c, covariance = power_fit(white, design)
+        z_jerk = (c[3] - known) / math.sqrt(covariance[3, 3])
+        p_jerk = max(p_jerk, float(scipy.special.ndtr(-z_jerk)))
+        p_jerk_given_speed = max(p_jerk_given_speed, p_jerk)
     confounded = (
         max(p_speed, p_jerk) < NOISE_TEST_ALPHA and min(p_speed_given_jerk, p_jerk_given_speed) > SEPARATE_POWER_ALPHA
     )
@@ -83,7 +90,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     )
     columns = design if p_vibration < NOISE_TEST_ALPHA else design[:, [0, 3]]
     c, covariance = power_fit(white, columns)
-    jitter, spread = amplitude_from_power(c[-1], covariance[-1, -1], 1.0)
+    jitter, spread = amplitude_from_power(c[-1] - known, covariance[-1, -1], 1.0)
     stamps = NoiseTest(
         JITTER,
         z_jerk,
@@ -97,7 +104,12 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         {"score": z_jerk, "blocks": float(len(v2))},
     )
     return vibration_test(
-        residuals, lines, p_vibration, z_speed, band, jitter if p_jitter < NOISE_TEST_ALPHA else 0.0
+        residuals,
+        lines,
+        p_vibration,
+        z_speed,
+        band,
+        math.hypot(jitter if p_jitter < NOISE_TEST_ALPHA else 0.0, math.sqrt(known)),
     ), stamps
 
 

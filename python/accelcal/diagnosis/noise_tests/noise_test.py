@@ -13,6 +13,8 @@ JITTER = found_by("noise over jerk").name
 OUTPUT_OUTLIERS = found_by("output outliers").name
 READING_OUTLIERS = found_by("reading outliers").name
 STEPS = found_by("output steps").name
+ROUNDED_STAMPS = found_by("stamps on a grid").name
+HELD_SAMPLES = found_by("held output").name
 POSITION_WAVE = found_by("wave over position").name
 POSITION_JUMPS = found_by("position jumps").name
 """The effects that the tests find, by name."""

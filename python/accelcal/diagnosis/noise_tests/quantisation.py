@@ -9,11 +9,11 @@ import scipy
 
 from accelcal.diagnosis.noise_tests.noise_test import STEPS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
-from accelcal.diagnosis.policy import COARSE_STEP_RATIO, HELD_SHARE, NOISE_TEST_ALPHA, WHOLE_BITS_TOLERANCE
+from accelcal.diagnosis.policy import COARSE_STEP_RATIO, NOISE_TEST_ALPHA, WHOLE_BITS_TOLERANCE
 
 
 def quantisation(residuals: Residuals) -> NoiseTest:
-    """Test of the converter's step against the noise of one sample, and of readings written twice.
+    """Test of the converter's step against the noise of one sample.
 
     That values lie on a grid is no matter of chance. The p value says whether it matters: the noise of rounding, D²/12,
     would gain twice the log-likelihood sum(r - ln(1 + r)) over the sensor's own noise, r their ratio at each frequency;
@@ -21,21 +21,14 @@ def quantisation(residuals: Residuals) -> NoiseTest:
     """
     noise = sample_noise(residuals)
     ratio = residuals.lsb / noise if noise > 0.0 else 0.0
-    repeats = float(np.mean(np.diff(residuals.u) == 0.0)) if residuals.lsb == 0.0 and len(residuals.u) > 1 else 0.0
-    repeated = repeats > HELD_SHARE or any(
-        f.kind == "held_repeats" and f.channel == residuals.run.accel.name for f in residuals.run.recording.findings
-    )
     p_value = 1.0
     if residuals.lsb > 0.0 and (ratio > COARSE_STEP_RATIO or not has_whole_bits(residuals)):
         p_value = float(scipy.special.chdtrc(1.0, rounding_gain(residuals, noise)))
-    p_value = 0.0 if repeated or ratio > COARSE_STEP_RATIO else p_value
+    p_value = 0.0 if ratio > COARSE_STEP_RATIO else p_value
     text = "quantisation of the output is negligible"
     if residuals.lsb > 0.0 and p_value < NOISE_TEST_ALPHA:
         text = f"the output is quantised in steps of {residuals.lsb:.3g} m/s², {ratio:.2g} times the noise of a sample"
-    elif repeated:
-        text = "readings of the output are repeated: the logger is faster than the sensor"
-    parts = {"step": residuals.lsb, "noise": noise, "held": max(repeats, float(repeated))}
-    parts["coarse"] = float(ratio > COARSE_STEP_RATIO or repeated)
+    parts = {"step": residuals.lsb, "noise": noise, "coarse": float(ratio > COARSE_STEP_RATIO)}
     return NoiseTest(STEPS, ratio, p_value, residuals.lsb, "m/s²", 0.0, text, parts)
 
 

@@ -14,6 +14,7 @@ from accelcal.diagnosis.noise_tests.outliers import accelerometer_outliers, enco
 from accelcal.diagnosis.noise_tests.position_jumps import position_jumps
 from accelcal.diagnosis.noise_tests.quantisation import quantisation
 from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.noise_tests.stamps import held_samples, rounded_stamps
 from accelcal.diagnosis.noise_tests.tones import tones
 from accelcal.diagnosis.noise_tests.whiteness import whiteness
 from accelcal.estimation.run_state import RunState
@@ -29,8 +30,8 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     Returns
     -------
     One finding for each of vibration, timing_jitter, accelerometer_outliers, encoder_outliers, quantisation,
-    encoder_cyclic, encoder_step, whiteness, and one for each of at most five lines (`tone`; at least one, the most
-    significant).
+    rounded_stamps, held_samples, encoder_cyclic, encoder_step, whiteness, and one for each of at most five lines
+    (`tone`; at least one, the most significant).
     """
     residuals = Residuals(state)
     line_tests = tones(residuals)
@@ -42,6 +43,8 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
         accelerometer_outliers(residuals),
         encoder_outliers(residuals),
         quantisation(residuals),
+        rounded_stamps(residuals),
+        held_samples(residuals),
         *(line for line in line_tests if not line.parts["follows_motion"]),
         encoder_cyclic(residuals),
         position_jumps(residuals),

@@ -1,0 +1,58 @@
+"""Rounded stamps and held samples are named as what they are, and jitter only beyond them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import accelcal as ac
+from accelcal.diagnosis.verdict import Diagnosis
+from tests.regimes.regimes import ADXL105, MOCAP, TABLE, phone
+from tests.regimes.rig import Clocks, Record, Reference, Rig
+
+PRECISE = replace(phone(100.3), density=20.0)
+UNEVEN = Clocks(tolerance=5e-3, irregular=0.2)
+
+
+def diagnosed(tmp_path: Path, rig: Rig, profile: str = "hand", seconds: float = 25.0) -> tuple[Diagnosis, Record]:
+    """The base model on one record of a rig, and the record."""
+    record = replace(TABLE["a-mixed-adxl105"], rig=rig, profile=profile, seconds=seconds).build(3)
+    recording = ac.load(record.write(tmp_path))
+    return ac.diagnose(ac.fit(ac.Model.linear(), recording), recording), record
+
+
+def test_rounded_stamps_are_named_so_and_cost_nothing(tmp_path: Path) -> None:
+    clocks = Clocks(tolerance=5e-3, rounding=1e-3)
+    found, record = diagnosed(tmp_path / "a", Rig(phone(200.7), MOCAP, clocks), "tremor", 60.0)
+    assert found.effects == ("rounded_stamps",)
+    assert "accel to 1 ms" in found.sentence
+    assert "rounding errs by 289 us rms" in found.sentence
+    exact, _ = diagnosed(tmp_path / "b", Rig(phone(200.7), MOCAP, replace(clocks, rounding=0.0)), "tremor", 60.0)
+    assert exact.effects == ()
+    for name in ("bias", "scale_factor"):
+        assert found.fit[name].std == pytest.approx(exact.fit[name].std, rel=0.02)
+        assert found.fit[name].value == pytest.approx(exact.fit[name].value, abs=0.3 * exact.fit[name].std)
+    # 120 Hz in milliseconds is a pattern of three stamps: 1/3 ms of the clock's phase is nowhere in the record.
+    offset = found.fit["time_offset"]
+    assert offset.std > 9e-5 > 3.0 * exact.fit["time_offset"].std
+    assert abs(offset.value - record.truth["time_offset"]) < 3.0 * offset.std
+
+
+def test_rounding_of_an_uneven_clock_is_no_jitter_but_more_than_it_is(tmp_path: Path) -> None:
+    rounded = replace(UNEVEN, rounding=1e-3)
+    found, _ = diagnosed(tmp_path / "a", Rig(PRECISE, Reference(1e-5, None, 100.1), rounded))
+    assert "rounded_stamps" in found.effects
+    assert "timing_jitter" not in found.effects
+    more, _ = diagnosed(tmp_path / "b", Rig(PRECISE, Reference(1e-5, None, 100.1), replace(rounded, jitter=1.5e-3)))
+    assert {"rounded_stamps", "timing_jitter"} <= set(more.effects)
+
+
+def test_held_samples_are_named_so_and_not_quantisation(tmp_path: Path) -> None:
+    logger = replace(ADXL105, rate=1000.3, corner=None)
+    found, record = diagnosed(tmp_path, Rig(logger, clocks=Clocks(held=400.0)), "mixed", 15.0)
+    assert found.effects == ("held_samples",)
+    assert "renews them at 400 Hz" in found.sentence
+    for name, true in record.truth.items():
+        assert abs(found.fit[name].value - true) < 4.0 * found.fit[name].std
