@@ -178,7 +178,8 @@ def _(seen: Comparison) -> Card:
 
 @card.register
 def _(found: Diagnosis) -> Card:
-    notes = [f"Suspect data: {text}" for text in found.suspect]
+    notes = [*map(as_sentence, found.leading), *(f"Suspect data: {text}" for text in found.suspect)]
+    notes += map(as_sentence, found.notes)
     notes += [as_sentence(rejected.sentence) for rejected in found.dropped]
     notes += [as_sentence(test.sentence) for test in found.channels]
     tied = [tie for tie in found.classes if len(tie.members) > 1]
@@ -222,8 +223,10 @@ def _(found: Improvement) -> Card:
         f"Improvement: {VERDICTS[last.verdict]}; held out: {same}",
         names,
         [step.heldout for step in found.steps],
-        typeset(last.sentence),
+        *map(as_sentence, last.leading),
+        typeset(found.sentence),
         *(f"Suspect data: {text}" for text in last.suspect),
+        *map(as_sentence, last.notes),
     )
 
 

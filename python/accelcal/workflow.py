@@ -284,7 +284,9 @@ def improve(
             break
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     selection.finish()
-    verdict, fitted = selection.current.verdict, selection.current.fitted
+    room = len(selection.current.model.added) < most
+    verdict = selection.final_verdict("no fit with it is possible" if room else f"at most {most} effects are added")
+    fitted = selection.current.fitted
     rejected = fitted.rejected(original)
     test = original[0] if holdout is None else with_position_steps(holdout)
     test_begin, test_end = (split, finish) if same_run else (None, None)

@@ -13,11 +13,11 @@ import pytest
 from scipy import stats
 
 from accelcal.demo import TRUTH, with_effect
+from accelcal.diagnosis.findings import explained_gain
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import prepare
 from accelcal.model import Model
-from accelcal.selection.collinearity import explained_gain
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.workflow import add
 

@@ -10,8 +10,8 @@ from tests.plots.test_plots import SHORT, a_comparison
 
 import accelcal as ac
 from accelcal import formatting
+from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
-from accelcal.diagnosis.verdict import Confounded
 from accelcal.estimation.estimate import estimate
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes

@@ -13,6 +13,7 @@ import accelcal as ac
 from accelcal import report
 from accelcal._support.extras import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
+from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.estimate import estimate
 from accelcal.formatting import readable
 from accelcal.report.page import script_json
@@ -71,7 +72,8 @@ def test_the_verdict_comes_first(pages, lacking):
 
 
 def test_suspect_data_are_said_before_the_verdict(lacking):
-    diagnosis = replace(lacking.diagnosis, suspect=("output: 3 samples hit the rail",))
+    hit = Remark("rail_hit", "output: 3 samples hit the rail", {})
+    diagnosis = replace(lacking.diagnosis, remarks=(hit,))
     text = Page(report.light(replace(lacking, diagnosis=diagnosis))).text
     assert text.index("3 samples hit the rail") < text.index(readable(diagnosis.sentence))
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import accelcal as ac
+from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Confounded, sentence_with_rivals
+from accelcal.diagnosis.verdict import sentence_with_rivals
 from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.estimate import estimate
 from accelcal.selection.collinearity import (

@@ -104,13 +104,7 @@ def show_plan(content: dict[str, Any]) -> None:
 
 
 def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
-    """Print the effects that were found, the diagnosis of the final model, its parameters, and the held-out errors."""
-    from rich.console import Console
-
-    if found.effects:
-        Console().print(
-            f"Found: {', '.join(found.effects)}. Diagnosis of the improved model:", style="bold", highlight=False
-        )
+    """Print what was found and what the final model lacks, its parameters, and the held-out errors."""
     show_diagnosis(content)
     show_parameters(found.diagnosis.fit)
     if found.same_run:
@@ -122,10 +116,19 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     """Print the verdict, then the candidates and confounded effects."""
     from rich.console import Console
 
+    from accelcal.diagnosis.remarks import KINDS
+
     console = Console()
-    for text in content["suspect_data"]:
+    by_place: dict[str, list[str]] = {}
+    for one in content["remarks"]:
+        by_place.setdefault(KINDS[one["code"]].place, []).append(one["sentence"])
+    for text in by_place.get("first", ()):
+        console.print(text, style="bold red", highlight=False)
+    for text in by_place.get("data", ()):
         console.print(f"suspect data: {text}", style="bold red", highlight=False)
     console.print(content["sentence"], style="bold", highlight=False)
+    for text in by_place.get("beside", ()):
+        console.print(f"note: {text}", highlight=False)
     if content.get("candidates"):
         rows = [
             (

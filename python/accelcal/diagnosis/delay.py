@@ -41,10 +41,15 @@ def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
     """Whether the time offset is significant beyond what was declared (the delay rule).
 
     It is judged for a low-pass exactly as declared: the tolerance of the low-pass is subtracted from the delay, so it
-    must not be part of the standard deviation as well.
+    must not be part of the standard deviation as well. Where the record is too short for a verdict, its few blocks
+    determine the scatter of scores to as many degrees of freedom less one: Student's distribution replaces the normal
+    one, so that a handful of blocks needs tens of standard deviations, and one block finds nothing.
     """
+    if found.blocks < 2:
+        return False
     tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
-    required = -float(special.ndtri(alpha / max(1, found.examined) / 2.0))
+    chance = alpha / max(1, found.examined) / 2.0
+    required = -float(special.ndtri(chance) if found.enough else special.stdtrit(found.blocks - 1, chance))
     names = [e.name for e in fit.free]
     lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
     for i in (i for i, name in enumerate(names) if name == "time_offset"):

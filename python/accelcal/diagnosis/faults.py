@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,11 +26,16 @@ from accelcal.diagnosis.policy import (
     WHOLE_SAMPLE_TOLERANCE,
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
+from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.estimation.drive import HOLE
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 
 Kind = Literal["dropout", "glitch", "rail_hit", "stuck", "position_step", "dropped_samples"]
+LASTING: tuple[Kind, ...] = ("dropout", "rail_hit", "stuck")
+"""Faults whose size is a length of time."""
+LISTED_SINGLY = 2
+"""Faults of one kind and channel that have a sentence each; more share one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +72,40 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     found += dropped_samples(columns)
     inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
     return tuple(sorted(inside, key=lambda f: f.time))
+
+
+def fault_remarks(found: Sequence[Fault], length: float) -> tuple[Remark, ...]:
+    """One remark for each fault, or one for all of a kind and channel where there are many.
+
+    Parameters
+    ----------
+    found : in order of time.
+    length : of the record, s.
+    """
+    groups: dict[tuple[Kind, str], list[Fault]] = {}
+    for fault in found:
+        groups.setdefault((fault.kind, fault.channel), []).append(fault)
+    remarks: list[Remark] = []
+    for (kind, channel), members in groups.items():
+        longest = max(members, key=lambda fault: abs(fault.size))
+        values: dict[str, Value] = {
+            "channel": channel,
+            "count": len(members),
+            "longest": longest.size,
+            "time": longest.time,
+        }
+        if kind in LASTING:
+            values["share"] = 100.0 * sum(fault.size for fault in members) / length
+        if len(members) > LISTED_SINGLY:
+            remarks.append(remark(kind, **values))
+        else:
+            singly = values | {"count": 1}
+            for fault in members:
+                singly |= {"longest": fault.size, "time": fault.time}
+                if kind in LASTING:
+                    singly["share"] = 100.0 * fault.size / length
+                remarks.append(Remark(kind, fault.sentence, dict(singly)))
+    return tuple(remarks)
 
 
 def dropouts(channel: Channel) -> list[Fault]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +13,15 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant, with_detected_effects
-from accelcal.diagnosis.faults import faults
+from accelcal.diagnosis.faults import fault_remarks, faults
+from accelcal.diagnosis.findings import (
+    NOTHING_MISSING,
+    Confounded,
+    Finding,
+    in_model,
+    present,
+    with_findings,
+)
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
@@ -23,6 +31,7 @@ from accelcal.diagnosis.policy import (
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
 )
+from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, result
@@ -33,26 +42,15 @@ from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
 
 
-@dataclass(frozen=True, slots=True)
-class Confounded:
-    """An effect with its confounding class, and the experiment that separates the class."""
-
-    effect: str
-    members: tuple[str, ...]
-    experiment: str
-
-    def with_members(self, others: Sequence[str]) -> Confounded:
-        """A copy with further confounded effects."""
-        return replace(self, members=tuple(dict.fromkeys((*self.members, *others))))
-
-
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """What a model lacks on a recording."""
 
     verdict: Verdict
+    """On what the model lacks."""
     sentence: str
+    """What was found, then what is left."""
     effects: tuple[str, ...]
     """Effects that would enter, in order; a significant delay comes first."""
     classes: tuple[Confounded, ...]
@@ -75,11 +73,30 @@ class Diagnosis:
     """Instants at which the relation of the channels breaks for good, s."""
     dropped: tuple[RejectedReadings, ...] = ()
     """Samples rejected as outliers, by recording and channel."""
-    suspect: tuple[str, ...] = ()
-    """Faults in the data, each a sentence; they are reported first."""
+    remarks: tuple[Remark, ...] = ()
+    """What must be read with the verdict."""
+    present: tuple[Finding, ...] = ()
+    """Effects that were found and that the model contains."""
+    left: str = ""
+    """The part of the sentence on what is left."""
 
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict}: {self.sentence})"
+
+    @property
+    def suspect(self) -> tuple[str, ...]:
+        """Sentences on faults in the data; they are reported first."""
+        return tuple(remark.sentence for remark in self.remarks if remark.place == "data")
+
+    @property
+    def leading(self) -> tuple[str, ...]:
+        """Sentences that are read before the verdict."""
+        return tuple(remark.sentence for remark in self.remarks if remark.place == "first")
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences that are read beside the verdict."""
+        return tuple(remark.sentence for remark in self.remarks if remark.place == "beside")
 
     @property
     def importance(self) -> Importance | None:
@@ -99,7 +116,8 @@ class TimeSpan:
     start: float
     end: float
     breaks: tuple[float, ...]
-    suspect: tuple[str, ...]
+    remarks: tuple[Remark, ...]
+    """Faults, several of one kind as one."""
 
     @classmethod
     def of(cls, recording: Recording, start: float | None, end: float | None) -> TimeSpan:
@@ -114,8 +132,8 @@ class TimeSpan:
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
-        suspect = tuple(fault.sentence for fault in faults(recording, run, columns))
-        return cls(float(run.t[0]), float(run.t[-1]), breaks, suspect)
+        start, end = float(run.t[0]), float(run.t[-1])
+        return cls(start, end, breaks, fault_remarks(faults(recording, run, columns), end - start))
 
 
 def verdict_on(
@@ -154,11 +172,9 @@ def verdict_on(
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     solution.states.clear()  # the comparison predicts anew: one set of signals at a time
-    if found.blocks < VERDICT_LEAST_BLOCKS:
+    if not found.enough:
         significant = ()
-    groups = [
-        Confounded(f.effect, f.members, f.experiment) for f in found.found if found.blocks >= VERDICT_LEAST_BLOCKS
-    ]
+    groups = [Confounded(f.effect, f.members, f.experiment) for f in found.found]
     p_values: dict[str, float] = {}
     for test in significant:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
@@ -168,12 +184,15 @@ def verdict_on(
         Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
         for name, p in p_values.items()
     ]
+    verdict, left = verdict_and_sentence(profiled, found, significant, groups)
+    inside = present(profiled, alpha / found.examined, sizes) if found.enough else ()
     if delay_found:
-        groups.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
-    verdict, sentence = verdict_and_sentence(profiled, found, significant, groups)
+        delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
+        groups.insert(0, delay)
+        inside = (in_model(profiled, delay, sizes), *inside)
     return Diagnosis(
         verdict=verdict,
-        sentence=sentence,
+        sentence=with_findings(inside, left),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
         inseparable=inseparable_groups(model),
@@ -186,7 +205,9 @@ def verdict_on(
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
-        suspect=stretch.suspect,
+        remarks=stretch.remarks,
+        present=inside,
+        left=left,
     )
 
 
@@ -204,10 +225,10 @@ def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
 def verdict_and_sentence(
     profiled: Fit, found: Scan, significant: Sequence[NoiseTest], groups: Sequence[Confounded]
 ) -> tuple[Verdict, str]:
-    """The verdict, and the sentence that opens every output."""
+    """The verdict on what a model lacks, and the sentence on it."""
     named = [test for test in significant if test.effect != "whiteness"]
     examined = f"{found.examined} candidates examined"
-    if found.blocks < VERDICT_LEAST_BLOCKS:
+    if not found.enough:
         return (
             "too_short",
             f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed.",
@@ -240,7 +261,7 @@ def verdict_and_sentence(
         return "unexplained", f"The residual is not white and no candidate explains it ({examined})."
     return (
         "adequate",
-        f"Nothing is missing ({examined}); the detection limits say how small an effect would have been found.",
+        f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
     )
 
 

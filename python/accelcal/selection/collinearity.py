@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal.diagnosis.findings import explained_gain
 from accelcal.diagnosis.policy import COLLINEAR_CORRELATION, FAMILY_REMAINDER_ALPHA
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.scan import Candidate
@@ -103,20 +104,6 @@ def random_bias_replacing(
 def log_significance(fit: Fit, name: str) -> float:
     """Log probability of the gain of an effect of a fitted model under the null, given all other effects."""
     return log_survival(*explained_gain(fit, name))
-
-
-def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
-    """Twice the log-likelihood that an effect of a fitted model explains given all others, and its degrees of freedom.
-
-    The prior information on a coefficient explains nothing and is subtracted.
-    """
-    owners = {term.name: term.effect.name for term in fit.model.terms}
-    own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
-    x = np.array([fit.free[k].value for k in own])
-    information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
-    if find(name).search.prior:
-        information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
-    return max(0.0, float(x @ information @ x)), len(own)
 
 
 def estimate_correlation(fit: Fit, effect: str, other: str) -> float:

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal.diagnosis.contribution import Importance, split
-from accelcal.diagnosis.verdict import Confounded, Diagnosis
+from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
+from accelcal.diagnosis.search.scan import Verdict
+from accelcal.diagnosis.verdict import Diagnosis, verdict_and_sentence
+from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
 
@@ -37,7 +40,46 @@ class Improvement:
     """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
 
     def __repr__(self) -> str:
-        return f"Improvement({' + '.join(('base', *self.effects))}; {self.diagnosis.sentence})"
+        return f"Improvement({' + '.join(('base', *self.effects))}; {self.sentence})"
+
+    @property
+    def found(self) -> tuple[Finding, ...]:
+        """Every effect that was found, in the order added."""
+        last, groups = self.diagnosis, {group.effect: group for group in self.classes}
+        in_the_model = {"time_offset", *last.fit.model.effects}
+        return tuple(
+            in_model(last.fit, groups[name], last.sizes)
+            if name in in_the_model
+            else in_noise(last.channels, groups[name], last.sizes)
+            for name in self.effects
+        )
+
+    @property
+    def verdict(self) -> Verdict:
+        """On the recording as a whole: what was found counts; `left` is on the last model alone."""
+        if self.left[0] in ("unexplained", "too_short") or not self.effects:
+            return self.left[0]
+        if any(find(name).family for name in self.effects):
+            return "shape"
+        return "tied" if any(len(group.members) > 1 for group in self.classes) else "named"
+
+    @property
+    def left(self) -> tuple[Verdict, str]:
+        """The verdict on what the last model lacks, and the sentence on it; what was found in its noise is not
+        missing."""
+        last = self.diagnosis
+        return (
+            verdict_and_sentence(
+                last.fit, last.scan, [test for test in last.channels if test.effect not in self.effects], last.classes
+            )
+            if last.verdict in ("named", "tied") and not last.scan.found
+            else (last.verdict, last.left)
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What was found, then what is left."""
+        return with_findings(self.found, self.left[1])
 
     @property
     def importance(self) -> Importance | None:

@@ -8,16 +8,13 @@ from dataclasses import dataclass, field, replace
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
+from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
+from accelcal.diagnosis.remarks import remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
-from accelcal.diagnosis.verdict import (
-    Confounded,
-    Diagnosis,
-    TimeSpan,
-    verdict_on,
-)
+from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
@@ -25,7 +22,6 @@ from accelcal.model import Model
 from accelcal.selection.collinearity import (
     Replacement,
     confounding_families,
-    explained_gain,
     families_with_remainder,
     family_replacing,
     family_replacing_sum,
@@ -181,6 +177,28 @@ class StepwiseSelection:
         found_by_tests = {test.effect for test in verdict.channels} - set(self.history.effects)
         self.history.classes += [group for group in verdict.classes if group.effect in found_by_tests]
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
+
+    def final_verdict(self, reason: str) -> Diagnosis:
+        """The verdict on the last model; an effect that it lacks and that was not added is named as such.
+
+        Parameters
+        ----------
+        reason : why nothing more was added.
+        """
+        verdict = self.current.verdict
+        if not verdict.scan.found:
+            return verdict
+        missing = verdict.scan.found[0].effect
+        sigma = next((c.snr for c in verdict.scan.candidates if c.effect == missing), 0.0)
+        note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
+        left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
+        return replace(
+            verdict,
+            verdict="unexplained",
+            sentence=with_findings(verdict.present, left),
+            left=left,
+            remarks=(*verdict.remarks, note),
+        )
 
     def accept(self, model: JudgedModel) -> None:
         """Make a judged model the current one."""

@@ -8,17 +8,19 @@ from typing import Any
 
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Importance, Size
+from accelcal.diagnosis.findings import Confounded, Finding
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
+from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Candidate
-from accelcal.diagnosis.verdict import Confounded, Diagnosis
+from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
 from accelcal.selection.improvement import Improvement
 from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, to_dict
 from accelcal.validation.comparison import Comparison
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
-IMPROVE_SCHEMA = "accelcal/improve/1"
+IMPROVE_SCHEMA = "accelcal/improve/2"
 HISTORY_SCHEMA = "accelcal/history/1"
 
 
@@ -34,6 +36,7 @@ def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
         "largest_contributions": by_effect(found.effects, found),
         "tolerance": importance(found.importance),
         "classes": ties(found.classes),
+        "remarks": remarks(found.remarks),
         "inseparable": ties(found.inseparable),
         "dropped": dropped(found.dropped),
         "breaks": list(found.breaks),
@@ -133,6 +136,27 @@ def dropped(several: Sequence[RejectedReadings]) -> list[dict[str, Any]]:
     ]
 
 
+def remarks(several: Sequence[Remark]) -> list[dict[str, Any]]:
+    """What must be read with the verdict."""
+    return [{"code": r.code, "sentence": r.sentence, "values": dict(r.values)} for r in several]
+
+
+def finding(one: Finding, range_: float | None) -> dict[str, Any]:
+    """An effect that was found; one of several columns has lists."""
+    single = len(one.estimate) == 1
+    return {
+        "effect": one.effect,
+        "class": list(one.group.members),
+        "experiment": one.group.experiment,
+        "estimate": one.estimate[0] if single else list(one.estimate),
+        "std": one.std[0] if single else list(one.std),
+        "unit": one.unit,
+        "sigma": one.sigma,
+        "largest_contribution": None if one.largest is None else sizes(one.largest, range_),
+        "remarks": [one.remark] if one.remark else [],
+    }
+
+
 def ties(several: Sequence[Confounded]) -> list[dict[str, Any]]:
     """Equivalence classes."""
     return [{"effect": t.effect, "members": list(t.members), "experiment": t.experiment} for t in several]
@@ -152,14 +176,25 @@ def parameters(found: Diagnosis) -> list[dict[str, Any]]:
 
 
 def improvement_to_dict(found: Improvement) -> dict[str, Any]:
-    """Content of `improve --json`."""
-    last = found.diagnosis
+    """Content of `improve --json`.
+
+    `found` is what the record shows, `left` what the last model still lacks; `verdict` and `sentence` sum up both.
+    """
+    last, range_ = found.diagnosis, found.diagnosis.fit.rig.sensor.range
+    left_verdict, left_sentence = found.left
     return {
         "schema": IMPROVE_SCHEMA,
         "suspect_data": list(last.suspect),
-        "verdict": last.verdict,
-        "sentence": last.sentence,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
         "effects": list(found.effects),
+        "found": [finding(one, range_) for one in found.found],
+        "left": {
+            "verdict": left_verdict,
+            "sentence": left_sentence,
+            "effects": [one.effect for one in last.scan.found],
+        },
+        "remarks": remarks(last.remarks),
         "largest_contributions": by_effect(found.effects, last),
         "tolerance": importance(found.importance),
         "classes": ties(found.classes),

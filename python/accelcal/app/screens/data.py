@@ -132,7 +132,7 @@ def check(page: Page) -> None:
     ]
     widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
     if state.marks is not None:
-        widgets.lines([f"Suspect data: {fault.sentence}" for fault in state.marks.faults], "warning")
+        widgets.lines([f"Suspect data: {remark.sentence}" for remark in state.marks.remarks], "warning")
     for severity, kind in (("warning", "warning"), ("note", "note")):
         widgets.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
     if seen["assumptions"]:

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
 from accelcal.diagnosis.search.confounding import DetectedEffect, confounding_class, detected_effect
 from accelcal.diagnosis.search.detection_limits import detection_limits
@@ -71,7 +71,7 @@ class Scan:
     candidates: tuple[Candidate, ...]
     """By rank."""
     found: tuple[DetectedEffect, ...]
-    """The set that explains most, in order of entry; empty when nothing is significant."""
+    """The set that explains most, in order of entry; empty when nothing is significant or the record too short."""
     examined: int
     """Alternatives examined."""
     blocks: int
@@ -82,6 +82,11 @@ class Scan:
     """Effects that were requested by name and can be evaluated, whether significant or not."""
     named: tuple[DetectedEffect, ...] = ()
     """Where a nonparametric curve comes first: the named effects that are confounded with it."""
+
+    @property
+    def enough(self) -> bool:
+        """Whether the record is long enough for a verdict, so that an effect or a delay may be named."""
+        return self.blocks >= VERDICT_LEAST_BLOCKS
 
 
 def scan(
@@ -130,9 +135,10 @@ def scan(
     finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
     final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
     report(1.0)
+    enough = blocks >= VERDICT_LEAST_BLOCKS
     return Scan(
         rank(final, scatter, chosen, rules, passes),
-        tuple(detected_effect(final, scatter, chosen, position, rules) for position in range(len(chosen))),
+        tuple(detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough),
         len(items),
         blocks,
         detection_limits(evidence, rules),

@@ -12,7 +12,8 @@ from accelcal import formatting
 from accelcal.data.recording import Recording
 from accelcal.data.summary import rest
 from accelcal.diagnosis.change_points import usable
-from accelcal.diagnosis.faults import Fault, faults
+from accelcal.diagnosis.faults import Fault, fault_remarks, faults
+from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.run import prepare
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
@@ -35,6 +36,11 @@ class Marks:
     breaks: tuple[float, ...]
     faults: tuple[Fault, ...]
     rest: tuple[tuple[float, float], ...]
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """The faults as remarks, many of one kind as one."""
+        return fault_remarks(self.faults, self.end - self.start)
 
 
 def marks(recording: Recording) -> Marks:

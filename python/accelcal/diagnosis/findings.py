@@ -1,0 +1,188 @@
+"""What was found: each effect of a model, or of its noise, with size, evidence and confounding class."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from accelcal.data.units import display
+from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.search.likelihood_gain import log_survival
+from accelcal.effects import find
+from accelcal.estimation.estimate import Fit
+
+NOTHING_MISSING = "Nothing is missing"
+"""Beginning of the sentence on an adequate model."""
+LEAST_LOG_P = -650.0
+"""Logarithm of the smallest probability that is given as standard deviations: 36 of them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Confounded:
+    """An effect with its confounding class, and the experiment that separates the class."""
+
+    effect: str
+    members: tuple[str, ...]
+    experiment: str
+
+    def with_members(self, others: Sequence[str]) -> Confounded:
+        """A copy with further confounded effects."""
+        return Confounded(self.effect, tuple(dict.fromkeys((*self.members, *others))), self.experiment)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An effect that was found in a record."""
+
+    group: Confounded
+    estimate: tuple[float, ...]
+    """One value for each of its columns, in `unit`; for an effect of the noise its one size."""
+    std: tuple[float, ...]
+    unit: str
+    sigma: float | None
+    """Equivalent standard deviations, everything else estimated; None where a record gives none."""
+    largest: Size | None
+    """Largest contribution over the used range."""
+    remark: str = ""
+    """What the noise test says that found it."""
+
+    @property
+    def effect(self) -> str:
+        """Its name."""
+        return self.group.effect
+
+    @property
+    def rivals(self) -> tuple[str, ...]:
+        """Effects that it is confounded with."""
+        return tuple(name for name in self.group.members if name != self.effect)
+
+    @property
+    def particulars(self) -> str:
+        """Size, evidence and rivals, in parentheses; empty where there are none."""
+        evidence = [] if self.sigma is None else [f"{self.sigma:.0f} sigma"]
+        parts = [", ".join([*([self.size] if self.size else []), *evidence])]
+        parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
+        text = "; ".join(filter(None, parts))
+        return f" ({text})" if text else ""
+
+    @property
+    def size(self) -> str:
+        """Its coefficient, or the largest contribution where there are several; empty where there is none."""
+        if len(self.estimate) == 1 and math.isfinite(self.estimate[0]):
+            return with_usual_unit(self.estimate[0], self.unit)
+        if self.largest is None:
+            return ""
+        return f"at most {with_usual_unit(self.largest.value, 'm' if self.largest.at_encoder else 'm/s²')}"
+
+
+def with_usual_unit(value: float, unit: str) -> str:
+    """A value for a sentence: times and lengths with a prefix, everything else in its own unit.
+
+    Examples
+    --------
+    >>> with_usual_unit(0.0051, "s"), with_usual_unit(2e-6, "m"), with_usual_unit(0.02, "1")
+    ('5.1 ms', '2 um', '0.02')
+    """
+    if unit in ("s", "m") and 0.0 < abs(value) < 1.0:
+        factor, prefix = next(
+            ((f, p) for f, p in ((1e3, "m"), (1e6, "u"), (1e9, "n")) if abs(value) * f >= 1.0), (1e9, "n")
+        )
+        return f"{value * factor:.3g} {prefix}{unit}"
+    if unit == "rad":
+        return display(unit, float(f"{value:.3g}"), 0.0) or ""
+    return f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
+
+
+def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
+    """An effect of a fitted model, or the time offset of the base, as a finding."""
+    name = group.effect
+    owners = {term.name: term.effect.name for term in fit.model.terms}
+    random = find(name).port == "process"
+    own = [] if random else [e for e in fit.free if owners.get(e.name) == name]
+    gain, dof = explained_gain(fit, name) if own else (0.0, 0)
+    return Finding(
+        group,
+        tuple(e.value for e in own),
+        tuple(e.std for e in own),
+        find(name).unit,
+        math.sqrt(gain) if dof == 1 else equivalent_sigma(log_survival(gain, dof)) if dof else None,
+        sizes.get(name),
+    )
+
+
+def in_noise(tests: Sequence[NoiseTest], group: Confounded, sizes: Mapping[str, Size]) -> Finding:
+    """An effect that noise tests found; the most significant of them counts."""
+    test = min((t for t in tests if t.effect == group.effect), key=lambda t: t.p_value)
+    log_p = math.log(test.p_value) if test.p_value > 0.0 else -math.inf
+    return Finding(
+        group,
+        (test.estimate,),
+        (test.std,),
+        test.unit,
+        equivalent_sigma(log_p),
+        sizes.get(group.effect),
+        test.sentence,
+    )
+
+
+def equivalent_sigma(log_p: float) -> float:
+    """Standard deviations of a normal error that are as improbable, on both sides together."""
+    return -float(special.ndtri_exp(max(log_p, LEAST_LOG_P) - math.log(2.0)))
+
+
+def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
+    """Twice the log-likelihood that an effect of a fitted model explains given all others, and its degrees of freedom.
+
+    The prior information on a coefficient explains nothing and is subtracted.
+    """
+    owners = {term.name: term.effect.name for term in fit.model.terms}
+    own = [k for k, e in enumerate(fit.free) if owners.get(e.name) == name]
+    x = np.array([fit.free[k].value for k in own])
+    information = np.linalg.inv(fit.covariance[np.ix_(own, own)])
+    if find(name).search.prior:
+        information -= np.diag([fit.model.priors[name].std ** -2 if name in fit.model.priors else 0.0])
+    return max(0.0, float(x @ information @ x)), len(own)
+
+
+def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding, ...]:
+    """Effects beyond the base that a fitted model contains and the record confirms.
+
+    A random bias has no coefficient to test: it counts where the model gives it a contribution.
+    """
+    found = []
+    for name in fit.model.added:
+        effect = find(name)
+        finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
+        if not effect.traits.visible or effect.search.prior or name in fit.model.priors or not finding.estimate:
+            confirmed = effect.port == "process" and finding.largest is not None and finding.largest.value > 0.0
+        else:
+            confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)
+        if confirmed:
+            found.append(finding)
+    return tuple(found)
+
+
+def with_findings(findings: Sequence[Finding], left: str) -> str:
+    """The sentence of a verdict: what was found, then what is left.
+
+    Parameters
+    ----------
+    findings : in the order in which they are named.
+    left : the sentence on what the last model lacks.
+    """
+    if not findings:
+        return left
+    *most, last = findings
+    each = ", ".join(f"{one.effect}{one.particulars}" for one in most)
+    verb = "were found" if most else "was found"
+    opening = (
+        f"{each} and {last.effect}{last.particulars} {verb}" if most else f"{last.effect} {verb}{last.particulars}"
+    )
+    if left.startswith(NOTHING_MISSING):
+        return f"{opening}; nothing else is missing{left.removeprefix(NOTHING_MISSING)}"
+    return f"{opening}. {left}"

@@ -1,0 +1,86 @@
+"""Remarks: what must be read with a verdict, each with a code, a sentence and its numbers.
+
+A new remark is one entry of `KINDS`, and one call of `remark` where its numbers are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+Place = Literal["first", "data", "beside"]
+"""Where it is printed: before the verdict, as suspect data, or beside the verdict."""
+Value = float | int | str
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """One kind of remark."""
+
+    place: Place
+    text: str
+    """Its sentence, with the names of its values in braces."""
+
+
+KINDS: dict[str, Kind] = {
+    "dropout": Kind(
+        "data",
+        "{channel}: {count} gaps without readings, {share:.2g} % of the record together, the longest {longest:.3g} s "
+        "from t = {time:.6g} s on",
+    ),
+    "glitch": Kind(
+        "data", "{channel}: the reading jumps and returns {count} times, by at most {longest:.3g} m at t = {time:.6g} s"
+    ),
+    "rail_hit": Kind(
+        "data",
+        "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
+        "most from t = {time:.6g} s on",
+    ),
+    "stuck": Kind(
+        "data",
+        "{channel}: {count} stretches of repeated readings while the other channel changes, {share:.2g} % of the "
+        "record together, the longest {longest:.3g} s from t = {time:.6g} s on",
+    ),
+    "position_step": Kind(
+        "data",
+        "{channel}: the reading jumps {count} times and stays: missed counts; the largest jump is {longest:.3g} m at "
+        "t = {time:.6g} s",
+    ),
+    "dropped_samples": Kind("data", "{channel}: samples were lost without a trace in the time stamps"),
+    "not_added": Kind(
+        "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
+    ),
+}
+"""Every code that a remark can have. A single fault has a sentence of its own, with its instant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Remark:
+    """One remark on a record or a verdict."""
+
+    code: str
+    sentence: str
+    values: Mapping[str, Value]
+    """Its numbers in SI, by name."""
+
+    @property
+    def place(self) -> Place:
+        """Where it is printed."""
+        return KINDS[self.code].place
+
+
+def remark(code: str, **values: Value) -> Remark:
+    """The remark of a code with its values.
+
+    Raises
+    ------
+    KeyError
+        If there is no such code, or a value that its sentence contains is missing.
+
+    Examples
+    --------
+    >>> remark("not_added", effect="cubic", sigma=7.2, reason="no fit with it is possible").sentence
+    'cubic would explain more of the record (7 sigma), but it was not added: no fit with it is possible'
+    """
+    return Remark(code, KINDS[code].text.format(**values), values)
