@@ -14,6 +14,7 @@ from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
@@ -63,7 +64,10 @@ def diagnose(
     NotIdentifiable
         If the motion does not excite what the model already contains.
     """
-    several = with_known_steps(recordings)
+    several = listed(recordings)
+    if "scale_factor" not in fit.model.fixed:
+        require_motion_above_noise(several, start=start, end=end)
+    several = with_known_steps(several)
     stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
 
@@ -122,7 +126,10 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    several = with_known_steps(recordings)
+    several = listed(recordings)
+    if "scale_factor" not in model.fixed:
+        require_motion_above_noise(several, start=start, end=end)
+    several = with_known_steps(several)
     share = 0.8 if reject_outliers else 1.0
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
@@ -271,7 +278,9 @@ def improve(
     NotIdentifiable, RecordingError
         From the fit of the base model.
     """
-    original = with_known_steps(recordings)
+    original = listed(recordings)
+    require_motion_above_noise(original, start=start, end=end)
+    original = with_known_steps(original)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end

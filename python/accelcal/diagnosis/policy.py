@@ -202,6 +202,12 @@ FAULT_ALPHA = 1e-6
 DROPOUT_ALPHA = 1e-6
 """Probability, per record, below which so many consecutive samples are not lost one by one. Loggers lose single
 samples at random. [probability; tests/diagnosis/test_change_points.py]"""
+REST_NOISE_RATIO = 10.0
+"""Departure of the readings from a steady drift, over their own noise, up to which a record may be at rest. Coloured
+noise of a position wanders by several times its white part. [ratio; tests/diagnosis/test_rest.py]"""
+REST_LOG_LIKELIHOOD = 20.0
+"""Log-likelihood that output and encoder share by chance in a record at rest. Three coefficients in a dozen bands
+gain as much once in ten million records. [nat; tests/diagnosis/test_rest.py]"""
 RAIL_SAMPLES = 4
 """Equal readings in a row at the extreme of a record, after a jump, that are a saturated output. Three can be
 quantisation. [samples; tests/diagnosis/test_change_points.py]"""
