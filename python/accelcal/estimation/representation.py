@@ -6,7 +6,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
-from accelcal.signals.series import FilledSeries, interpolation_errors
+from accelcal.signals.series import FilledSeries, interpolation_spread
 from accelcal.signals.unresolved import Jumps, lost_velocity
 
 JUMP_WINDOW = 1.5
@@ -47,8 +47,7 @@ def jump_variances(jumps: Jumps, step: float) -> tuple[Array, Array, Array]:
 
 def hole_variances(accel: Channel, step: float, filled: FilledSeries) -> tuple[Array, Array, Array]:
     """Spans without samples, s, and variance of the velocity that is lost in each beyond the usual, (m/s)²."""
-    error, gain = interpolation_errors(accel.t, accel.y)
-    sigma = float(np.median(np.abs(error / gain))) / 0.6745
+    sigma = interpolation_spread(accel.t, accel.y)
     length = filled.end - filled.begin
     nodes = filled.begin[:, None] + length[:, None] * np.array([-1.0, 0.0, 1.0, 2.0])
     curved = np.abs(np.interp(nodes, filled.t, filled.y) @ np.array([1.0, -3.0, 3.0, -1.0])) * CURVATURE * length

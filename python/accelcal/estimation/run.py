@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,12 +15,19 @@ from accelcal.data.stamps import usual_step
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import FilledSeries, fill_gaps
+from accelcal.signals.series import FilledSeries, fill_gaps, interpolation_spread
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import Jumps, jumps
 
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
+TOO_GOOD = 0.2
+"""Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
+that of the same samples, interpolated, and no longer white from reading to reading."""
+SAMPLES_BETWEEN = 16
+"""Samples of the output between two readings that are kept then."""
+NOISE_SAMPLES = 20_000
+"""Samples of a channel from which its noise is estimated in advance."""
 FAR_FROM_ZERO = 3.0
 """An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
 
@@ -44,6 +52,8 @@ class PreparedRun:
     """Readings that jump away and come back."""
     restarts: tuple[float, ...] = ()
     """Instants from which the position counts from another zero, s."""
+    every: int = 1
+    """One reading in so many is used."""
 
     @property
     def rig(self) -> Rig:
@@ -171,6 +181,9 @@ def prepare(
     margin = 64 * float(np.median(np.diff(accel.t[:4096])))
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
+    every = readings_apart(t, z, part)
+    if every > 1:
+        t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
     return PreparedRun(
         recording=recording,
         origins=origins if origins is not None else natural_origins(recording),
@@ -181,7 +194,25 @@ def prepare(
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
         restarts=tuple(step.time for step in recording.position_steps if t[0] < step.time <= min(t[-1], withheld)),
+        every=every,
     )
+
+
+def readings_apart(t: Array, z: Array, accel: Channel) -> int:
+    """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good.
+
+    The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left.
+    """
+    step, between = usual_step(accel.t), float(np.median(np.diff(t)))
+    few = slice(0, NOISE_SAMPLES)
+    sample, reading = (interpolation_spread(channel_t[few], y[few]) for channel_t, y in ((accel.t, accel.y), (t, z)))
+    if reading <= 0.0 or sample <= 0.0:  # quantised: the step exceeds the noise
+        return 1
+    crossover = (sample**2 * step / (reading**2 * between)) ** 0.25 / (2.0 * np.pi)
+    wanted = math.ceil(SAMPLES_BETWEEN * step / between)
+    if crossover * step < TOO_GOOD or len(t) // wanted < MIN_READINGS:
+        return 1
+    return max(1, wanted)
 
 
 def natural_origins(recording: Recording) -> Origins:

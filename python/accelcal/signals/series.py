@@ -44,6 +44,12 @@ def interpolation_errors(t: Array, y: Array) -> tuple[Array, Array]:
     return error, gain
 
 
+def interpolation_spread(t: Array, y: Array) -> float:
+    """Standard deviation of white noise in a series, robustly, from its interpolation errors."""
+    error, gain = interpolation_errors(t, y)
+    return float(np.median(np.abs(error / gain))) / 0.6745
+
+
 def local_spread(y: Array) -> Array:
     """Robust standard deviation about each sample, (n,): the largest of its block and both neighbours, and no less
     than that of the whole series."""

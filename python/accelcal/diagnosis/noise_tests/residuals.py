@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +25,8 @@ FORGOTTEN_AFTER = 4.0
 """Time constants after which the filter has forgotten an outlier."""
 TAIL = (0.1, 0.2)
 """Band, in sampling rates, where a motion that sampling does not resolve is stronger than above."""
+LEAST_CHECK = 1e-4
+"""Share of the reading noise in the variance of an innovation below which a reading is not checked by others."""
 REPAIRS = 2
 """Rounds of filling in outlying samples; the noise spectrum that fills them in is more accurate without them."""
 
@@ -212,12 +215,18 @@ class Residuals:
 
     @cached_property
     def reading_outliers(self) -> Outliers:
-        """Outliers among the settled readings, against the smoothed position; see `outliers`."""
+        """Outliers among the settled readings, against the smoothed position; see `outliers`.
+
+        None where the readings alone determine the position: no other measurement checks them.
+        """
+        if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.track.series("S"))):
+            return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
         z = (self.run.z - self.smooth_position)[self.state.counts]
-        z = z - np.median(z)
-        z[self.at_jumps] = 0.0
+        certain = np.flatnonzero(~self.at_jumps)
+        z = z[certain] - np.median(z)
         spread, dof = spread_of(z, self.run.least_step)
-        return outliers(z, spread, len(z), dof)
+        found = outliers(z, spread, len(z), dof)
+        return replace(found, peaks=certain[found.peaks])
 
     @cached_property
     def readings(self) -> Array:
