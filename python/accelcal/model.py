@@ -15,7 +15,7 @@ from accelcal.signals.signals import Signals
 BASE = ("bias", "scale_factor", "time_offset")
 """The three parameters of every model."""
 
-NOMINAL = (*BASE, "lowpass_error")
+NOMINAL = (*BASE, "lowpass_error", "clock_skew")
 """Coefficients at which the output itself is taken; all others add to it."""
 
 

@@ -12,7 +12,7 @@ from accelcal.model import NOMINAL
 
 PACKAGE = Path(accelcal.__file__).parent
 NAMES = {effect.name for effect in BUILT_IN} - set(NOMINAL)
-"""All names but those of the nominal output: bias, scale_factor, time_offset and lowpass_error."""
+"""All names but those of the nominal output: bias, scale_factor, time_offset, clock_skew and lowpass_error."""
 MAKERS = ("effects", "simulation", "paper", "demo.py")
 """Where names belong: the catalogue, and what makes recordings of known effects or repeats the paper's figures."""
 HOMONYMS = {

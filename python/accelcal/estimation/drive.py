@@ -61,8 +61,11 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
     """
     begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
+    stamps = run.filled.t - begin
+    if values.clock_skew:
+        stamps = values.instants(stamps, run.origins.t - begin) + values.time_offset
     first, second, covered = _core.drive(
-        run.filled.t - begin,
+        stamps,
         run.filled.y,
         run.t - begin,
         how="cubic",

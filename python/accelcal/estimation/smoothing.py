@@ -71,7 +71,7 @@ def smoothed_signals(
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
-    output = np.interp(t + values.time_offset, run.filled.t, run.filled.y)
+    output = np.interp(values.stamps(t, run.origins.t), run.filled.t, run.filled.y)
     subtract_effects(output, run, t, values, before)
     wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
     gain = run.rig.polarity / values.scale
@@ -185,7 +185,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     motion : position (m) and velocity (m/s) at `uniform_times`.
     """
     t = uniform_times(run)
-    plain = output_at(run, t + values.time_offset, cutoff, run.tau(values))
+    plain = output_at(run, values.stamps(t, run.origins.t), cutoff, run.tau(values))
     grid = Thinning.of(t, run.accel_step, cutoff)
     p, v = (grid.thin(y) for y in motion)
 

@@ -40,6 +40,25 @@ class Values:
         return self.by_name.get("time_offset", 0.0)
 
     @property
+    def clock_skew(self) -> float:
+        """What the delay of the output grows by per second."""
+        return self.by_name.get("clock_skew", 0.0)
+
+    def stamps(self, t: Array, origin: float) -> Array:
+        """Stamps of the output that belong to instants `t`, s: late by the time offset, which grows from `origin` on.
+
+        An offset that has grown to a radian of the motion is no column of its jerk any more, so that clocks are read
+        exactly and the columns carry corrections alone (derivations 7.1).
+        """
+        late = t + self.time_offset
+        return late + self.clock_skew * (t - origin) if self.clock_skew else late
+
+    def instants(self, stamps: Array, origin: float) -> Array:
+        """Instants that belong to stamps of the output, s; the inverse of `stamps`."""
+        t = stamps - self.time_offset
+        return t - self.clock_skew / (1.0 + self.clock_skew) * (t - origin) if self.clock_skew else t
+
+    @property
     def bias(self) -> float:
         """m/s²"""
         return self.by_name.get("bias", 0.0)

@@ -99,7 +99,7 @@ class Prediction:
         self.v_std = max(signals.v_std, signals.v_width / CORNER_NOISE)
         acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
         self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
-        at = signals.t + run.origins.t + self.values.time_offset
+        at = self.values.stamps(signals.t + run.origins.t, run.origins.t)
         at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias
         self.gain = run.rig.polarity / self.values.scale
         self.bare: Array = self.gain * at_grid - run.rig.gravity

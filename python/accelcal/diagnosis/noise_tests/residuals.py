@@ -73,7 +73,7 @@ class Residuals:
         grid = values.scale * s.a + values.bias
         for term, coefficient in values.additive("output"):
             grid = grid + coefficient * term.column(s)
-        at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(self.t - values.time_offset)
+        at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(values.instants(self.t, run.origins.t))
         if self.tau > 0.0:  # exact for straight lines between samples
             x = self.step / self.tau
             d = math.exp(-x)
