@@ -178,7 +178,7 @@ def _(seen: Comparison) -> Card:
 
 @card.register
 def _(found: Diagnosis) -> Card:
-    notes = [*map(as_sentence, found.leading), *(f"Suspect data: {text}" for text in found.suspect)]
+    notes = [f"Suspect data: {text}" for text in found.suspect]
     notes += map(as_sentence, found.notes)
     notes += [as_sentence(rejected.sentence) for rejected in found.dropped]
     notes += [as_sentence(test.sentence) for test in found.channels]
@@ -223,7 +223,6 @@ def _(found: Improvement) -> Card:
         f"Improvement: {VERDICTS[last.verdict]}; held out: {same}",
         names,
         [step.heldout for step in found.steps],
-        *map(as_sentence, last.leading),
         typeset(found.sentence),
         *(f"Suspect data: {text}" for text in last.suspect),
         *map(as_sentence, last.notes),

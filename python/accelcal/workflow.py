@@ -22,6 +22,7 @@ from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
+from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
@@ -279,13 +280,14 @@ def improve(
         From the fit of the base model.
     """
     original = listed(recordings)
+    budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     original = with_known_steps(original)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
-    selection = StepwiseSelection.begin(original, stretch, split, extra, alpha)
+    selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     report(0.3)
     for number in range(2 * most):
         room = len(selection.history.effects) < most

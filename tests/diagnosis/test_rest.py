@@ -43,14 +43,14 @@ def test_rest_is_rest_whatever_the_noise(position_noise, output_noise):
         assert at_rest(prepare(made))
 
 
-def test_a_steady_drift_of_the_position_is_rest_and_a_wander_of_its_noise_too():
+def test_a_steady_drift_of_the_position_is_rest_and_coloured_noise_of_it_too():
     drift = record(lambda t: (1e-4 * t, np.zeros_like(t)), 1)
     assert at_rest(prepare(drift))
     rng = np.random.default_rng(2)
     made = record(still, 2, position_noise=5e-3, rates=(100.3, 10.0), seconds=200.0, step=None)
     steps = 0.01 * np.sqrt(2 * 0.1 / 20.0) * rng.standard_normal(len(made.position))
-    wander = np.array([y := 0.0, *(y := y * np.exp(-0.1 / 20.0) + s for s in steps[1:])])
-    y = made.position.y + wander
+    coloured = np.array([y := 0.0, *(y := y * np.exp(-0.1 / 20.0) + s for s in steps[1:])])
+    y = made.position.y + coloured
     assert at_rest(prepare(dataclasses.replace(made, position=dataclasses.replace(made.position, y=y))))
 
 

@@ -123,9 +123,8 @@ def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
 def remarks(state: State, found: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
     cut = bool(state.excluded) or state.held_out is not None
-    lines = [readable(text) for text in found.leading]
     seen = (r for r in found.remarks if r.place == "data" and not (cut and r.code == "dropout"))
-    lines += [f"Suspect data: {r.sentence}" for r in seen]
+    lines = [f"Suspect data: {r.sentence}" for r in seen]
     lines += [readable(text) for text in found.notes]
     lines += [f"{d.sentence}." for d in found.dropped]
     for test in found.channels:

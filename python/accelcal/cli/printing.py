@@ -122,11 +122,10 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     by_place: dict[str, list[str]] = {}
     for one in content["remarks"]:
         by_place.setdefault(KINDS[one["code"]].place, []).append(one["sentence"])
-    for text in by_place.get("first", ()):
-        console.print(text, style="bold red", highlight=False)
-    for text in by_place.get("data", ()):
-        console.print(f"suspect data: {text}", style="bold red", highlight=False)
-    console.print(content["sentence"], style="bold", highlight=False)
+    lines = [(f"suspect data: {text}", "bold red") for text in by_place.get("data", ())]
+    lines.insert(0 if "verdict" in by_place else len(lines), (content["sentence"], "bold"))
+    for text, style in lines:
+        console.print(text, style=style, highlight=False)
     for text in by_place.get("beside", ()):
         console.print(f"note: {text}", highlight=False)
     if content.get("candidates"):

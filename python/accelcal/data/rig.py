@@ -47,6 +47,8 @@ class Sensor:
     """What the electrical output is counted in: "V", "count" or empty when the channel is already in m/s²."""
     zero: float | None = None
     """Electrical output at zero acceleration, V (or counts)."""
+    bias_instability: float | None = None
+    """Slow change of the bias that is ordinary for it, rms, m/s²."""
 
 
 @dataclass(frozen=True, slots=True)

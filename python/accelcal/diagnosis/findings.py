@@ -73,7 +73,7 @@ class Finding:
     @property
     def size(self) -> str:
         """Its coefficient, or the largest contribution where there are several; empty where there is none."""
-        if len(self.estimate) == 1 and math.isfinite(self.estimate[0]):
+        if len(self.estimate) == 1 and math.isfinite(self.estimate[0]) and self.estimate[0] != 0.0:
             return with_usual_unit(self.estimate[0], self.unit)
         if self.largest is None:
             return ""

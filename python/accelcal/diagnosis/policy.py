@@ -88,6 +88,16 @@ NAMED_ALTERNATIVES = 2
 """Named effects that are tried in place of a nonparametric curve. Each costs a fit and a diagnosis. [effects;
 tests/hidden/test_hidden.py]"""
 
+SEARCH_SECONDS = 22.0
+"""Processor time after which a search for missing effects begins no further model. With the model under way and the
+held-out errors it ends within 30 s; ordinary records need 2 to 10 s. [s; tests/selection/test_budget.py]"""
+SEARCH_SPAN = 60.0
+"""Length of a record up to which this time holds; it grows with longer ones. A fit takes time in proportion to the
+record. [s; tests/selection/test_budget.py]"""
+SEARCH_SAMPLES = 1e5
+"""Samples of the output up to which this time holds whatever the length of the record. A long record at a low rate is
+no larger. [samples; tests/selection/test_budget.py]"""
+
 # ---- verdict: noise and outliers ----
 
 DATA_SHEET_NOISE_RATIO = 1.5
@@ -202,6 +212,18 @@ FAULT_ALPHA = 1e-6
 DROPOUT_ALPHA = 1e-6
 """Probability, per record, below which so many consecutive samples are not lost one by one. Loggers lose single
 samples at random. [probability; tests/diagnosis/test_change_points.py]"""
+UNDECLARED_BIAS_INSTABILITY = 0.02
+"""Slow change of the bias that is ordinary where no bias instability is declared, rms. Two milli-g, twice the typical
+life drift of the poorest sensors of the catalogue. [m/s²; tests/diagnosis/test_turning.py]"""
+TURNING_BAND = 2.0
+"""Frequency up to which a residual may come from the turning of the sensor. Hands, vehicles and structures turn more
+slowly than this. [Hz; tests/diagnosis/test_turning.py]"""
+TURNING_LEAST_PERIODS = 12.0
+"""Periods of that frequency below which a record shows no slow residual. Fewer do not determine a mean square.
+[periods; tests/diagnosis/test_turning.py]"""
+TURNING_MOST_DEGREES = 45.0
+"""Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
+tests/diagnosis/test_turning.py]"""
 REST_NOISE_RATIO = 10.0
 """Departure of the readings from a steady drift, over their own noise, up to which a record may be at rest. Coloured
 noise of a position wanders by several times its white part. [ratio; tests/diagnosis/test_rest.py]"""

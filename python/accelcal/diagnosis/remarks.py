@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-Place = Literal["first", "data", "beside"]
-"""Where it is printed: before the verdict, as suspect data, or beside the verdict."""
+Place = Literal["verdict", "data", "beside"]
+"""Where it is printed: as the verdict itself, as suspect data before it, or beside it."""
 Value = float | int | str
 
 
@@ -48,6 +48,16 @@ KINDS: dict[str, Kind] = {
         "t = {time:.6g} s",
     ),
     "dropped_samples": Kind("data", "{channel}: samples were lost without a trace in the time stamps"),
+    "turning_sensor": Kind(
+        "verdict",
+        "A tilt of {tilt_deg:.2g} degrees rms would explain all of it; orientation is not recorded. The residual below "
+        "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
+    ),
+    "search_stopped": Kind(
+        "beside",
+        "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "
+        "best answer so far",
+    ),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
     ),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
+from accelcal.diagnosis.turning import FittedSpan, turning_sensor
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
@@ -89,9 +90,9 @@ class Diagnosis:
         return tuple(remark.sentence for remark in self.remarks if remark.place == "data")
 
     @property
-    def leading(self) -> tuple[str, ...]:
-        """Sentences that are read before the verdict."""
-        return tuple(remark.sentence for remark in self.remarks if remark.place == "first")
+    def nameable(self) -> bool:
+        """Whether an effect may be named: not beside a sensor that turns."""
+        return all(remark.place != "verdict" for remark in self.remarks)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -155,6 +156,8 @@ def verdict_on(
     """
     solution, tests = cleaned.solution, cleaned.tests
     model, profiled, recording = solution.model, result(solution), solution.states[0].run.recording
+    runs = [state.run for state in solution.states]
+    fitted = FittedSpan(tuple(run.recording for run in runs), float(runs[0].t[0]), float(runs[0].t[-1]))
     found = scan(
         solution.states,
         model,
@@ -174,6 +177,11 @@ def verdict_on(
     solution.states.clear()  # the comparison predicts anew: one set of signals at a time
     if not found.enough:
         significant = ()
+    where = compare(profiled, recording, start=stretch.start, end=stretch.end)
+    span = (stretch.start, stretch.end)
+    turning = turning_sensor(model, found.found, where, sizes, fitted, span) if found.enough else None
+    if turning is not None:  # what follows the tilt would pass for an effect of place, time, bias or scale
+        found, significant, delay_found = replace(found, found=(), named=()), (), False
     groups = [Confounded(f.effect, f.members, f.experiment) for f in found.found]
     p_values: dict[str, float] = {}
     for test in significant:
@@ -184,8 +192,8 @@ def verdict_on(
         Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
         for name, p in p_values.items()
     ]
-    verdict, left = verdict_and_sentence(profiled, found, significant, groups)
-    inside = present(profiled, alpha / found.examined, sizes) if found.enough else ()
+    verdict, left = verdict_and_sentence(profiled, found, significant, groups, turning)
+    inside = present(profiled, alpha / found.examined, sizes) if found.enough and turning is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
         groups.insert(0, delay)
@@ -200,12 +208,12 @@ def verdict_on(
         fit=profiled,
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=significant,
-        where=compare(profiled, recording, start=stretch.start, end=stretch.end),
+        where=where,
         largest=largest,
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
-        remarks=stretch.remarks,
+        remarks=(*([turning] if turning else []), *stretch.remarks),
         present=inside,
         left=left,
     )
@@ -223,7 +231,11 @@ def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
 
 
 def verdict_and_sentence(
-    profiled: Fit, found: Scan, significant: Sequence[NoiseTest], groups: Sequence[Confounded]
+    profiled: Fit,
+    found: Scan,
+    significant: Sequence[NoiseTest],
+    groups: Sequence[Confounded],
+    turning: Remark | None = None,
 ) -> tuple[Verdict, str]:
     """The verdict on what a model lacks, and the sentence on it."""
     named = [test for test in significant if test.effect != "whiteness"]
@@ -232,6 +244,11 @@ def verdict_and_sentence(
         return (
             "too_short",
             f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed.",
+        )
+    if turning is not None:
+        return "unexplained", (
+            f"{turning.sentence}. No effect of position, time, bias or scale factor is certain beside it, so none is "
+            f"named ({examined})."
         )
     ratios = [run.noise.ratio for run in profiled.runs if run.noise.ratio is not None]
     ratio = max(ratios, default=None)

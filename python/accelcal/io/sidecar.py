@@ -211,6 +211,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "model": _text,
         "serial": _text,
         "noise": _amount("noise density", "positive"),
+        "bias_instability": _amount("acceleration", "positive"),
         "range": _amount("acceleration", "positive"),
         "scale": _electrical("scale in volts", "scale in counts", "not zero"),
         "zero": _electrical("voltage", "count", "any"),

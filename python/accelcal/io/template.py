@@ -64,6 +64,7 @@ _TEXT = """\
 # model = "ADXL105"
 # serial = "12"
 # noise = "225 ug/sqrt(Hz)"     # one-sided density
+# bias_instability = "100 ug"   # slow change of the bias, rms
 # range = "5 g"
 SCALE
 

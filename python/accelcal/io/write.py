@@ -207,6 +207,7 @@ def _sensor(rig: Rig) -> dict[str, str]:
             "model": toml_text(sensor.model) if sensor.model else None,
             "serial": toml_text(sensor.serial) if sensor.serial else None,
             "noise": _amount(sensor.noise, "m/s^2/Hz^0.5", "ug/sqrt(Hz)"),
+            "bias_instability": _amount(sensor.bias_instability, "m/s^2", "ug"),
             "range": _amount(sensor.range, "m/s^2", "g"),
             "scale": _amount(sensor.scale, f"{sensor.scale_unit}/(m/s^2)"),
             "zero": _amount(sensor.zero, sensor.scale_unit),

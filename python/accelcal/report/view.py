@@ -50,7 +50,7 @@ def view(content: Content) -> dict[str, Any]:
         "verdict": d.verdict,
         "badge": VERDICTS[d.verdict],
         "sentence": readable(d.sentence),
-        "leading": [readable(text) for text in d.leading],
+        "first": not d.nameable,
         "suspect": list(d.suspect),
         "notes": [readable(text) for text in d.notes],
         "summary": summary(content),

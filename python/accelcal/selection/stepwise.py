@@ -19,6 +19,7 @@ from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.model import Model
+from accelcal.selection.budget import SearchBudget
 from accelcal.selection.collinearity import (
     Replacement,
     confounding_families,
@@ -105,6 +106,7 @@ class StepwiseSelection:
     """Alternatives examined so far."""
     fits: list[tuple[tuple[str, ...], Fit]]
     """Every model so far, by the effects that it has."""
+    budget: SearchBudget
     history: SelectionHistory = field(default_factory=SelectionHistory)
 
     @classmethod
@@ -115,12 +117,21 @@ class StepwiseSelection:
         split: float,
         extra: Sequence[Effect] | None,
         alpha: float,
+        budget: SearchBudget,
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
         fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch.start, split))
         current = JudgedModel(fitted, verdict_on(fitted, stretch, extra, alpha))
         return cls(
-            original, stretch, split, extra, alpha, current, current.verdict.scan.examined, [((), current.verdict.fit)]
+            original,
+            stretch,
+            split,
+            extra,
+            alpha,
+            current,
+            current.verdict.scan.examined,
+            [((), current.verdict.fit)],
+            budget,
         )
 
     def add_next(self) -> bool:
@@ -167,6 +178,9 @@ class StepwiseSelection:
     def finish(self) -> None:
         """Assign every effect its confounding class, once nothing more enters."""
         verdict = self.current.verdict
+        if not verdict.nameable:
+            self.history.classes, self.fits = [], self.fits[:1]
+            return
         self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
         if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
             undelayed = result(
@@ -186,6 +200,10 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
+        if self.budget.stopped:
+            reason = "the search was stopped"
+            stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
+            verdict = replace(verdict, remarks=(*verdict.remarks, stop))
         if not verdict.scan.found:
             return verdict
         missing = verdict.scan.found[0].effect
@@ -226,6 +244,8 @@ class StepwiseSelection:
         found = self.current.verdict.scan
         first = found.found[0]
         for finding in (*found.named[:NAMED_ALTERNATIVES], first):
+            if not self.budget.allows_another():
+                return None
             try:
                 # readings next to a jump that the model lacks pass for outliers: with the jump they are tested anew
                 judged = self.judge(self.refit(finding.enter(self.current.model), anew="instant" in finding.shape))
@@ -241,6 +261,8 @@ class StepwiseSelection:
         """The judged fit with an effect in place of others; None where no fit is possible or the fit leaves something
         to explain: to one of them or, for a curve, to an effect of its variable; for a random bias, to any effect."""
         leaving = dict.fromkeys((*replacement.replaced, replacement.effect.name))
+        if not self.budget.allows_another():
+            return None
         try:
             model = self.current.model.drop(*(name for name in leaving if name in self.current.model.effects))
             requested = scan(self.refit(model).solution.states, model, extra=self.extra, only=(replacement.effect,))
@@ -258,6 +280,8 @@ class StepwiseSelection:
 
     def without(self, name: str) -> JudgedModel | None:
         """The judged fit without an effect that entered before others; None where that fit asks for it again."""
+        if not self.budget.allows_another():
+            return None
         try:
             judged = self.judge(self.refit(self.current.model.drop(name)))
         except (NotIdentifiable, ValueError):

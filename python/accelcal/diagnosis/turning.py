@@ -1,0 +1,139 @@
+"""A sensor that turns: gravity along its axis changes in a way that neither channel records."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.noise_tests.noise_test import LINE
+from accelcal.diagnosis.policy import (
+    DATA_SHEET_NOISE_RATIO,
+    TURNING_BAND,
+    TURNING_LEAST_PERIODS,
+    TURNING_MOST_DEGREES,
+    UNDECLARED_BIAS_INSTABILITY,
+)
+from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.search.confounding import DetectedEffect
+from accelcal.effects import BUILT_IN
+from accelcal.estimation.estimate import result, solve_runs
+from accelcal.model import Model
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.evaluation import compare
+
+OF_TIME = frozenset(
+    {
+        LINE,
+        *(name for e in BUILT_IN if e.function_of == "t" for name in (e.name, *e.covers)),
+        *(e.name for e in BUILT_IN if e.port == "process"),
+    }
+)
+"""Effects that follow time alone, as the turning of a sensor does."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedSpan:
+    """What a model was fitted to."""
+
+    recordings: tuple[Recording, ...]
+    start: float
+    """Of the first recording, s."""
+    end: float
+
+    def slow_residual(self, model: Model, span: tuple[float, float]) -> Comparison:
+        """The residual that another model leaves in a span of the first recording, s."""
+        start = self.start if len(self.recordings) == 1 else None
+        fitted = result(solve_runs(model, self.recordings, start=start, end=self.end))
+        return compare(fitted, self.recordings[0], start=span[0], end=span[1])
+
+
+def turning_sensor(
+    model: Model,
+    found: Sequence[DetectedEffect],
+    where: Comparison,
+    sizes: Mapping[str, Size],
+    fitted: FittedSpan,
+    span: tuple[float, float],
+) -> Remark | None:
+    """The remark on a sensor that turns; None where the slow residual is within the bias instability.
+
+    Parameters
+    ----------
+    model : that was judged.
+    found : effects that it lacks.
+    where : its residual over the used part of the first recording.
+    sizes : largest contribution of each effect.
+    fitted, span : what it was fitted to; the used part, s.
+
+    Notes
+    -----
+    What counts is left by a model with every effect that was found, functions of time alone excepted: a bias that
+    follows any function of time follows a tilt as well.
+    """
+    rig, accel = fitted.recordings[0].rig, fitted.recordings[0].accel
+    limit = rig.sensor.bias_instability or UNDECLARED_BIAS_INSTABILITY
+    floor = output_noise(rig, accel.t, accel.y)
+    following = [n for n in model.effects if n in OF_TIME and n in sizes and sizes[n].value > limit]
+    if not following and excess(where, floor) <= limit:
+        return None
+    reference = model.drop(*following) if following else model
+    for finding in found:
+        if finding.effect not in OF_TIME:
+            reference = finding.enter(reference)
+    if reference is not model:
+        try:
+            where = fitted.slow_residual(reference, span)
+        except ValueError:
+            if following:
+                return None
+    rms = excess(where, floor)
+    degrees = tilt(rms, rig)
+    if rms <= limit or degrees > TURNING_MOST_DEGREES:
+        return None
+    band = min(TURNING_BAND, where.band)
+    return remark("turning_sensor", tilt_deg=degrees, rms=rms, band=band, bias_instability=limit)
+
+
+def excess(where: Comparison, floor: float) -> float:
+    """Slow residual beyond the noise, m/s² rms about its mean; 0 where the record is too short for one.
+
+    Parameters
+    ----------
+    where : comparison with its residual.
+    floor : one-sided noise density of the output, (m/s²)/sqrt(Hz).
+    """
+    t, residual = where.accel_residual
+    if len(t) < 16:
+        return 0.0
+    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, where.band)
+    if len(t) * step * band < TURNING_LEAST_PERIODS:
+        return 0.0
+    f = np.fft.rfftfreq(len(residual), step)
+    power = 2.0 * np.abs(np.fft.rfft(residual - np.mean(residual))) ** 2 / len(residual) ** 2
+    slow = float(np.sum(power[f <= band]))
+    return math.sqrt(max(slow - DATA_SHEET_NOISE_RATIO**2 * floor**2 * band, 0.0))
+
+
+def output_noise(rig: Rig, t: Array, y: Array) -> float:
+    """One-sided white density of the output, (m/s²)/sqrt(Hz): declared, or from third differences if they show more."""
+    third = np.diff(y, 3)
+    variance = (float(np.median(np.abs(third - np.median(third)))) / 0.6745) ** 2 / 20.0
+    return max(math.sqrt(2.0 * variance * float(np.median(np.diff(t)))), rig.sensor.noise or 0.0)
+
+
+def tilt(rms: float, rig: Rig) -> float:
+    """Turning about the mean attitude that changes gravity along the input axis by `rms`, degrees rms; 90 where none
+    does.
+
+    On a level axis gravity enters by the sine of the angle, along a vertical one by the cosine.
+    """
+    share = min(rms / STANDARD_GRAVITY, 1.0)
+    vertical = abs(rig.gravity) > math.sqrt(0.5) * STANDARD_GRAVITY
+    return math.degrees(math.acos(1.0 - share) if vertical else math.asin(share))

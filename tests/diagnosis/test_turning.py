@@ -1,0 +1,125 @@
+"""A sensor that turns is noticed by its slow residual; what another effect explains, or a bias may do, is not."""
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import io
+from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
+from accelcal.diagnosis.turning import output_noise, tilt
+from accelcal.io.sidecar import read_sidecar
+from accelcal.io.write import write_sidecar
+
+ROOT = Path(__file__).parents[2]
+
+
+def record(seed=5, seconds=16.0, rig=ac.CXL02_RIG, **more):
+    rng = np.random.default_rng(seed)
+    truth = {"bias": 0.05, "scale_factor": 0.01, **more}
+    return ac.simulate("interleaved", seconds=seconds, rig=rig, parameters=truth, rng=rng).recording
+
+
+def turned(recording, degrees, seed=6, slow=0.3, fast=1.5):
+    """The output of a sensor that turns by so many degrees rms about level, between two frequencies."""
+    rng, accel = np.random.default_rng(seed), recording.accel
+    t = np.arange(accel.t[0], accel.t[-1] + 0.01, 0.01)
+    f = np.fft.rfftfreq(len(t), 0.01)
+    angle = np.fft.irfft(np.where((f > slow) & (f < fast), np.fft.rfft(rng.standard_normal(len(t))), 0.0), len(t))
+    angle *= np.radians(degrees) / np.std(angle)
+    y = accel.y + STANDARD_GRAVITY * np.sin(np.interp(accel.t, t, angle))
+    return dataclasses.replace(recording, accel=dataclasses.replace(accel, y=y))
+
+
+def codes(found):
+    return [remark.code for remark in found.diagnosis.remarks]
+
+
+@pytest.mark.parametrize("degrees", [0.4, 3.0])
+def test_a_turning_sensor_is_said_with_its_tilt_and_nothing_is_named(degrees):
+    found = ac.improve(turned(record(), degrees))
+    assert (found.verdict, found.diagnosis.verdict) == ("unexplained", "unexplained")
+    assert (found.effects, found.found) == ((), ())
+    said = found.diagnosis.remarks[0]
+    assert said.code == "turning_sensor"
+    # Ten seconds of 0.3 to 1.5 Hz have twenty-five independent angles: 16 % of scatter.
+    assert said.values["tilt_deg"] == pytest.approx(degrees, rel=0.6)
+    assert found.sentence.startswith("A tilt of ")
+    assert "degrees rms would explain all of it; orientation is not recorded" in found.sentence
+
+
+def test_a_tilt_below_the_bias_instability_is_none():
+    made = turned(record(), 0.4)  # 0.07 m/s² rms
+    lax = dataclasses.replace(made.rig, sensor=dataclasses.replace(made.rig.sensor, bias_instability=0.2))
+    assert "turning_sensor" not in codes(ac.improve(dataclasses.replace(made, rig=lax), most=0))
+    assert "turning_sensor" not in codes(ac.improve(turned(record(), 0.02), most=0))
+
+
+def test_what_an_effect_of_the_motion_explains_is_named_as_ever():
+    found = ac.improve(record(quadratic=0.02))  # far above the bias instability below 2 Hz
+    assert found.effects[0] == "quadratic"
+    assert "turning_sensor" not in codes(found)
+
+
+def test_the_noise_of_a_poor_sensor_is_no_tilt():
+    rig = dataclasses.replace(ac.ADXL105_RIG, sensor=Sensor(noise=0.05))
+    assert codes(ac.improve(record(rig=rig), most=0)) == []
+
+
+def test_tilt_by_hand():
+    assert tilt(STANDARD_GRAVITY * np.sin(np.radians(3.3)), Rig()) == pytest.approx(3.3)
+    assert tilt(STANDARD_GRAVITY * (1 - np.cos(np.radians(20.0))), Rig(axis="up")) == pytest.approx(20.0)
+    assert tilt(100.0, Rig()) == pytest.approx(90.0)
+    t = np.arange(20_000) / 500.0
+    y = 0.01 * np.random.default_rng(1).standard_normal(len(t))
+    assert output_noise(Rig(), t, y) == pytest.approx(0.01 * np.sqrt(2.0 / 500.0), rel=0.05)
+
+
+def test_the_key_is_read_and_written(tmp_path):
+    path = tmp_path / "run.toml"
+    path.write_text('[sensor]\nbias_instability = "100 ug"\n')
+    rig = read_sidecar(path).rig
+    assert rig.sensor.bias_instability == pytest.approx(100e-6 * STANDARD_GRAVITY)
+    write_sidecar(rig, {}, tmp_path / "again.toml")
+    assert read_sidecar(tmp_path / "again.toml").rig.sensor.bias_instability == rig.sensor.bias_instability
+
+
+def real(name, rig):
+    folder = os.environ.get("ACCELCAL_REAL_DATA")
+    files = sorted(Path(folder).rglob(f"{name}.csv")) if folder else []
+    if not files:
+        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
+    return io.load(files[0], rig=rig)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("name", ["broad_trial10", "broad_trial15"])
+def test_a_board_in_a_hand_turns(name, axis, tmp_path):
+    path = tmp_path / "rig.toml"
+    path.write_text(
+        '[rig]\naxis = "level"\n[channels]\ntime = { column = "t", unit = "s" }\n'
+        f'accel = {{ column = "accel_{axis}", unit = "m/s^2" }}\n'
+        f'position = {{ column = "position_{axis}", unit = "m" }}\n'
+    )
+    found = ac.improve(real(name, path))
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    assert codes(found)[0] == "turning_sensor"
+
+
+@pytest.mark.parametrize("name", ["15npmm_6mps_trial1", "ext_ret_trial1", "ext_ret_trial2"])
+def test_an_impactor_is_late_and_its_relation_breaks(name):
+    rig = ROOT / "tests" / "real" / f"cyberdiver_{name}.toml"
+    found = ac.improve(real(f"cyberdiver_{name}", rig))
+    assert found.effects == ("time_offset",)
+    assert "sensor_lag" in found.classes[0].members
+    assert len(found.diagnosis.breaks) == 1
+
+
+@pytest.mark.parametrize("name", ["rocket_gw1_airbrakes_bay", "rocket_gw1_nosecone", "rocket_jackpot4"])
+def test_a_rocket_shows_no_effect_of_the_sensor(name):
+    found = ac.improve(real(name, ROOT / "tests" / "real" / f"{name}.toml"))
+    assert found.effects == ()
+    assert found.verdict == "too_short" or found.diagnosis.suspect
