@@ -9,6 +9,7 @@ import numpy as np
 
 from tests.worlds.numerics import stream
 
+from .filters import averages, bessel, blocking, butterworth, recursion, single_pole, windowed
 from .motion import Motion, resonance, through_structure
 from .profiles import PROFILES, STEP
 from .rig import NOTHING, UG, Clocks, Planted, Record, Reference, Rig, Sensor, measure
@@ -167,6 +168,38 @@ def _laboratory() -> Iterator[Regime]:
         yield Regime(f"i-flicker-{level:g}", "mixed", rig, honest=BIAS_PROCESSES, compare=PARAMETERS[1:])
 
 
+SMOOTHING = ((0.2, 0.4, 0.2), (1.0, -0.4, 0.2))
+"""A biquad: gain 1 at rest, 0.74 at 200 Hz where it runs at 1667 Hz."""
+
+
+def _filters() -> Iterator[Regime]:
+    """Declared filters of more than one pole, digital ones, high-passes, and filters of the position."""
+    outputs = {
+        "butter50": (butterworth(50.0, 4),),
+        "bessel100": (bessel(100.0, 2),),
+        "biquad": (recursion(*SMOOTHING),),
+        "mean8": (averages(8, 1),),
+        "sinc3": (averages(16, 3),),
+        "fir31": (windowed(31, 0.09),),
+        "rc-rc": (single_pole(159.0), single_pole(300.0)),
+        "rc-mean8": (single_pole(300.0), averages(8, 1)),
+    }
+    for name, filters in outputs.items():
+        for sensor, label in ((ADXL105, ""), (CXL02, "-cxl02")):
+            yield Regime(f"t-{name}{label}", "mixed", Rig(replace(sensor, corner=None, filters=filters)))
+    for profile in ("random", "smooth"):
+        rig = Rig(replace(ADXL105, corner=None, filters=outputs["butter50"]))
+        yield Regime(f"t-butter50-{profile}", profile, rig)
+    for tau in (1.0, 0.1):
+        for low in ((), (single_pole(159.0),)):
+            rig = Rig(replace(ADXL105, corner=None, filters=(*low, blocking(tau))))
+            label = "-rc" if low else ""
+            yield Regime(f"t-highpass{tau:g}{label}", "mixed", rig, compare=PARAMETERS[1:])
+    for name, one in (("lag200", single_pole(200.0)), ("butter200", butterworth(200.0, 2))):
+        yield Regime(f"t-position-{name}", "mixed", Rig(reference=Reference(filters=(one,))))
+        yield Regime(f"t-position-{name}-cxl02", "mixed", Rig(CXL02, Reference(filters=(one,))))
+
+
 def _lengths() -> Iterator[Regime]:
     for seconds in (5.0, 10.0, 20.0, 300.0):
         yield Regime(f"j-{seconds:g}s", "mixed", Rig(), seconds)
@@ -229,7 +262,7 @@ def _unusual() -> Iterator[Regime]:
 
 
 def _all() -> Iterator[Regime]:
-    for part in (_profiles, _references, _people, _laboratory, _lengths, _holes, _unusual):
+    for part in (_profiles, _references, _people, _laboratory, _filters, _lengths, _holes, _unusual):
         yield from part()
 
 

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from tests.worlds.numerics import Array, stream
 from tests.worlds.writer import write
 
+from .filters import Declared, analog, behind, keys, sampled, without_constant
+from .filters import position as filtered_position
 from .motion import Motion, Piecewise, rc
 from .noise import behind_poles, flicker, held, holes, ornstein_uhlenbeck, stamps, student
 from .profiles import band_noise
@@ -37,6 +39,8 @@ class Sensor:
     """Relative error of the true time constant is drawn within this, and this is declared as tolerance."""
     undeclared: tuple[complex, ...] = ()
     """Poles that nobody declared."""
+    filters: tuple[Declared, ...] = ()
+    """Declared ones, in place of the RC."""
     freedom: float | None = None
     """Of Student-t noise; None = Gaussian."""
     instability: float = 0.0
@@ -56,6 +60,8 @@ class Reference:
     rate: float = 833.47
     lag: float = 0.0
     """Time constant of its own low-pass, s."""
+    filters: tuple[Declared, ...] = ()
+    """Declared ones."""
     multipath: tuple[float, float] | None = None
     """Standard deviation, m, and time constant, s, of Gauss-Markov noise."""
     zeroed: bool = False
@@ -148,11 +154,15 @@ class Record:
         if self.rig.bare:
             return write(Path(directory), name, channels, {}, {})
         extra = {}
-        if sensor.corner is not None:
+        if sensor.filters:
+            extra["accel"] = ", ".join(keys(sensor.filters))
+        elif sensor.corner is not None:
             tolerance = f"{sensor.corner_error!r}"
             extra["accel"] = f'lowpass = {{ kind = "RC", fc = "{sensor.corner:g} Hz", tolerance = {tolerance} }}'
-        if reference.resolution is not None:
-            extra["position"] = f'resolution = "{reference.resolution * 1e6:.9g} um"'
+        declared_step = reference.resolution is not None
+        step = [f'resolution = "{reference.resolution * 1e6:.9g} um"'] if declared_step else []
+        if step or reference.filters:
+            extra["position"] = ", ".join([*step, *keys(reference.filters)])
         declared = sensor.density if sensor.declared is None else sensor.declared
         tables = {
             "sensor": {"noise": f"{declared:g} ug/sqrt(Hz)", "range": f"{sensor.range:g} g"},
@@ -181,6 +191,8 @@ def measure(motion: Motion, rig: Rig, seconds: float, seed: int, planted: Plante
 
 def lowpass(sensor: Sensor, corner_error: float = 0.0) -> list[complex]:
     """Return the true poles between sensing element and converter."""
+    if sensor.filters:
+        return [*analog(sensor.filters), *sensor.undeclared]
     declared = [] if sensor.corner is None else rc(sensor.corner / (1 + corner_error))
     return [*declared, *sensor.undeclared]
 
@@ -203,12 +215,14 @@ def _accelerometer(
     instants = t if clocks.held is None else held(t, clocks.held, rng)
     instants = (instants - offset) / (1 + clocks.skew)
     instants = instants + np.hypot(clocks.jitter, planted.jitter) * rng.standard_normal(len(t))
-    y = (1 + k) * motion.a.behind([*poles, *planted.poles])(instants) + bias
+    blocked = any(f.high for f in sensor.filters)
+    y = (1 + k) * behind(motion, sensor.filters, [*poles, *planted.poles])(instants) + (0.0 if blocked else bias)
     if planted.output is not None:
         y = y + planted.output(motion).behind(poles)(instants)
     if sensor.tilt:
         y = y + _turning(motion, sensor.tilt, rng, instants)
-    y += _sensor_noise(instants, sensor, poles, rng)
+    y += without_constant(_sensor_noise(instants, sensor, poles, rng), sensor.rate, sensor.filters)
+    y = sampled(y, sensor.filters)
     for i in rng.choice(len(t), planted.wrong, replace=False):
         y[i] += planted.wrong_size * rng.choice([-1.0, 1.0])
     y = np.clip(y, -sensor.range * G0, sensor.range * G0)
@@ -249,7 +263,7 @@ def _sensor_noise(t: Array, sensor: Sensor, poles: Sequence[complex], rng: np.ra
 def _position(motion: Motion, rig: Rig, seconds: float, rng: np.random.Generator) -> tuple[Array, Array]:
     reference, clocks = rig.reference, rig.clocks
     t = stamps(reference.rate, seconds, rng)
-    z = motion.lagged_position(t, reference.lag) if reference.lag else motion.position(t)
+    z = motion.lagged_position(t, reference.lag) if reference.lag else filtered_position(motion, t, reference.filters)
     z += reference.sigma * rng.standard_normal(len(t))
     if reference.multipath is not None:
         z += ornstein_uhlenbeck(t, *reference.multipath, rng.standard_normal(len(t)))

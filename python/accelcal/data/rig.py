@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from accelcal.data.channel_filter import ChannelFilter, high_passes
+
 STANDARD_GRAVITY = 9.80665
 """g0, m/s² (exact by convention)."""
 
@@ -75,7 +77,11 @@ class Rig:
     offset_tolerance: float = 0.0
     """How far the two clocks may disagree without anyone being to blame, s."""
     lowpass: LowPass | None = None
-    """Declared low-pass of the accelerometer channel."""
+    """Declared low-pass of the accelerometer channel where it is one RC; any other is in `output_filters`."""
+    output_filters: tuple[ChannelFilter, ...] = ()
+    """Further declared filters of the accelerometer channel, in the order of the signal."""
+    position_filters: tuple[ChannelFilter, ...] = ()
+    """Declared filters of the position channel, in the order of the signal."""
     resolution: float | None = None
     """Encoder resolution, m."""
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
@@ -103,6 +109,16 @@ class Rig:
     def lowpass_prior(self) -> float:
         """Declared standard deviation of the time constant, s; 0 where none is declared: the fit takes it as exact."""
         return 0.0 if self.lowpass is None else (self.lowpass.tolerance or 0.0) * self.lowpass.tau
+
+    @property
+    def coupled(self) -> bool:
+        """Whether a constant acceleration reaches the output; not behind a high-pass."""
+        return not high_passes(self.output_filters)
+
+    @property
+    def filters(self) -> tuple[ChannelFilter, ...]:
+        """Declared filters beside the one RC of the accelerometer."""
+        return (*self.output_filters, *self.position_filters)
 
     @property
     def polarity(self) -> float:

@@ -27,7 +27,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.diagnosis.remarks import Remark, Value, remark
-from accelcal.estimation.drive import HOLE
+from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 

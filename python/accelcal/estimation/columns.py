@@ -98,9 +98,16 @@ def evaluated(state: RunState, terms: Sequence[Term]) -> list[Array]:
     inputs = [k for k, term in enumerate(terms) if term.port == "output"]
     direct = [k for k, term in enumerate(terms) if term.port != "output"]
     signals, run = state.signals, state.run
-    columns = dict(zip(inputs, evaluate([terms[k] for k in inputs], signals), strict=True))
+    filters = run.filters
+    columns = {
+        k: filters.behind(column, signals.step)
+        for k, column in zip(inputs, evaluate([terms[k] for k in inputs], signals), strict=True)
+    }
     at_readings = signals.resampled(run.t - run.origins.t) if direct else signals
-    columns |= dict(zip(direct, evaluate([terms[k] for k in direct], at_readings), strict=True))
+    columns |= {
+        k: filters.behind_at(run.t, column)
+        for k, column in zip(direct, evaluate([terms[k] for k in direct], at_readings), strict=True)
+    }
     return [columns[k] for k in range(len(terms))]
 
 
@@ -227,11 +234,11 @@ class ColumnFilter:
     ) -> Iterator[tuple[int, list[Array], str]]:
         """Columns over a stretch, of one port at a time, without `copies`: index of the first, at most `PARALLEL` of
         them, the port."""
-        first = 0
+        first, filters = 0, self.state.run.filters
 
         def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
             k, term = place
-            return k in copies, term.port, is_local(term.effect)
+            return k in copies, term.port, is_local(term.effect) and not filters.acts
 
         for (copied, port, local), places in groupby(enumerate(terms), key=kind):
             alike = [term for _, term in places]
@@ -245,6 +252,9 @@ class ColumnFilter:
                 s, rows = s.part(rows), slice(None)
             waiting: list[Array] = []
             for column in evaluate(alike, s):
+                if filters.acts:
+                    output = port == "output"
+                    column = filters.behind(column, s.step) if output else filters.behind_at(self.state.run.t, column)
                 waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
                 if len(waiting) == PARALLEL:
                     yield first, waiting, port

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
+from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.signals import Signals
-
-HOLE = 8.0
-"""A spacing of accelerometer samples beyond this many periods is a hole; the replay restarts behind it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +59,12 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
     """
     begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
-    stamps = run.filled.t - begin
+    stamps = run.driving.t - begin
     if values.clock_skew:
         stamps = values.instants(stamps, run.origins.t - begin) + values.time_offset
     first, second, covered = _core.drive(
         stamps,
-        run.filled.y,
+        run.driving.y,
         run.t - begin,
         how="cubic",
         tau=run.tau(values),
@@ -74,29 +72,57 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
         hole=HOLE * run.accel_step,
     )
     h = np.diff(run.t, prepend=run.t[0])
-    first -= values.bias * h
-    second -= values.bias * h**2 / 2.0
-    z = run.z
+    filters = run.filters
+    first -= values.bias * filters.at_rest * h
+    second -= values.bias * filters.at_rest * h**2 / 2.0
+    z = run.readings
     if signals is not None:
         t_grid = signals.t + run.origins.t
         total = values.total("output", signals)
         if total is not None:
+            total = filters.behind(total, signals.step)
             once, twice, _ = _core.drive(t_grid, total, run.t, how="cubic", tau=0.0, delay=0.0, hole=np.inf)
             first -= once
             second -= twice
         if any(values.additive("position")):
             read = values.total("position", signals.resampled(run.t - run.origins.t))
-            z = z if read is None else z - read
+            z = z if read is None else z - filters.behind_at(run.t, read)
     gain = run.rig.polarity / values.scale
-    restart = ~covered
+    restart = ~covered | filters.gaps(run.t)
     restart[0] = True
     restart[np.searchsorted(run.t, run.restarts)] = True
     first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
-    first -= run.rig.gravity * h
+    first -= run.rig.gravity * filters.at_rest * h
     second *= gain
-    second -= run.rig.gravity * h**2 / 2.0
+    second -= run.rig.gravity * filters.at_rest * h**2 / 2.0
     first[restart] = second[restart] = 0.0
     return DriveIntegrals(run.t, z, first, second, restart, run.extra_q)
+
+
+def without_transients(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> DriveIntegrals:
+    """The integrals without what is unknown behind a high-pass of the output, fitted to the innovations.
+
+    A constant that enters behind the high-pass and its state at the start are no parameters of the sensor; they are
+    eliminated at given coefficients and noise. Without a high-pass the integrals are returned as they are.
+    """
+    columns = run.filters.transients(run.t)
+    if not columns:
+        return integrals
+    track = run_filter(run, integrals, noise)
+    counts = integrals.settled(run.wait(noise))
+    weight = 1.0 / np.sqrt(track.series("S")[counts])
+    zero, begin = np.zeros_like(integrals.z), integrals.restart
+    columns = [(np.where(begin, 0.0, once), np.where(begin, 0.0, twice)) for once, twice in columns]
+    alone = [
+        run_filter(run, replace(integrals, z=zero, first=each[0], second=each[1]), noise).series("e")[counts] * weight
+        for each in columns
+    ]
+    sizes, *_ = np.linalg.lstsq(np.column_stack(alone), -track.series("e")[counts] * weight, rcond=1e-8)
+    first, second = integrals.first.copy(), integrals.second.copy()
+    for size, (once, twice) in zip(sizes, columns, strict=True):
+        first += size * once
+        second += size * twice
+    return replace(integrals, first=first, second=second)
 
 
 def run_filter(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:

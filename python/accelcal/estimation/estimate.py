@@ -14,6 +14,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
+from accelcal.estimation.channel_filters import names
 from accelcal.estimation.gauss_newton import (
     MAX_ROUNDS,
     Layout,
@@ -215,6 +216,7 @@ def result(solution: Solution) -> Fit:
         if b is not None
     ]
     remarks += judge(layout, x, covariance, runs)
+    remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
     if not solution.converged:
         remarks.append(
@@ -271,9 +273,12 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
 
     Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
     for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
+    Behind a high-pass no constant is seen: the bias is held at zero.
     """
     mounts = {r.rig.mount for r in recordings}
     extra: list[str] = []
+    if not any(r.rig.coupled for r in recordings) and "bias" not in model.fixed:
+        model = model.freeze(bias=0.0)
     if {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts:
         extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
     if {"normal", "rolled"} <= mounts:
@@ -368,6 +373,16 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks
+
+
+def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
+    """What declared filters keep from being estimated: a bias behind a high-pass."""
+    return [
+        f"{name_of(run)}: bias is not observable behind the declared {names(run.filters.blocking)}; it is held at 0 "
+        "and a constant of the output is not laid on the sensor"
+        for run in runs
+        if run.filters.blocking
+    ]
 
 
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.data.recording import Channel, Recording
+from accelcal.data.channel_filter import unsupported
+from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import PreparedRun, prepare
@@ -51,6 +52,9 @@ def fit_recursive(
     A declared low-pass is a state in CWPA and reads p + tau v in ACI. CWPA takes its jerk density from the rms change
     of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; derivations 4.1).
     """
+    refused = unsupported(recording.rig.filters, "a fit by a live filter")
+    if refused:
+        raise RecordingError(f"{recording.name or 'recording'}: {refused}")
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = estimate(model, recording, start=start, end=end)
     offset = replayed["time_offset"]

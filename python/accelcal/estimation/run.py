@@ -12,6 +12,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
+from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
@@ -79,10 +80,40 @@ class PreparedRun:
         """Output with up to three lost samples in a row filled in: what is integrated."""
         return fill_gaps(self.accel.t, self.accel.y, self.accel_step)
 
+    @property
+    def whole(self) -> Channel:
+        """The same as a channel."""
+        return Channel(self.accel.name, self.filled.t, self.filled.y, self.accel.unit)
+
     @cached_property
     def extra_q(self) -> Array:
         """Density of process noise over the interval before each reading beyond that of the record, (m/s²)²/Hz."""
         return extra_density(self.t, self.accel, self.accel_step, self.jumps, self.filled)
+
+    @cached_property
+    def filters(self) -> ChannelFilters:
+        """Declared filters beside the one RC that the drive inverts itself."""
+        return ChannelFilters(self.rig, 1.0 / self.accel_step, 1.0 / self.reading_step)
+
+    @cached_property
+    def undone(self) -> Channel:
+        """The output with declared low-passes inverted, but for one RC alone, which the drive inverts."""
+        return self.filters.undone(self.whole)
+
+    @cached_property
+    def driving(self) -> Channel:
+        """The output that drives the motion which the readings show, (n,) m/s²."""
+        return self.filters.driving(self.whole)
+
+    @cached_property
+    def blocked(self) -> Array:
+        """What the high-passes of the output would remove from the readings, (n,) m."""
+        return self.filters.blocked(self.t, self.z)
+
+    @cached_property
+    def readings(self) -> Array:
+        """Readings behind the high-passes of the output; without any the readings themselves, (n,) m."""
+        return self.z - self.blocked if self.filters.blocking else self.z
 
     @cached_property
     def speed(self) -> float:
@@ -178,7 +209,9 @@ def prepare(
             f"{recording.name or 'recording'}: {len(t)} encoder readings between {first:.6g} s and "
             f"{last:.6g} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
         )
-    margin = 64 * float(np.median(np.diff(accel.t[:4096])))
+    step = float(np.median(np.diff(accel.t[:4096])))
+    filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / float(np.median(np.diff(t))))
+    margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
     every = readings_apart(t, z, part)

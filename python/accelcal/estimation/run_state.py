@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
-from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
+from accelcal.estimation.drive import DriveIntegrals, drive, run_filter, without_transients
 from accelcal.estimation.initial import initial_coefficients
 from accelcal.estimation.noise import GROWN, LEAST_COUNT, NoiseSearch
 from accelcal.estimation.run import PreparedRun
@@ -50,7 +50,7 @@ class RunState:
         cls, run: PreparedRun, values: Values, noise: Noise, band: float | None = None, *, search_noise: bool
     ) -> RunState:
         """The state at coefficients and noise; with `search_noise` at the noise that is most likely near them."""
-        integrals, search = drive(run, values, None), NoiseSearch(noise)
+        integrals, search = without_transients(run, drive(run, values, None), noise), NoiseSearch(noise)
         if search_noise:
             search = search.again(run, integrals)
             noise = search.within(band, run)
@@ -64,7 +64,7 @@ class RunState:
         del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
         self.values = values
         self.search = self.search.scaled(ratio**2)  # the sensor's noise stays; q is that noise over 1 + k
-        self.drive = drive(run, values, self.signals)
+        self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
         if search_noise:
             self.search = self.search.again(run, self.drive)
         self.noise = self.search.within(self.band, run)

@@ -9,7 +9,8 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array
-from accelcal.estimation.drive import HOLE, DriveIntegrals
+from accelcal.estimation.channel_filters import HOLE
+from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.shrinkage import Shrinkage, left_density
 from accelcal.estimation.values import Noise, Values
@@ -71,13 +72,14 @@ def smoothed_signals(
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
-    output = np.interp(values.stamps(t, run.origins.t), run.filled.t, run.filled.y)
+    output = np.interp(values.stamps(t, run.origins.t), run.undone.t, run.undone.y)
     subtract_effects(output, run, t, values, before)
     wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
-    gain = run.rig.polarity / values.scale
+    gain, filters = run.rig.polarity / values.scale, run.filters
+    gravity = run.rig.gravity * filters.at_rest
     crossover = run.crossover(noise)
     if cutoff is None:
-        rough = gain * output - run.rig.gravity + wanted
+        rough = gain * output - gravity + wanted
         density = noise.r * run.reading_step
         cutoff = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
         del rough
@@ -85,7 +87,7 @@ def smoothed_signals(
     tau = run.tau(values)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)
-    a = gain * output - run.rig.gravity + low_pass(wanted, rate, cutoff)
+    a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, cutoff), run.accel_step)
     del output, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
     grid = Thinning.of(t, run.accel_step, cutoff)
@@ -93,19 +95,20 @@ def smoothed_signals(
     v = integral(a, run.accel_step)
     a = grid.thin(a)
     unread = unread_spans(run, integrals, t)
-    wanting = np.interp(t, run.t, v_smooth - np.interp(run.t, t, v))
+    wanting = np.interp(t, run.t, v_smooth - np.interp(run.t, t, filters.behind_position(v, run.accel_step)))
     edge = int(rate / cutoff)  # next to a hole the acceleration itself is off; readings correct it best unfiltered
     for begin, end in unbroken_spans(run, integrals, t):
         if end - begin > 2 * edge:
             inner = slice(edge, end - begin - edge)
             wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, cutoff)[inner]
-    v += wanting
+    v += filters.before_position(wanting, run.accel_step)
     del wanting
     for hole in unread:
         v[hole] = np.interp(t[hole], run.t, v_smooth)
     p = integral(v, run.accel_step)
     v = grid.thin(v)
-    p += np.interp(t, run.t, p_smooth - np.interp(run.t, t, p))
+    missed = np.interp(t, run.t, p_smooth - np.interp(run.t, t, filters.behind_position(p, run.accel_step)))
+    p += filters.before_position(missed, run.accel_step)
     for hole in unread:
         p[hole] = np.interp(t[hole], run.t, p_smooth)
     shrinkage = Shrinkage.of(jerk, rate / grid.every, run, noise, cutoff, values.time_offset)
@@ -113,7 +116,10 @@ def smoothed_signals(
         v, a = shrinkage(v), shrinkage(a)
         jerk = derivative(a, grid.every * run.accel_step)
     p_std, v_std, a_std = smoothed_std(run, noise, cutoff, shrinkage)
-    smooth = sensor_signals(run, grid.t, SmoothedMotion(grid.thin(p), v, a, jerk), values, cutoff)
+    motion = (grid.thin(p), v, a, jerk)
+    if filters.blocking:
+        motion = filters.recoupled(motion, np.interp(grid.t, run.t, run.blocked), float(grid.t[1] - grid.t[0]))
+    smooth = sensor_signals(run, grid.t, SmoothedMotion(*motion), values, cutoff)
     return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
 
 
@@ -159,16 +165,16 @@ def uniform_times(run: PreparedRun) -> Array:
 
 def subtract_effects(output: Array, run: PreparedRun, t: Array, values: Values, signals: Signals | None) -> None:
     """Subtract bias and additive effects from an output at times `t`, in place."""
-    output -= values.bias
+    output -= values.bias * run.filters.at_rest
     total = None if signals is None else values.total("output", signals)
     if signals is not None and total is not None:
-        output -= np.interp(t, signals.t + run.origins.t, total)
+        output -= np.interp(t, signals.t + run.origins.t, run.filters.behind_high_passes(total, signals.step))
 
 
 def output_at(run: PreparedRun, t: Array, cutoff: float, tau: float) -> Array:
     """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
-    own = np.arange(run.accel.t[0], run.accel.t[-1], run.accel_step)
-    output = low_pass(np.interp(own, run.accel.t, run.accel.y), 1.0 / run.accel_step, cutoff)
+    own = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
+    output = low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, cutoff)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)
     return np.asarray(np.interp(t, own, output))
@@ -192,7 +198,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     def corrected(signals: Signals | None) -> Signals:
         output = plain.copy()
         subtract_effects(output, run, t, values, signals)
-        a = run.rig.polarity / values.scale * output - run.rig.gravity
+        a = run.rig.polarity / values.scale * output - run.rig.gravity * run.filters.at_rest
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
 

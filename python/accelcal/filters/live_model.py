@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.data.channel_filter import unsupported
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
@@ -102,6 +103,9 @@ class LiveModel:
         if unknown:
             raise ValueError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
         beliefs = [_belief(model, terms[name]) for name in self.names]
+        refused = unsupported(rig.filters, "a live filter")
+        if refused:
+            raise ValueError(refused)
         tau = rig.lowpass.tau if rig.lowpass is not None else 0.0
         # Behind a low-pass the filter's motion lags: it begins tau v behind the stage.
         P0 = np.diag([DIFFUSE * r_position + (tau * speed) ** 2, speed**2, *(b.std**2 for b in beliefs)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal.data import units
+from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 
@@ -134,6 +136,19 @@ def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
     return check
 
 
+def _whole(found: object) -> int:
+    if not isinstance(found, int) or isinstance(found, bool):
+        raise ValueError(f"found {found!r}, expected a whole number")
+    return found
+
+
+def _numbers(found: object) -> tuple[float, ...]:
+    plain = isinstance(found, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in found)
+    if not plain or not isinstance(found, list):
+        raise ValueError(f"found {found!r}, expected a list of numbers such as [0.25, 0.5, 0.25]")
+    return tuple(float(x) for x in found)
+
+
 _ANY_OTHER = "*"
 
 
@@ -181,18 +196,88 @@ def _clock(found: object) -> Clock:
 
 
 _SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock}
-_LOWPASS: dict[str, _Check] = {
-    "kind": _one_of("RC"),
+_FILTERS: dict[str, tuple[str, ...]] = {
+    "RC": ("fc", "tau", "tolerance"),
+    "butterworth": ("fc", "order", "rate"),
+    "bessel": ("fc", "order", "rate"),
+    "biquad": ("b", "a", "rate"),
+    "sinc": ("length", "order", "rate"),
+    "fir": ("taps", "rate"),
+}
+"""Keys that describe a filter of each kind."""
+_FILTER: dict[str, _Check] = {
+    "kind": _one_of(*KINDS),
     "fc": _amount("frequency", "positive"),
+    "tau": _amount("time", "positive"),
     "tolerance": _amount("ratio", "not negative"),
+    "order": _whole,
+    "length": _whole,
+    "b": _numbers,
+    "a": _numbers,
+    "taps": _numbers,
+    "rate": _amount("frequency", "positive"),
 }
 
 
-def _lowpass(found: object) -> LowPass:
-    values = _table(found, "", _LOWPASS)
-    if "fc" not in values:
-        raise ValueError('a low-pass needs its corner frequency, e.g. lowpass = { kind = "RC", fc = "159 Hz" }')
-    return LowPass(values["fc"], values.get("tolerance"))
+def _filter(found: object, passes: Pass) -> tuple[ChannelFilter, float | None]:
+    """One filter, and the declared tolerance of its time constant."""
+    values = _table(found, "", _FILTER)
+    kind = values.pop("kind", "RC")
+    for key in values:
+        if key not in _FILTERS[kind]:
+            raise _KeyError(key, f"no key of {kind}; known keys here: kind, {', '.join(_FILTERS[kind])}")
+    if kind == "RC" and ("fc" in values) == ("tau" in values):
+        word = "low" if passes == "lowpass" else "high"
+        raise ValueError(
+            f'a {word}-pass needs its corner frequency, e.g. {passes} = {{ kind = "RC", fc = "159 Hz" }}, or tau, '
+            "not both"
+        )
+    if kind in ("butterworth", "bessel") and not {"fc", "order"} <= values.keys():
+        raise ValueError(
+            f'fc and order are needed, e.g. {passes} = {{ kind = "{kind}", fc = "50 Hz", order = 4 }}, with the '
+            "corner at -3 dB"
+        )
+    if kind == "biquad" and not {"b", "a"} <= values.keys():
+        raise ValueError('b and a are needed, e.g. { kind = "biquad", b = [0.2, 0.4, 0.2], a = [1.0, -0.4, 0.2] }')
+    if kind == "fir" and "taps" not in values:
+        raise ValueError('taps are needed, e.g. { kind = "fir", taps = [0.25, 0.5, 0.25] }')
+    if kind == "sinc" and "length" not in values:
+        raise ValueError('length is needed, e.g. { kind = "sinc", length = 16, order = 3 }')
+    cutoff = 1.0 / (2.0 * math.pi * values["tau"]) if "tau" in values else values.get("fc")
+    return ChannelFilter(
+        kind,
+        passes,
+        cutoff=cutoff,
+        order=values.get("order", 1),
+        b=values.get("taps", values.get("b", ())),
+        a=values.get("a", ()),
+        length=values.get("length", 0),
+        rate=values.get("rate"),
+    ), values.get("tolerance")
+
+
+def _filters(passes: Pass) -> _Check:
+    """One filter or a list of several, as the signal passes them."""
+
+    def check(found: object) -> list[tuple[ChannelFilter, float | None]]:
+        if not isinstance(found, list):
+            return [_filter(found, passes)]
+        if not found:
+            raise ValueError("found an empty list, expected at least one filter; leave the key out where there is none")
+        made = []
+        for number, each in enumerate(found, 1):
+            try:
+                made.append(_filter(each, passes))
+            except _KeyError as error:
+                raise _KeyError(_join(str(number), error.where), error.text) from None
+            except ValueError as error:
+                raise _KeyError(str(number), str(error)) from None
+        return made
+
+    return check
+
+
+_FILTERED: dict[str, _Check] = {"lowpass": _filters("lowpass"), "highpass": _filters("highpass")}
 
 
 def _source(**further: _Check) -> _Check:
@@ -225,8 +310,8 @@ _TABLES: dict[str, dict[str, _Check]] = {
     "channels": {
         "time": _clock,
         "rate": _amount("frequency", "positive"),
-        "accel": _source(lowpass=_lowpass),
-        "position": _source(resolution=_amount("length", "positive")),
+        "accel": _source(**_FILTERED),
+        "position": _source(resolution=_amount("length", "positive"), **_FILTERED),
         _ANY_OTHER: _source(),
     },
     "uncertainty": {
@@ -261,13 +346,13 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
 
 def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
     rig, channels = tables["rig"], tables["channels"]
-    lowpass = channels["accel"][1].get("lowpass") if "accel" in channels else None
+    lowpass, output_filters = _of_output(channels)
     resolution = channels["position"][1].get("resolution") if "position" in channels else None
     sensor = _sensor(tables["sensor"])
     assumptions = {
         ASSUMED_AXIS: "axis" in rig or "gravity_along_axis" in rig,
         ASSUMED_MOUNT: "mount" in rig,
-        ASSUMED_LOWPASS: lowpass is not None,
+        ASSUMED_LOWPASS: lowpass is not None or bool(output_filters),
         ASSUMED_LOWPASS_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
         ASSUMED_RESOLUTION: resolution is not None,
         ASSUMED_NOISE: sensor.noise is not None,
@@ -277,6 +362,8 @@ def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
     return Rig(
         sensor=sensor,
         lowpass=lowpass,
+        output_filters=output_filters,
+        position_filters=tuple(each for each, _ in _declared(channels, "position")),
         resolution=resolution,
         uncertainty=Uncertainty(**tables["uncertainty"]),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),
@@ -284,6 +371,31 @@ def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
         **tables["clock"],
         **tables["judge"],
     )
+
+
+def _declared(channels: Mapping[str, Any], name: str) -> list[tuple[ChannelFilter, float | None]]:
+    """Declared filters of one channel, with the tolerance of each: high-passes first."""
+    extra = channels[name][1] if name in channels else {}
+    found = [*extra.get("highpass", ()), *extra.get("lowpass", ())]
+    tolerant = [each for each, tolerance in found if tolerance is not None]
+    alone = name == "accel" and len(extra.get("lowpass", ())) == 1
+    if any(not alone or each.passes == "highpass" for each in tolerant):
+        raise _KeyError(
+            f"channels.{name}",
+            "a tolerance is estimated where the accelerometer has one RC as its only low-pass; leave out tolerance, "
+            "and give the corner as it was measured",
+        )
+    return found
+
+
+def _of_output(channels: Mapping[str, Any]) -> tuple[LowPass | None, tuple[ChannelFilter, ...]]:
+    """The low-pass of the accelerometer where it is one RC alone, and every other filter of it."""
+    found = _declared(channels, "accel")
+    low = [(each, tolerance) for each, tolerance in found if each.passes == "lowpass"]
+    if len(low) == 1 and low[0][0].kind == "RC" and low[0][0].cutoff is not None:
+        lowpass = LowPass(low[0][0].cutoff, low[0][1])
+        return lowpass, tuple(each for each, _ in found if each.passes == "highpass")
+    return None, tuple(each for each, _ in found)
 
 
 def _sensor(values: dict[str, Any]) -> Sensor:

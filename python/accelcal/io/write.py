@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelcal.data import units
+from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.io import naming, sidecar
@@ -252,12 +253,37 @@ def _channel(rig: Rig, name: str, source: Clock | Source) -> dict[str, str]:
         return _declared(entries | {"rate": _amount(source.rate, "Hz")})
     if source.time is not None:
         entries["time"] = _inline(_channel(rig, "time", source.time))
-    if name == "accel" and rig.lowpass is not None:
-        low = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}
-        entries["lowpass"] = _inline(_declared(low))
+    entries |= _filters(rig, name)
     if name == "position":
         entries["resolution"] = _amount(rig.resolution, "m", "um")
     return _declared(entries)
+
+
+def _filters(rig: Rig, name: str) -> dict[str, str | None]:
+    """Return the keys lowpass and highpass of one channel."""
+    filters = {"accel": rig.output_filters, "position": rig.position_filters}.get(name, ())
+    low, high = ([_filter(each) for each in kind] for kind in (low_passes(filters), high_passes(filters)))
+    if name == "accel" and rig.lowpass is not None:
+        one = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}
+        low = [_inline(_declared(one))]
+    listed = {"lowpass": low, "highpass": high}
+    return {
+        key: each[0] if len(each) == 1 else f"[{', '.join(each)}]" if each else None for key, each in listed.items()
+    }
+
+
+def _filter(declared: ChannelFilter) -> str:
+    """Return one filter as an inline table."""
+    numbers = {"taps" if declared.kind == "fir" else "b": declared.b, "a": declared.a}
+    entries = {
+        "kind": f'"{declared.kind}"',
+        "fc": _amount(declared.cutoff, "Hz"),
+        "length": str(declared.length) if declared.length else None,
+        "order": str(declared.order) if declared.kind in ("butterworth", "bessel", "sinc") else None,
+        **{key: f"[{', '.join(map(repr, values))}]" if values else None for key, values in numbers.items()},
+        "rate": _amount(declared.rate, "Hz"),
+    }
+    return _inline(_declared(entries))
 
 
 def _inline(entries: Mapping[str, str]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.calibration.electrical import electrical
+from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.effects import BUILT_IN, CATALOGUE, find, side_channel
 from accelcal.estimation.estimate import Fit, tied_sum
@@ -180,6 +181,8 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
     rig = dict(content["rig"])
     rig["sensor"] = Sensor(**rig["sensor"])
     rig["lowpass"] = LowPass(**rig["lowpass"]) if rig["lowpass"] else None
+    for key in ("output_filters", "position_filters"):  # files of older versions have neither
+        rig[key] = tuple(channel_filter_from_dict(f) for f in rig.get(key, ()))
     rig["uncertainty"] = Uncertainty(**rig["uncertainty"])
     rig["assumptions"] = tuple(rig["assumptions"])
     fit = Fit(
@@ -223,6 +226,11 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
             f"{', '.join(e.name for e in fit.free)}"
         )
     return fit
+
+
+def channel_filter_from_dict(content: Mapping[str, Any]) -> ChannelFilter:
+    """Return a declared filter as the rig of a model file holds it."""
+    return ChannelFilter(**{**content, "b": tuple(content["b"]), "a": tuple(content["a"])})
 
 
 def require_known(model: Mapping[str, Any]) -> None:

@@ -16,8 +16,10 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
+from accelcal.simulation.filtered import filtered_samples
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.motion import motion as planned
 
@@ -119,8 +121,9 @@ def simulate(
 
     output(t) = RC[ f(s(t)) + noise ],  s(t) = polarity (a(t - time_offset) + gravity) + vibration(t),
     f(s) = K0 + (1 + k + Kin g_n) s + K2 s² + K3 s³ + misalignment g_n, where g_n is gravity across the input axis; it
-    changes sign when the sensor is rolled by 180 degrees. The low-pass is solved exactly: Gauss-Legendre over each
-    sample interval for the smooth part, the Ornstein-Uhlenbeck law for the noise.
+    changes sign when the sensor is rolled by 180 degrees. One RC low-pass is solved exactly: Gauss-Legendre over each
+    sample interval for the smooth part, the Ornstein-Uhlenbeck law for the noise. Other declared filters, of the output
+    and of the position, act as `filtered_samples` says.
 
     Parameters
     ----------
@@ -130,7 +133,7 @@ def simulate(
     seconds : float
         Length of the record, s.
     rig : Rig
-        Noise density, low-pass, mount, gravity and encoder resolution; no low-pass or resolution means there is none.
+        Noise density, filters, mount, gravity and encoder resolution; no filter or resolution means there is none.
     parameters : Mapping[str, float]
         Any of `PARAMETERS`; the others are zero.
     rng : numpy.random.Generator
@@ -172,12 +175,21 @@ def simulate(
         raise ValueError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
 
     t_accel = _clock(seconds, accel_rate, accel_phase)
-    output = _sensor_output(motion, t_accel, 1.0 / accel_rate, rig, theta, vibration)
-    output += _sensor_noise(len(t_accel), 1.0 / accel_rate, rig.sensor.noise, rig.lowpass, sensor_rng)
+    sensed = _sensed(motion, rig, theta, vibration)
+    if rig.output_filters:
+        chain = (*_as_filters(rig.lowpass), *rig.output_filters)
+        output = filtered_samples(sensed, t_accel, accel_rate, chain, rig.sensor.noise, sensor_rng)
+    else:
+        lowpass, dt = rig.lowpass, 1.0 / accel_rate
+        output = sensed(t_accel) if lowpass is None else _low_passed(sensed, t_accel, dt, lowpass.tau)
+        output += _sensor_noise(len(t_accel), dt, rig.sensor.noise, lowpass, sensor_rng)
     output = _converted(output, lsb, full_scale)
 
     t_position = _clock(seconds, position_rate, position_phase)
-    reading = motion.position(t_position) + position_noise * encoder_rng.standard_normal(len(t_position))
+    reading = motion.position(t_position)
+    if rig.position_filters:
+        reading = filtered_samples(motion.position, t_position, position_rate, rig.position_filters)
+    reading = reading + position_noise * encoder_rng.standard_normal(len(t_position))
     if rig.resolution is not None:
         reading = _rounded(reading, rig.resolution)
 
@@ -203,10 +215,10 @@ def _clock(seconds: float, rate: float, phase: float) -> Array:
     return phase + np.arange(max(1, math.floor(seconds * rate + 1e-9))) / rate
 
 
-def _sensor_output(
-    motion: Motion, t: Array, dt: float, rig: Rig, theta: Mapping[str, float], vibration: Vibration | None
-) -> Array:
-    """Noise-free output at t (n,), at a spacing of dt s, behind the low-pass of the rig."""
+def _sensed(
+    motion: Motion, rig: Rig, theta: Mapping[str, float], vibration: Vibration | None
+) -> Callable[[Array], Array]:
+    """Noise-free output in front of the filters of the channel, at instants (n,) s."""
     top_speed = motion.top_speed if vibration is not None else 0.0
 
     def sensed(t: Array) -> Array:
@@ -216,9 +228,12 @@ def _sensor_output(
             s += vibration.amplitude * (v / top_speed) ** 2 * np.sin(2.0 * math.pi * vibration.frequency * t)
         return _model(s, rig, theta)
 
-    if rig.lowpass is None:
-        return sensed(t)
-    return _low_passed(sensed, t, dt, rig.lowpass.tau)
+    return sensed
+
+
+def _as_filters(lowpass: LowPass | None) -> tuple[ChannelFilter, ...]:
+    """The one RC of a channel as the first filter of its chain."""
+    return () if lowpass is None else (ChannelFilter("RC", cutoff=lowpass.cutoff),)
 
 
 def _model(s: Array, rig: Rig, theta: Mapping[str, float]) -> Array:

@@ -100,9 +100,9 @@ class Prediction:
         acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
         self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
         at = self.values.stamps(signals.t + run.origins.t, run.origins.t)
-        at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias
+        at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
         self.gain = run.rig.polarity / self.values.scale
-        self.bare: Array = self.gain * at_grid - run.rig.gravity
+        self.bare: Array = self.gain * at_grid - run.rig.gravity * run.filters.at_rest
         return signals
 
     @classmethod
@@ -201,7 +201,11 @@ class Prediction:
         errors = np.empty((len(starts), 3))
         for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
             frozen, rezeroed = self.predict(int(k), np.array([row]))
-            errors[i] = self.run.z[row] - frozen[0], self.run.z[row] - rezeroed[0], self.floor(int(k), t[[row]])[0]
+            errors[i] = (
+                self.run.readings[row] - frozen[0],
+                self.run.readings[row] - rezeroed[0],
+                self.floor(int(k), t[[row]])[0],
+            )
         return Coasting(starts, ends, *errors.T)
 
     def k_step(self, k: int) -> float | None:
@@ -215,11 +219,11 @@ class Prediction:
         at = at[self.counts[at] & (self.breaks[at + k] == self.breaks[at])]
         if self.causal is not None:
             at = at[:: max(1, len(at) // MOST_STARTS)]
-            error = np.array([self.run.z[i + k] - self.predict(int(i), np.array([i + k]))[0][0] for i in at])
+            error = np.array([self.run.readings[i + k] - self.predict(int(i), np.array([i + k]))[0][0] for i in at])
         else:
             h = self.run.t[at + k] - self.run.t[at]
             driven = self.moved[at + k] - self.moved[at] - h * self.travelled[at]
-            error = self.run.z[at + k] - (self.p[at] + h * self.v[at] + driven)
+            error = self.run.readings[at + k] - (self.p[at] + h * self.v[at] + driven)
         return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
     def simulate(self) -> tuple[Array, Array, Array, Array]:
@@ -228,7 +232,7 @@ class Prediction:
         same = np.flatnonzero(self.breaks == self.breaks[k])
         rows = same[same > k]
         frozen, _ = self.predict(k, rows)
-        return self.run.t[rows], self.run.z[rows], frozen, self.floor(k, self.run.t[rows])
+        return self.run.t[rows], self.run.readings[rows], frozen, self.floor(k, self.run.t[rows])
 
 
 def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:

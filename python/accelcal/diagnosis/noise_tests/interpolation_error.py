@@ -38,12 +38,15 @@ class InterpolationError:
     """Samples of a series."""
 
     @classmethod
-    def of(cls, spectra: BlockSpectra, n: int, rate: float, edge: float) -> InterpolationError:
-        """The filter for noise with these spectra, above the frequency `edge`, Hz."""
+    def of(
+        cls, spectra: BlockSpectra, n: int, rate: float, edge: float, least_power: float = 0.0
+    ) -> InterpolationError:
+        """The filter for noise with these spectra, above the frequency `edge`, Hz; power below `least_power` is taken
+        as that much, so that a stop band is not magnified."""
         f = scipy.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate)
         gain = soft_high_pass(f, edge)
         if len(spectra.power):
-            gain /= np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), 1e-300))
+            gain /= np.interp(f, spectra.f, np.maximum(np.mean(spectra.power, axis=0), max(least_power, 1e-300)))
         return cls(gain / np.mean(gain), n)
 
     def __call__(self, y: Array) -> Array:

@@ -40,9 +40,12 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     """
     spectra = residuals.short_spectra
     v2, v4, j2 = residuals.motion_blocks(spectra)
-    if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0:
+    blocked = len(spectra.f) <= FEWEST_BINS
+    if len(v2) < NOISE_TEST_LEAST_BLOCKS or np.ptp(v2) == 0.0 or blocked:
         untested = (
-            "the record is too short or has too little motion to test whether noise follows the motion",
+            "declared filters let no noise pass above the motion, so whether it follows the motion is not tested"
+            if blocked
+            else "the record is too short or has too little motion to test whether noise follows the motion",
             0.0,
             1.0,
         )

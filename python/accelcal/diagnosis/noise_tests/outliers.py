@@ -64,7 +64,7 @@ def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     spread *= usual
     y *= usual
     del usual
-    np.hypot(spread, residuals.lsb * math.sqrt(float(np.mean(gain**2)) / 12.0), out=spread)
+    np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(gain**2))), out=spread)
     kept = ~motion_jumps(residuals, np.abs(y) / np.maximum(spread, 1e-300))
     y, t = y[kept], residuals.t[residuals.sampled][kept]
     found = outliers(y, spread[kept], len(y), dof)

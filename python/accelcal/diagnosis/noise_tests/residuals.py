@@ -14,10 +14,12 @@ from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpec
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
+from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.processing import low_pass
 from accelcal.signals.series import bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
+from accelcal.signals.transfer import Spectrum, noise_bandwidth
 
 MOTION_FREE = 0.09
 """Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""
@@ -79,7 +81,7 @@ class Residuals:
             d = math.exp(-x)
             b = [1.0 - (1.0 - d) / x, (1.0 - d) / x - d]
             at, _ = scipy.signal.lfilter(b, [1.0, -d], at, zi=[at[0] * (1.0 - b[0])])
-        return np.asarray(at, dtype=np.float64)
+        return np.asarray(run.filters.behind_output(at, self.step), dtype=np.float64)
 
     @cached_property
     def unresolved(self) -> Flags:
@@ -136,7 +138,7 @@ class Residuals:
         correction = interpolation.correction(errors, lost)
         y = interpolation.corrected(errors, correction, lost)[self.sampled]
         spread, _ = spread_of(y)
-        np.hypot(spread, self.lsb * math.sqrt(float(np.mean(interpolation.gain**2)) / 12.0), out=spread)
+        np.hypot(spread, math.sqrt(self.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
         score = np.abs(y)
         score /= np.maximum(spread, 1e-300)
         outlying = isolated_peaks(score, np.flatnonzero(score > OUTLIER_SIGMA))
@@ -148,7 +150,15 @@ class Residuals:
 
     def interpolation_filter(self, spectra: BlockSpectra) -> InterpolationError:
         """Filter that gives interpolation errors, for noise with these spectra."""
-        return InterpolationError.of(spectra, self.n, self.rate, self.edge)
+        return InterpolationError.of(spectra, self.n, self.rate, self.edge, self.least_power)
+
+    @property
+    def least_power(self) -> float:
+        """Power of a sample below which declared filters leave none of the sensor's noise, (m/s²)²; 0 without any.
+
+        What is seen there enters behind the filters: rounding, and errors of the model's own output.
+        """
+        return self.least_gain**2 * self.state.noise.q * self.state.values.scale**2 * self.rate
 
     @property
     def lost(self) -> Places:
@@ -164,8 +174,12 @@ class Residuals:
 
     @cached_property
     def short_spectra(self) -> BlockSpectra:
-        """Power of `background` in blocks as short as the peaks of a move's speed."""
-        return BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS)
+        """Power of `background` in blocks as short as the peaks of a move's speed, where declared filters pass it."""
+        spectra = BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS)
+        if self.least_gain == 0.0:
+            return spectra
+        passed = np.abs(self.gain(spectra.f)) >= self.least_gain
+        return replace(spectra, f=spectra.f[passed], power=spectra.power[:, passed])
 
     @property
     def interpolation_errors(self) -> tuple[Array, Array]:
@@ -199,6 +213,12 @@ class Residuals:
         """Step of the grid on which the output lies, m/s²; 0 if it lies on none."""
         return grid_step(self.u)
 
+    @property
+    def white_floor(self) -> float:
+        """Variance of a sample that enters behind every filter, (m/s²)²: rounding, and what the model's output errs by
+        where declared filters leave nothing."""
+        return self.lsb**2 / 12.0 + self.least_power
+
     @cached_property
     def smooth_position(self) -> Array:
         """RTS-smoothed position at the readings, m."""
@@ -221,7 +241,7 @@ class Residuals:
         """
         if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.track.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-        z = (self.run.z - self.smooth_position)[self.state.counts]
+        z = (self.run.readings - self.smooth_position)[self.state.counts]
         certain = np.flatnonzero(~self.at_jumps)
         z = z[certain] - np.median(z)
         spread, dof = spread_of(z, self.run.least_step)
@@ -244,8 +264,17 @@ class Residuals:
         return y
 
     def lowpass_gain(self, frequency: float) -> float:
-        """Gain of the declared low-pass at a frequency, Hz."""
-        return 1.0 / math.sqrt(1.0 + (2.0 * math.pi * frequency * self.tau) ** 2)
+        """Gain of the declared filters of the output at a frequency, Hz."""
+        return max(float(np.abs(self.gain(np.array([frequency]))[0])), self.least_gain)
+
+    @property
+    def least_gain(self) -> float:
+        """Gain below which declared filters leave none of the sensor's noise; 0 for one RC alone."""
+        return LEAST_GAIN if self.run.rig.output_filters else 0.0
+
+    def gain(self, f: Array) -> Spectrum:
+        """Complex gain of everything between sensing element and sample at frequencies (n,) Hz."""
+        return np.asarray(self.run.filters.of_output(f) / (1.0 + 2j * math.pi * f * self.tau))
 
 
 def is_coarse(residuals: Residuals) -> bool:
@@ -260,6 +289,8 @@ def sample_noise(residuals: Residuals) -> float:
     """
     run, noise = residuals.run, residuals.state.noise
     bandwidth = 1.0 / (2.0 * residuals.tau) if residuals.tau > 0.0 else residuals.rate
+    if run.rig.output_filters:
+        bandwidth = noise_bandwidth(residuals.gain, residuals.rate)
     variance = noise.q * residuals.state.values.scale**2 * bandwidth
     declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
     return math.sqrt(max(variance - residuals.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))

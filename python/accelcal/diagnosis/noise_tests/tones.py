@@ -25,6 +25,7 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
+from accelcal.signals.transfer import Response
 
 FEWEST_BINS = 64
 """Least number of bins from which a noise level is estimated."""
@@ -44,7 +45,9 @@ def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     t, y, rate = reading_grid(residuals)
     split = max(2.0 * residuals.signals.cutoff, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
     below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate))
-    beyond, bins_beyond = spectral_peaks(residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.tau)
+    beyond, bins_beyond = spectral_peaks(
+        residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.gain, residuals.least_gain
+    )
     bins = bins_below + bins_beyond
     peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
     peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
@@ -67,20 +70,24 @@ def reading_grid(residuals: Residuals) -> tuple[Array, Array, float]:
 
 
 def spectral_peaks(
-    y: Array, rate: float, low: float, high: float, tau: float = 0.0
+    y: Array, rate: float, low: float, high: float, gain: Response | None = None, least: float = 0.0
 ) -> tuple[list[tuple[float, float, float]], int]:
     """Peaks of the periodogram between two frequencies, largest first: Hz, ratio to the level, probability for one bin.
 
-    The slope that a low-pass of time constant `tau` gives to white noise is divided out first.
+    The shape that filters with a complex `gain` give to white noise is divided out first; frequencies
+    with a gain below `least` are left out.
     """
     n = len(y)
     if n < 256:
         return [], 0
     window = np.hanning(n)
     spectrum = np.abs(scipy.fft.rfft((y - y.mean()) * window, scipy.fft.next_fast_len(n, real=True))) ** 2
-    f = np.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate)
-    spectrum *= 1.0 + (2.0 * np.pi * f * tau) ** 2
-    rows = slice(*np.searchsorted(f, [max(low, 8.0 * rate / n), high]))
+    f = np.asarray(np.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate), dtype=np.float64)
+    rows = np.arange(*np.searchsorted(f, [max(low, 8.0 * rate / n), high]))
+    if gain is not None:
+        shape = np.abs(gain(f))
+        spectrum /= np.maximum(shape, max(least, 1e-150)) ** 2
+        rows = rows[shape[rows] >= least]
     part = spectrum[rows]
     if len(part) < FEWEST_BINS:
         return [], 0
@@ -95,7 +102,7 @@ def spectral_peaks(
         if all(abs(at - other) > 4.0 * rate / n for other, _, _ in peaks) and is_single_line(
             part, level, int(k), neighbours
         ):
-            i = int(k) + rows.start
+            i = int(rows[k])
             if 0 < i < len(spectrum) - 1:
                 a, b, c = np.log(spectrum[i - 1 : i + 2] + 1e-300)
                 curvature = a - 2.0 * b + c

@@ -22,6 +22,16 @@ def whiteness(residuals: Residuals) -> NoiseTest:
     Each lag is scaled by its own sum of squared products, so that noise of varying level does not count as colour.
     Null: chi-square with five degrees of freedom on each scale, times the number of scales.
     """
+    if residuals.run.filters.colour(residuals.run.crossover(residuals.state.noise)):
+        return NoiseTest(
+            "whiteness",
+            0.0,
+            1.0,
+            0.0,
+            "",
+            math.inf,
+            "declared filters colour the noise; whether it is white is not tested",
+        )
     y = residuals.readings
     scales: dict[int, tuple[float, float]] = {}
     length = 1
