@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long embedded check bench bench-check bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long embedded check bench bench-check bench-live bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -54,6 +54,9 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	$(BIN)/python -m benches.power --write
 	$(BIN)/python -m benches.campaign
 	$(BIN)/python -m benches.workbench --hour
+
+bench-live: $(STAMP) ## Draw a million setups of live and batch filters: no negative variance, no NaN without an error.
+	$(BIN)/python -m benches.live_filters
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh

@@ -113,7 +113,7 @@ def test_without_effects_it_is_the_forward_filter() -> None:
     made = world(2, seconds=2.0)
     model = Model.linear().freeze(time_offset=0.0)
     live = followed(model, made)
-    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4")
+    choice = FilterChoice("aci", "linear", interpolation="cubic")
     P0 = np.diag([1e4 * READING**2, 1.0, 0.3**2, 3.0**2])
     given = {"q": NOISE**2 / 2, "r_position": READING**2, "x0": [made.z[0], 0.0, 0.0, 0.0], "P0": P0}
     same = fixed_rate(choice, dt=1 / RATE, **given)  # type: ignore[arg-type]

@@ -296,8 +296,15 @@ def predict(filter: Twin, x: Array, P: Array, u: Array, a: float, b: float) -> t
     else:
         x, P, Phi = runge_kutta(filter, x, P, u, a, b)
     if filter.carrier == "dense":
+        refuse_infinite(x)
         refuse_indefinite(P)
     return x, (P + P.T) / 2, Phi
+
+
+def refuse_infinite(x: Array) -> None:
+    """Raise unless every mean is a number."""
+    if not np.all(np.isfinite(x)):
+        raise StepFailed("Mean")
 
 
 def refuse_indefinite(P: Array) -> None:

@@ -98,21 +98,28 @@ def test_a_sample_that_is_not_finite_is_refused_and_changes_nothing() -> None:
     live.step(1.0, z[98])
 
 
-def test_a_filter_whose_numbers_failed_says_so_ever_after() -> None:
+def test_a_failed_step_leaves_the_filter_as_it_was() -> None:
     u, z = record(N)
     choice = FilterChoice("aci", "cubic", "inverse", integrator="rk2")
-    live = made(choice, P0=np.eye(6), q=0.0)
+    live, same = (made(choice, P0=np.eye(6), q=0.0) for _ in range(2))
     with pytest.raises(FilterError) as first:
         live.run(8.0 * u, z)
-    with pytest.raises(FilterError) as again:
-        live.step(0.0, 0.0)
-    assert first.value.kind == again.value.kind in {"Variance", "Correlation", "InnovationVariance"}
+    failed = live.samples
+    assert first.value.kind in {"Variance", "Correlation", "InnovationVariance"}
+    assert first.value.event == failed
+    same.run(8.0 * u[:failed], z[:failed])
+    for _ in range(2):
+        assert (live.x.tobytes(), live.covariance.tobytes()) == (same.x.tobytes(), same.covariance.tobytes())
+        assert (live.log_likelihood, live.samples) == (same.log_likelihood, same.samples)
+        with pytest.raises(FilterError, match=r"RK2 at 1670 Hz .*p 1, v 1, .*choose integrator=.exact"):
+            live.step(8.0 * u[failed], z[failed])
 
 
 @pytest.mark.parametrize(
     ("choice", "more", "sentence"),
     [
-        (FilterChoice("aci", carrier="factored"), {}, "use LiveFilter"),
+        (FilterChoice("cwpa", carrier="factored"), {}, "use LiveFilter"),
+        (FilterChoice("aci", integrator="rk4", carrier="factored"), {}, "use LiveFilter"),
         (FilterChoice("cwpa"), {"tau": 1e-3}, "no structured kernel|needs q_accel"),
         (FilterChoice("aci"), {"dt": -1.0}, "dt"),
         (FilterChoice("aci"), {"P0": -np.eye(4)}, "initial covariance"),

@@ -190,6 +190,9 @@ def failing(kind: str) -> None:
             filters.run(aci, accel, position, **settings(aci, r_position=0.0, q=0.0) | {"P0": np.zeros((4, 4))})
         case "Innovation":
             live.step(0.0, accel=float("nan"))
+        case "Mean":
+            late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
+            filters.run(aci, late, position, **settings(aci, x0=[0.0, 1e308, 0.0, 0.0]))  # overflows
         case "Variance":
             late = Channel("accel", accel.t * 1e6, accel.y, "m/s²")
             later = Channel("position", position.t * 1e6, position.y, "m")

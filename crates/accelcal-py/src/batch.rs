@@ -3,6 +3,7 @@
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::failure::Circumstances;
 use crate::setup::{AnySystem, FilterSetup, Matrix, matrix, raise};
 
 /// Final means `(runs, N)`, covariances `(runs, N N)`, log-likelihoods and faults, one per run.
@@ -39,13 +40,20 @@ pub fn run_filter_batch(
             ekf_simd::run_cwpa(&setup.choices.with_system(system), prior, batch, true, path, threads)
         }
     });
-    let finals = finals.map_err(|error| raise(py, error.into()))?;
+    let finals = finals.map_err(|error| raise(py, error.into(), error.to_string()))?;
+    let of_run = |run: usize| {
+        let width = states * states;
+        let P = if prior.P.len() == width { prior.P } else { &prior.P[run * width..(run + 1) * width] };
+        Circumstances::new(setup, states, P, Some(1.0 / dt), false)
+    };
+    let sentence =
+        |(run, ended): (usize, &ekf_simd::Final)| ended.fault.map(|fault| of_run(run).sentence(&fault, &fault));
     let flat = |of: fn(&ekf_simd::Final) -> &[f64]| finals.iter().flat_map(of).copied().collect::<Vec<f64>>();
     let log_likelihoods: Vec<f64> = finals.iter().map(|ended| ended.log_likelihood).collect();
     Ok((
         matrix(py, flat(|ended| &ended.x), states)?,
         matrix(py, flat(|ended| &ended.P), states * states)?,
         log_likelihoods.into_pyarray(py).unbind(),
-        finals.iter().map(|ended| ended.fault.map(|fault| fault.to_string())).collect(),
+        finals.iter().enumerate().map(sentence).collect(),
     ))
 }

@@ -10,7 +10,8 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::setup::{AnySystem, FilterSetup, Matrix, matrix, prior, raise};
+use crate::failure::Circumstances;
+use crate::setup::{AnySystem, FilterSetup, Matrix, matrix, prior};
 
 /// A filter fed sample by sample, `dt` apart.
 #[pyclass(module = "accelcal._core")]
@@ -18,11 +19,12 @@ pub struct FixedRateFilter {
     filter: Box<dyn FixedRate>,
     dt: f64,
     effects: usize,
+    circumstances: Circumstances,
 }
 
 impl FixedRateFilter {
     fn failed(&self, py: Python<'_>, event: usize, error: ekf_core::StepError) -> PyErr {
-        raise(py, RunError::Step { event, t: event as f64 * self.dt, error })
+        self.circumstances.raise(py, RunError::Step { event, t: event as f64 * self.dt, error })
     }
 }
 
@@ -42,6 +44,7 @@ impl FixedRateFilter {
         let (states, x, P) = prior(&x0, &P0)?;
         let prior = ekf_simd::Prior { states, x, P };
         let count = effects.as_ref().map_or(0, |_| states.saturating_sub(4));
+        let columns = effects.is_some();
         let filter = match (setup.system, effects) {
             (AnySystem::Aci(system), Some((rest, gauss_markov))) => {
                 let gauss_markov: Vec<GaussMarkov> =
@@ -51,7 +54,11 @@ impl FixedRateFilter {
             (AnySystem::Aci(system), None) => filter::aci(&setup.choices.with_system(system), dt, prior),
             (AnySystem::Cwpa(system), _) => filter::cwpa(&setup.choices.with_system(system), dt, prior),
         };
-        Ok(Self { filter: filter.map_err(|error| raise(py, error.into()))?, dt, effects: count })
+        let circumstances = Circumstances::new(setup, states, P, Some(1.0 / dt), columns);
+        match filter {
+            Ok(filter) => Ok(Self { filter, dt, effects: count, circumstances }),
+            Err(error) => Err(circumstances.raise(py, error.into())),
+        }
     }
 
     /// Takes in the output `u` (m/s^2) and, where it was read, the position `z` (m) of the next sample.

@@ -5,6 +5,7 @@
 #![allow(non_snake_case)] // x, P, F, H, Q, R, S as in ekf-core
 
 mod batch;
+mod failure;
 mod fixed_rate;
 mod hysteresis;
 mod replay;

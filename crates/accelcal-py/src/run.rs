@@ -6,7 +6,8 @@ use ekf_core::{Belief, Channel, Engine, Event, Filter, InBlocks, RunError, Sampl
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, raise, sized};
+use crate::failure::Circumstances;
+use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 
 /// One row per event; `e` and `s` are NaN where nothing was read.
 #[derive(Default)]
@@ -74,7 +75,11 @@ fn run_dense<S: System<N>, const N: usize>(
         }
     })?;
     if smoothing {
-        smooth(&mut outcomes);
+        smooth(filter, prior, &mut outcomes).map_err(|(event, error)| RunError::Step {
+            event,
+            t: outcomes[event].event.t,
+            error,
+        })?;
         let (mut x, mut variance) = (Vec::new(), Vec::new());
         for outcome in &outcomes {
             x.extend_from_slice(outcome.belief.x.as_slice());
@@ -152,5 +157,6 @@ pub fn run_filter(
         }
         sized!(setup, states, |filter, N| run_dense(&filter, &belief::<N>(x, P), output, position, smoothing))
     });
-    FilterRows::new(py, rows.map_err(|error| raise(py, error))?)
+    let rate = output.t.first().zip(output.t.last()).map(|(begin, end)| (output.t.len() - 1) as f64 / (end - begin));
+    FilterRows::new(py, rows.map_err(|error| Circumstances::new(setup, states, P, rate, false).raise(py, error))?)
 }

@@ -16,8 +16,9 @@ pyo3::create_exception!(
     "A filter or record is unusable, or a step failed; see `kind`, `event` and `t`."
 );
 
-pub(crate) fn raise(py: Python<'_>, error: RunError) -> PyErr {
-    let raised = FilterError::new_err(error.to_string());
+/// The error of Python with `sentence` as its text.
+pub(crate) fn raise(py: Python<'_>, error: RunError, sentence: String) -> PyErr {
+    let raised = FilterError::new_err(sentence);
     let (event, t) = match error {
         RunError::Step { event, t, .. } => (Some(event), Some(t)),
         _ => (None, None),

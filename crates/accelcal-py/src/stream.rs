@@ -4,7 +4,8 @@ use ekf_core::{Channel, Engine, Event, Live, RunError, Track};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, raise, sized};
+use crate::failure::Circumstances;
+use crate::setup::{FilterSetup, Matrix, belief, blocks, matrix, prior, sized};
 
 /// A [`Live`] filter of any size, dense or in blocks.
 trait Stream: Send + Sync {
@@ -50,6 +51,18 @@ where
 #[pyclass(module = "accelcal._core")]
 pub struct FilterStream {
     stream: Box<dyn Stream>,
+    circumstances: Circumstances,
+    /// Time of the first output, s, and outputs so far.
+    first: Option<f64>,
+    outputs: usize,
+}
+
+impl FilterStream {
+    /// The error of Python, with the mean rate of the outputs up to `t`.
+    fn failed(&self, py: Python<'_>, t: f64, error: RunError) -> PyErr {
+        let rate = self.first.filter(|first| *first < t).map(|first| self.outputs as f64 / (t - first));
+        self.circumstances.at(rate).raise(py, error)
+    }
 }
 
 #[pymethods]
@@ -74,26 +87,33 @@ impl FilterStream {
                     .map_err(RunError::from)
             }),
         };
-        stream.map(|stream| Self { stream }).map_err(|error| raise(py, error))
+        let circumstances = Circumstances::new(setup, states, P, None, false);
+        match stream {
+            Ok(stream) => Ok(Self { stream, circumstances, first: None, outputs: 0 }),
+            Err(error) => Err(circumstances.raise(py, error)),
+        }
     }
 
     /// One accelerometer sample; the newest innovation that it led to.
     fn output(&mut self, py: Python<'_>, t: f64, value: f64) -> PyResult<Option<f64>> {
         let channel = Channel::Output;
-        let pushed = self.stream.push(Event { t, channel, value });
-        pushed.map_err(|error| raise(py, error))
+        let pushed = self.stream.push(Event { t, channel, value }).map_err(|error| self.failed(py, t, error));
+        self.first = self.first.or(Some(t));
+        self.outputs += 1;
+        pushed
     }
 
     /// One encoder sample; the newest innovation that it led to.
     fn position(&mut self, py: Python<'_>, t: f64, value: f64) -> PyResult<Option<f64>> {
         let channel = Channel::Position;
         let pushed = self.stream.push(Event { t, channel, value });
-        pushed.map_err(|error| raise(py, error))
+        pushed.map_err(|error| self.failed(py, t, error))
     }
 
     /// Processes what still waits.
     fn finish(&mut self, py: Python<'_>) -> PyResult<Option<f64>> {
-        self.stream.finish().map_err(|error| raise(py, error))
+        let finished = self.stream.finish();
+        finished.map_err(|error| self.failed(py, self.t().unwrap_or(f64::NAN), error))
     }
 
     #[getter]

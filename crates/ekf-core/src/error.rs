@@ -55,6 +55,11 @@ pub enum StepError {
         /// The `e` found, in the unit of the reading.
         e: f64,
     },
+    /// The mean of a state is not finite.
+    Mean {
+        /// Index of the state.
+        state: usize,
+    },
     /// `P` has a negative or non-finite variance.
     Variance {
         /// Index of the state.
@@ -92,6 +97,7 @@ impl StepError {
         match self {
             Self::InnovationVariance { .. } => "InnovationVariance",
             Self::Innovation { .. } => "Innovation",
+            Self::Mean { .. } => "Mean",
             Self::Variance { .. } => "Variance",
             Self::Correlation { .. } => "Correlation",
             Self::Domain(_) => "Domain",
@@ -108,8 +114,9 @@ impl fmt::Display for StepError {
                 write!(f, "the innovation variance is {s}, not positive and finite")
             }
             Self::Innovation { e } => write!(f, "the innovation is {e}, not finite"),
+            Self::Mean { state } => write!(f, "the estimate of state {state} is not finite"),
             Self::Variance { state, variance } => {
-                write!(f, "positive definiteness is lost: state {state} has variance {variance}")
+                write!(f, "positive definiteness is lost: state {state} has variance {variance:.3e}")
             }
             Self::Correlation { states, squared } => write!(
                 f,

@@ -46,8 +46,11 @@ pub(crate) fn runge_kutta<Y: Stage, D: Derivative<Y>>(
     Ok(start.moved(h / 6.0, &k1).moved(h / 3.0, &k2).moved(h / 3.0, &k3).moved(h / 6.0, &k4))
 }
 
+/// Points of the quadrature.
+pub(crate) const POINTS: usize = 5;
+
 /// Abscissae on `[-1, 1]` and weights of the five-point Gauss-Legendre rule: exact to degree nine.
-const RULE: [(f64, f64); 5] = [
+const RULE: [(f64, f64); POINTS] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
     (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
     (0.0, 0.568_888_888_888_888_9),

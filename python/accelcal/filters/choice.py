@@ -29,11 +29,11 @@ class FilterChoice:
     interpolation: Literal["hold", "linear", "cubic"] = "linear"
     """The output between its samples; without effect in CWPA."""
     integrator: Literal["rk2", "rk4", "exact"] = "exact"
-    """RK2 and RK4 on the coupled equations (11)-(14), or no integration error."""
+    """RK2 and RK4 on the coupled equations (11)-(14), which fail where a variance is lost; or no integration error."""
     order: Literal[1, 2] = 1
     """First- or second-order filter."""
     carrier: Literal["dense", "factored"] = "dense"
-    """Covariance in Joseph form, or as U D U'."""
+    """Covariance in Joseph form, or as U D U', which no prior and no rate can make indefinite."""
     kernel: Literal["structured", "dense"] = "structured"
     """How the steps are computed: in blocks where the other choices have a structured kernel, or with whole matrices.
 

@@ -41,7 +41,8 @@ def fixed_rate(
         Time between samples, s. The prior belongs to the first one, which is read like all others.
 
     Other parameters are those of `run`. Nothing waits for a later sample: a cubic goes through the last four. UD
-    factors and a low-pass in CWPA are refused.
+    factors in CWPA or without the exact integrator, and a low-pass in CWPA, are refused. States and variances are
+    checked at every step.
 
     Raises
     ------
@@ -49,6 +50,7 @@ def fixed_rate(
         What this filter cannot do.
     FilterError
         Unusable settings; `step` and `run` raise it where a step fails, and leave the filter as it was before it.
+        Where a variance was lost, the sentence says rate, prior and what to choose instead.
 
     Examples
     --------
@@ -58,8 +60,8 @@ def fixed_rate(
     (0.0, None, 2)
     """
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, gate)
-    if choice.carrier != "dense":
-        raise ValueError("fixed_rate: UD factors run from event to event; use LiveFilter.")
+    if choice.carrier == "factored" and (choice.system != "aci" or choice.integrator != "exact"):
+        raise ValueError('fixed_rate: UD factors are those of aci with integrator="exact"; use LiveFilter.')
     if choice.system == "cwpa" and tau != 0:
         raise ValueError("fixed_rate: CWPA behind a low-pass has no structured kernel; use LiveFilter, or aci.")
     return _core.FixedRateFilter(setup, *core_prior(choice.states(), x0, P0), dt)
@@ -81,10 +83,13 @@ def fixed_rate_with_effects(
     parameters: Sequence[GaussMarkov | None] | None = None,
     order: Literal[1, 2] = 1,
     gate: float | None = None,
+    integrator: Literal["rk4", "exact"] = "exact",
+    carrier: Literal["dense", "factored"] = "factored",
 ) -> _core.FixedRateFilter:
     """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
 
-    u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m; RK4.
+    u = K0 + (1 + k) (p'' + rest) + sum c_j e_j, z = p + tau v + sum c_j b_j; states p, v, k, K0, c_1 ... c_m. No
+    integration error, and a covariance in UD factors that cannot lose positive definiteness, unless chosen otherwise.
     `step_with_effects(u, z, columns, position_columns)` takes e_j per unit of c_j at the sample before, half-way
     and at this one, (3, m) m/s², and b_j at this one, (m,) m; all else is as in `fixed_rate`, a cubic between samples.
 
@@ -95,12 +100,15 @@ def fixed_rate_with_effects(
     parameters : sequence of GaussMarkov or None
         How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
 
+    integrator, carrier
+        As in `FilterChoice`; RK4 in the dense form alone.
+
     Other parameters are those of `fixed_rate`.
 
     Raises
     ------
     ValueError
-        More than 14 effects, or shapes that do not fit.
+        More than 14 effects, shapes that do not fit, or RK4 with UD factors.
     FilterError
         Unusable settings.
     """
@@ -112,6 +120,8 @@ def fixed_rate_with_effects(
     processes = [None] * (m + 2) if parameters is None else list(parameters)
     if len(processes) != m + 2:
         raise ValueError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
-    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator="rk4", order=order)
+    if carrier == "factored" and integrator != "exact":
+        raise ValueError('fixed_rate_with_effects: UD factors need integrator="exact".')
+    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator=integrator, order=order, carrier=carrier)
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
     return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))

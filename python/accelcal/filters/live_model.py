@@ -34,7 +34,8 @@ class LiveModel:
 
     ACI at a fixed rate: u = K0 + (1 + k) f + sum c_j e_j, the effects e_j by the functions that a fit uses, on causal
     signals (`CausalSignals`); how an effect leans on the state is left out of the gradient. `time_offset` is taken to
-    first order, -(1 + k) t0 jerk, so it should be small against a period of the motion.
+    first order, -(1 + k) t0 jerk, so it should be small against a period of the motion. Steps have no integration error
+    and the covariance is kept in UD factors, so no variance falls below zero at any rate or prior.
 
     Coefficients that the model holds fixed keep their value; the others start from the model's prior, or from zero with
     30 typical sizes.
@@ -56,7 +57,8 @@ class LiveModel:
     Raises
     ------
     ValueError
-        For an effect that cannot be tracked live, by name, and for more than 14 coefficients besides bias and scale.
+        For an effect that cannot be tracked live, by name, for more than 14 coefficients besides bias and scale, and
+        for a rate that is not positive.
 
     Examples
     --------
@@ -83,6 +85,8 @@ class LiveModel:
         order: Literal[1, 2] = 1,
         gate: float | None = None,
     ) -> None:
+        if not 0 < rate < math.inf:
+            raise ValueError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
         terms = {term.name: term for term in model.terms}
         for term in terms.values():
             reason = refusal(term.effect)

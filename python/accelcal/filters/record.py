@@ -116,7 +116,8 @@ def run(
     ------
     FilterError
         Unusable settings or record (`event` is None), or a step that failed at `event`, `t`: among them RK2 losing
-        positive definiteness, `kind` "Variance", "Correlation" or "InnovationVariance".
+        positive definiteness, `kind` "Variance", "Correlation" or "InnovationVariance"; the sentence then says rate,
+        prior and what to choose instead. With `smooth` also where the filter lost it in more than two states at once.
     """
     setup = core_setup(choice, q, r_position, r_accel, q_accel, tau, parameters, gate)
     names = choice.states(low_pass=tau != 0)
@@ -153,7 +154,7 @@ class BatchRun:
     log_likelihoods: Array
     """(r,)"""
     faults: tuple[str | None, ...]
-    """Per run: why its numbers are not to be used, or None."""
+    """Per run: why its numbers are not to be used (a lost variance, a NaN), or None."""
 
 
 def run_batch(

@@ -18,8 +18,8 @@ class LiveFilter:
     """The filter of `run` as a stream: one sample per step, results equal to the last bit.
 
     Give samples in time order, the accelerometer first at a tie. ACI with interpolation waits for the future it needs
-    (linear: one output sample, cubic: two) and lags by as much; `finish` processes what is queued. Settings are those
-    of `run`.
+    (linear: one output sample, cubic: two) and lags by as much; `finish` processes what is queued. Where a step fails,
+    estimate and covariance are left as they were before it and its sample is dropped. Settings are those of `run`.
     """
 
     choice: FilterChoice

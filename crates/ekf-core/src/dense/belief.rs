@@ -26,17 +26,30 @@ pub enum Carrier {
 const SLACK: f64 = 1e-6;
 
 impl<const N: usize> Belief<N> {
-    /// Returns the belief if `P` is still a covariance.
+    /// Returns the belief if `x` is finite and `P` still a covariance.
     ///
     /// The test is cheap and deterministic: every variance is non-negative and no two states correlate by more than one.
     /// A zero variance (a parameter known exactly) passes.
     ///
     /// # Errors
-    /// [`StepError::Variance`], [`StepError::Correlation`]. Runge-Kutta raises them under diffuse priors and over long
+    /// [`StepError::Mean`], [`StepError::Variance`], [`StepError::Correlation`]. Runge-Kutta raises them under diffuse priors and over long
     /// steps, because it leaves out high powers of the step in `Phi P Phi'` (RK2 the third and fourth) and in `Q_d`.
     pub fn checked(self) -> Result<Self, StepError> {
+        check_mean(N, |i| self.x[i])?;
         check_covariance(N, |i, j| self.P[(i, j)])?;
         Ok(self)
+    }
+}
+
+/// Checks that the mean of each of the `n` states is a number.
+///
+/// # Errors
+/// [`StepError::Mean`].
+#[inline(always)]
+pub fn check_mean(n: usize, x: impl Fn(usize) -> f64) -> Result<(), StepError> {
+    match (0..n).find(|&state| !x(state).is_finite()) {
+        Some(state) => Err(StepError::Mean { state }),
+        None => Ok(()),
     }
 }
 

@@ -62,6 +62,8 @@ pub struct Correction<const N: usize> {
     pub H: RowSVector<f64, N>,
     /// `P H' / S`.
     pub gain: SVector<f64, N>,
+    /// Variance of the reading's noise, and in second order of its curvature.
+    pub R: f64,
 }
 
 /// What one event led to.
@@ -71,7 +73,9 @@ pub struct Outcome<const N: usize> {
     pub event: Event,
     /// The belief after it.
     pub belief: Belief<N>,
-    /// Transition from the event before.
+    /// The step from the event before; `None` where it has the same time.
+    pub drive: Option<Drive>,
+    /// Its transition.
     pub Phi: SMatrix<f64, N, N>,
     /// The reading; `None` where an output drives the state.
     pub correction: Option<Correction<N>>,
@@ -142,7 +146,7 @@ impl<S> Filter<S> {
             }
         };
         let gated = GatedReading::new(innovation.e, innovation.s, self.gate)?;
-        let correction = Correction { reading: gated, H: reading.H, gain };
+        let correction = Correction { reading: gated, H: reading.H, gain, R: R + reading.curvature_variance };
         Ok((if gated.accepted { updated } else { *carried }, Some(correction)))
     }
 }
@@ -197,7 +201,7 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
             None => (*state, SMatrix::identity()),
         };
         let (state, correction) = self.update(&predicted, event)?;
-        Ok((state, Outcome { event: *event, belief: state.belief(), Phi, correction }))
+        Ok((state, Outcome { event: *event, belief: state.belief(), drive: drive.copied(), Phi, correction }))
     }
 }
 
@@ -243,6 +247,7 @@ mod tests {
         let empty = Outcome {
             event: Event { t: 0.0, channel: Channel::Output, value: 0.0 },
             belief: prior(),
+            drive: None,
             Phi: SMatrix::identity(),
             correction: None,
         };
@@ -271,9 +276,10 @@ mod tests {
 
     #[test]
     fn constant_parameters_are_smoothed_to_their_last_filtered_value() {
-        let mut all = outcomes(&filter(Integrator::Exact, Carrier::Dense));
+        let filter = filter(Integrator::Exact, Carrier::Dense);
+        let mut all = outcomes(&filter);
         let last = all[2 * COUNT - 1].belief;
-        smooth(&mut all);
+        smooth(&filter, &prior(), &mut all).unwrap();
         for outcome in &all {
             for i in 2..4 {
                 let sigma = libm::sqrt(last.P[(i, i)]);

@@ -29,13 +29,24 @@ const SLACK: f64 = 1e-9;
 pub fn factorise<const N: usize>(
     P: &SMatrix<f64, N, N>,
 ) -> Result<(SMatrix<f64, N, N>, SVector<f64, N>), (usize, f64)> {
+    factorise_within(P, SLACK)
+}
+
+/// As [`factorise`], where a pivot may be `slack` of its variance below zero.
+///
+/// # Errors
+/// Likewise.
+pub(crate) fn factorise_within<const N: usize>(
+    P: &SMatrix<f64, N, N>,
+    slack: f64,
+) -> Result<(SMatrix<f64, N, N>, SVector<f64, N>), (usize, f64)> {
     let mut U = SMatrix::<f64, N, N>::identity();
     let mut D = SVector::<f64, N>::zeros();
     for j in (0..N).rev() {
         let rest = |i: usize| -> f64 { P[(i, j)] - (j + 1..N).map(|k| D[k] * U[(i, k)] * U[(j, k)]).sum::<f64>() };
         let pivot = rest(j);
         let variance = P[(j, j)].abs();
-        if !(pivot >= -SLACK * variance && pivot.is_finite()) {
+        if !(pivot >= -slack * variance && pivot.is_finite()) {
             return Err((j, pivot));
         }
         if pivot <= ROUNDING * variance {

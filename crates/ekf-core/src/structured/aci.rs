@@ -3,7 +3,7 @@
 //! `F` has two rows that are not zero, so while parameters are constant `M` does not change and a step costs inner products:
 //! `ppp' = 2 ppv, ppv' = pvv + g'c1, pvv' = 2 g'c2 + q, c1' = c2, c2' = M g`. Equal to [`crate::Aci`] up to rounding.
 
-use crate::dense::belief::check_covariance;
+use crate::dense::belief::{check_covariance, check_mean};
 use crate::error::StepError;
 use crate::structured::acceleration::AccelerationPartials;
 use crate::structured::number::Number;
@@ -301,12 +301,13 @@ pub struct StepIntegrals<V: Row> {
 }
 
 impl<V: Row<Number = f64>, const M: usize> AciBlock<V, M> {
-    /// Whether `P` can still be a covariance.
+    /// Whether the mean is finite and `P` can still be a covariance.
     ///
     /// # Errors
-    /// [`StepError::Variance`], [`StepError::Correlation`].
+    /// [`StepError::Mean`], [`StepError::Variance`], [`StepError::Correlation`].
     #[inline]
     pub fn checked(&self) -> Result<(), StepError> {
+        check_mean(M + 2, |i| self.x(i))?;
         check_covariance(M + 2, |i, j| self.P(i, j))
     }
 }

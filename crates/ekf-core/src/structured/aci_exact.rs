@@ -2,7 +2,7 @@
 
 use crate::dense::system::Order;
 use crate::error::DomainError;
-use crate::integration::{Integrator, nodes};
+use crate::integration::{Integrator, POINTS, nodes};
 use crate::structured::acceleration::{AccelerationModel, AccelerationPartials};
 use crate::structured::aci::{AciBlock, StepIntegrals};
 use crate::structured::aci_step::StepInput;
@@ -45,6 +45,35 @@ impl<V: Row> StepIntegrals<V> {
         let first = exact.with(&start, lever, &[(&start, sixth), (&middle, 4.0 * sixth), (&end, sixth)]);
         let rest = exact.with(&middle, 2.0 * lever, &[]);
         Ok(Self { dp: first.dp + rest.dp, to_p: first.to_p + rest.to_p, ..first })
+    }
+
+    /// The integrals over a step of a drive, exact, with parameters that drift from `theta` with covariance `P_theta`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    #[inline(always)]
+    pub fn over_drifting<E, I, const M: usize>(
+        q: V::Number,
+        drift: &GaussMarkovSet<V, M>,
+        (theta, P_theta): (&V, &[V; M]),
+        step: &StepInput<E, I>,
+    ) -> Result<Self, DomainError>
+    where
+        E: AccelerationModel<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let h = step.dt;
+        let zero = q.like(0.0);
+        let none = V::every(zero);
+        let mut integrals = Self { dp: zero, dv: zero, to_p: none, to_v: none, Q: [zero; 3] };
+        for (s, weight) in nodes(0.0, h) {
+            let (theta, P_theta) = drift.propagated(theta, P_theta, s);
+            let table = step.model.table(&theta, &P_theta, step.order);
+            let mut now = step.model.at(&table, (step.input)(s))?;
+            now.g = now.g * drift.decay(q, s);
+            integrals.add(h - s, weight, q, &now);
+        }
+        Ok(integrals)
     }
 
     /// The integrals over `dt` seconds of a constant drive, from one instant: the step of a microcontroller.
@@ -101,6 +130,55 @@ impl<V: Row> StepIntegrals<V> {
     }
 }
 
+/// What the noise of drifting parameters adds to the state at the end of a step, from one point of the quadrature.
+///
+/// The noise on parameter `i` has the variance `variance[i]`; a unit of it moves position by `to_p[i]`, velocity by `to_v[i]`
+/// and leaves `left[i]` in the parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriftImpulse<V> {
+    /// Variance of each impulse.
+    pub variance: V,
+    /// Its effect on position.
+    pub to_p: V,
+    /// Its effect on velocity.
+    pub to_v: V,
+    /// What is left of it in the parameter.
+    pub left: V,
+}
+
+impl<V: Row> DriftImpulse<V> {
+    /// The impulses over a step from parameters `theta` with covariance `P_theta`.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse.
+    pub fn over<E, I, const M: usize>(
+        q: V::Number,
+        drift: &GaussMarkovSet<V, M>,
+        (theta, P_theta): (&V, &[V; M]),
+        step: &StepInput<E, I>,
+    ) -> Result<[Self; POINTS], DomainError>
+    where
+        E: AccelerationModel<V, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let h = step.dt;
+        let none = V::every(q.like(0.0));
+        let mut impulses = [Self { variance: none, to_p: none, to_v: none, left: none }; POINTS];
+        for (impulse, (s, weight)) in impulses.iter_mut().zip(nodes(0.0, h)) {
+            for (r, inner) in nodes(s, h) {
+                let (theta, P_theta) = drift.propagated(theta, P_theta, r);
+                let table = step.model.table(&theta, &P_theta, Order::First);
+                let g = step.model.at(&table, (step.input)(r))?.g * drift.decay(q, r - s);
+                impulse.to_p = impulse.to_p.plus(q.like(inner * (h - r)), g);
+                impulse.to_v = impulse.to_v.plus(q.like(inner), g);
+            }
+            impulse.variance = drift.q().scaled(q.like(weight));
+            impulse.left = drift.decay(q, h - s);
+        }
+        Ok(impulses)
+    }
+}
+
 impl<V: Row, const M: usize> AciBlock<V, M> {
     /// Without integration error: [`StepIntegrals::over`], and for drifting parameters the quadrature of [`crate::Aci`].
     #[inline(always)]
@@ -115,7 +193,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         I: Fn(f64) -> E::Input,
     {
         if !drift.is_constant() {
-            return self.exact_drifting(q, drift, step);
+            *self = self.exact_drifting(q, drift, step)?;
+            return Ok(());
         }
         let table = step.model.table(&self.theta, &self.P_theta, step.order);
         let integrals = StepIntegrals::over(Integrator::Exact, step.dt, q, &step.model, &table, &step.input)?;
@@ -123,28 +202,19 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         Ok(())
     }
 
+    /// By value, so that the block of a run stays in registers.
     fn exact_drifting<E, I>(
-        &mut self,
+        mut self,
         q: V::Number,
         drift: &GaussMarkovSet<V, M>,
         step: &StepInput<E, I>,
-    ) -> Result<(), DomainError>
+    ) -> Result<Self, DomainError>
     where
         E: AccelerationModel<V, M>,
         I: Fn(f64) -> E::Input,
     {
         let h = step.dt;
-        let zero = q.like(0.0);
-        let none = V::every(zero);
-        let mut integrals = StepIntegrals { dp: zero, dv: zero, to_p: none, to_v: none, Q: [zero; 3] };
-        for (s, weight) in nodes(0.0, h) {
-            let decay = drift.decay(q, s);
-            let (theta, P_theta) = drift.propagated(&self.theta, &self.P_theta, s);
-            let table = step.model.table(&theta, &P_theta, step.order);
-            let mut now = step.model.at(&table, (step.input)(s))?;
-            now.g = now.g * decay;
-            integrals.add(h - s, weight, q, &now);
-        }
+        let integrals = StepIntegrals::over_drifting(q, drift, (&self.theta, &self.P_theta), step)?;
         let process_noise = self.drift_noise(q, drift, step)?;
         self.carried(q.like(h), &integrals);
         let decay = drift.decay(q, h);
@@ -154,7 +224,7 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         self.ppp = self.ppp + process_noise.ppp;
         self.ppv = self.ppv + process_noise.ppv;
         self.pvv = self.pvv + process_noise.pvv;
-        Ok(())
+        Ok(self)
     }
 
     /// Blocks of `Q_d` that the noise of the parameters adds to the motion.
@@ -168,7 +238,6 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         E: AccelerationModel<V, M>,
         I: Fn(f64) -> E::Input,
     {
-        let h = step.dt;
         let zero = q.like(0.0);
         let none = V::every(zero);
         let mut drift_noise = Self {
@@ -182,22 +251,13 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             c2: none,
             P_theta: [none; M],
         };
-        for (s, weight) in nodes(0.0, h) {
-            let (mut bp, mut bv) = (none, none);
-            for (r, inner) in nodes(s, h) {
-                let (theta, P_theta) = drift.propagated(&self.theta, &self.P_theta, r);
-                let table = step.model.table(&theta, &P_theta, Order::First);
-                let g = step.model.at(&table, (step.input)(r))?.g * drift.decay(q, r - s);
-                bp = bp.plus(q.like(inner * (h - r)), g);
-                bv = bv.plus(q.like(inner), g);
-            }
-            let noise = drift.q().scaled(q.like(weight));
-            let left = drift.decay(q, h - s);
-            drift_noise.ppp = drift_noise.ppp + (bp * noise).dot(bp);
-            drift_noise.ppv = drift_noise.ppv + (bp * noise).dot(bv);
-            drift_noise.pvv = drift_noise.pvv + (bv * noise).dot(bv);
-            drift_noise.c1 = drift_noise.c1 + bp * noise * left;
-            drift_noise.c2 = drift_noise.c2 + bv * noise * left;
+        for impulse in DriftImpulse::over(q, drift, (&self.theta, &self.P_theta), step)? {
+            let DriftImpulse { variance, to_p, to_v, left } = impulse;
+            drift_noise.ppp = drift_noise.ppp + (to_p * variance).dot(to_p);
+            drift_noise.ppv = drift_noise.ppv + (to_p * variance).dot(to_v);
+            drift_noise.pvv = drift_noise.pvv + (to_v * variance).dot(to_v);
+            drift_noise.c1 = drift_noise.c1 + to_p * variance * left;
+            drift_noise.c2 = drift_noise.c2 + to_v * variance * left;
         }
         Ok(drift_noise)
     }

@@ -51,7 +51,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
             return self.fourth_order(q, drift, step);
         }
         if !drift.is_constant() {
-            return self.staged(integrator, q, drift, step);
+            *self = self.staged(integrator, q, drift, step)?;
+            return Ok(());
         }
         let table = model.table(&self.theta, &self.P_theta, *order);
         let start = model.at(&table, input(0.0))?;
@@ -75,7 +76,8 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         I: Fn(f64) -> E::Input,
     {
         if !drift.is_constant() {
-            return self.staged(Integrator::Rk4, q, drift, step);
+            *self = self.staged(Integrator::Rk4, q, drift, step)?;
+            return Ok(());
         }
         let &StepInput { model, order, ref input, dt } = step;
         let table = model.table(&self.theta, &self.P_theta, order);
@@ -85,20 +87,19 @@ impl<V: Row, const M: usize> AciBlock<V, M> {
         Ok(())
     }
 
-    /// Runge-Kutta stage by stage, for parameters that drift.
+    /// Runge-Kutta stage by stage, for parameters that drift; by value, so that the block of a run stays in registers.
     fn staged<E, I>(
-        &mut self,
+        self,
         integrator: Integrator,
         q: V::Number,
         drift: &GaussMarkovSet<V, M>,
         step: &StepInput<E, I>,
-    ) -> Result<(), DomainError>
+    ) -> Result<Self, DomainError>
     where
         E: AccelerationModel<V, M>,
         I: Fn(f64) -> E::Input,
     {
-        *self = runge_kutta(integrator, &BlockRate { q, drift, step }, self, 0.0, step.dt)?;
-        Ok(())
+        runge_kutta(integrator, &BlockRate { q, drift, step }, &self, 0.0, step.dt)
     }
 }
 

@@ -1,11 +1,22 @@
-//! ACI with constant parameters and `P = U D U'`: the portable filter, with equal bits on every IEEE 754 processor.
+//! ACI with `P = U D U'`: the filter that cannot lose positive definiteness, with equal bits on every IEEE 754 processor.
 //!
-//! Parameters are last, so Thornton's step touches two rows of `U`; the reading is Bierman's (Bierman 1977, ch. V, VI).
-//! Nothing is fused and every sum has one order.
+//! Parameters are last, so Thornton's step touches two rows of `U`; the reading is Bierman's (Bierman 1977, ch. V, VI), the
+//! noise of drifting parameters enters by the rank-one update of Agee and Turner. Every new pivot is a sum or a ratio of
+//! sums of terms that are not negative. Nothing is fused and every sum has one order.
 
 use core::array::from_fn;
 
+use nalgebra::SMatrix;
+
+use crate::dense::system::Order;
+use crate::dense::ud::factorise;
+use crate::error::DomainError;
+use crate::integration::Integrator;
+use crate::structured::acceleration::AccelerationModel;
 use crate::structured::aci::{MaskedInnovation, StepIntegrals};
+use crate::structured::aci_exact::DriftImpulse;
+use crate::structured::aci_step::StepInput;
+use crate::structured::gauss_markov::GaussMarkovSet;
 use crate::structured::number::Real;
 use crate::structured::row::{Plain, Row};
 
@@ -165,5 +176,194 @@ impl<T: Real, const N: usize, const M: usize> AciFactored<T, N, M> {
         self.p = gp.times_plus(scaled, self.p);
         self.v = gv.times_plus(scaled, self.v);
         self.theta = self.theta.plus(scaled, Plain(gains));
+    }
+
+    /// One step without integration error; the parameters may drift.
+    ///
+    /// # Errors
+    /// [`DomainError`] where the sensor has no inverse; the factors are then as they were.
+    pub fn exact<E, I>(
+        &mut self,
+        q: T,
+        drift: &GaussMarkovSet<Plain<T, M>, M>,
+        step: &StepInput<E, I>,
+    ) -> Result<(), DomainError>
+    where
+        E: AccelerationModel<Plain<T, M>, M>,
+        I: Fn(f64) -> E::Input,
+    {
+        let P_theta = match step.order {
+            Order::First => [Plain::every(q.like(0.0)); M], // only the second order looks at it
+            Order::Second => from_fn(|i| Plain(from_fn(|j| self.P(i + 2, j + 2)))),
+        };
+        let dt = q.like(step.dt);
+        if drift.is_constant() {
+            let table = step.model.table(&self.theta, &P_theta, step.order);
+            let integrals =
+                StepIntegrals::over::<E, M>(Integrator::Exact, step.dt, q, &step.model, &table, &step.input)?;
+            self.predict(dt, &integrals);
+            return Ok(());
+        }
+        let start = (&self.theta, &P_theta);
+        let integrals = StepIntegrals::over_drifting(q, drift, start, step)?;
+        let impulses = DriftImpulse::over(q, drift, start, step)?;
+        self.predict(dt, &integrals);
+        self.decay(&drift.decay(q, step.dt));
+        for impulse in &impulses {
+            self.add_impulses(impulse);
+        }
+        Ok(())
+    }
+
+    /// Multiplies the parameters by `left`: their rows of `U`, brought back to a unit diagonal.
+    fn decay(&mut self, left: &Plain<T, M>) {
+        self.theta = self.theta * *left;
+        for j in 0..M {
+            let factor = left.at(j);
+            self.D.0[j] = self.D.0[j] * (factor * factor);
+            if !factor.is_positive() {
+                continue; // nothing is left, and the column counts no more
+            }
+            self.up.0[j] = self.up.0[j] / factor;
+            self.uv.0[j] = self.uv.0[j] / factor;
+            for i in 0..j {
+                self.U[i].0[j] = self.U[i].0[j] * left.at(i) / factor;
+            }
+        }
+    }
+
+    /// Adds the noise of every drifting parameter: `P += c a a'`, one parameter after the other (Bierman 1977, ch. III).
+    fn add_impulses(&mut self, impulse: &DriftImpulse<Plain<T, M>>) {
+        let zero = self.p.like(0.0);
+        for i in 0..M {
+            let mut c = impulse.variance.at(i);
+            if !c.is_positive() {
+                continue;
+            }
+            let (mut ap, mut av) = (impulse.to_p.at(i), impulse.to_v.at(i));
+            let mut a = [zero; M];
+            a[i] = impulse.left.at(i);
+            for j in (0..=i).rev() {
+                let s = a[j];
+                let pivot = (c * s).times_plus(s, self.D.0[j]);
+                if !pivot.is_positive() {
+                    continue;
+                }
+                let beta = s * (c / pivot);
+                c = c * (self.D.0[j] / pivot);
+                self.D.0[j] = pivot;
+                ap = ap - s * self.up.0[j];
+                self.up.0[j] = beta.times_plus(ap, self.up.0[j]);
+                av = av - s * self.uv.0[j];
+                self.uv.0[j] = beta.times_plus(av, self.uv.0[j]);
+                for (a, row) in a.iter_mut().zip(&mut self.U).take(j) {
+                    *a = *a - s * row.0[j];
+                    row.0[j] = beta.times_plus(*a, row.0[j]);
+                }
+            }
+            let pivot = (c * av).times_plus(av, self.d[1]);
+            if pivot.is_positive() {
+                let beta = av * (c / pivot);
+                c = c * (self.d[1] / pivot);
+                self.d[1] = pivot;
+                ap = ap - av * self.upv;
+                self.upv = beta.times_plus(ap, self.upv);
+            }
+            self.d[0] = (c * ap).times_plus(ap, self.d[0]);
+        }
+    }
+
+    /// `e` and `S` of a reading of `p + tau v + b'theta`: an encoder with effects `b` of its own; and `f = U' H`.
+    #[must_use]
+    pub fn innovate_with_effects(
+        &self,
+        tau: T,
+        b: &Plain<T, M>,
+        z: T,
+        R: T,
+    ) -> (MaskedInnovation<T>, FactoredReading<T, M>) {
+        let v = self.upv + tau;
+        let mut theta = *b + self.up.plus(tau, self.uv);
+        for j in 0..M {
+            for i in 0..j {
+                theta.0[j] = b.0[i].times_plus(self.U[i].0[j], theta.0[j]);
+            }
+        }
+        let mut s = (v * self.d[1]).times_plus(v, R + self.d[0]);
+        for (f, D) in theta.0.iter().zip(&self.D.0) {
+            s = (*f * *D).times_plus(*f, s);
+        }
+        let e = z - (tau.times_plus(self.v, self.p) + b.dot(self.theta));
+        (MaskedInnovation { e, s, present: None }, FactoredReading { v, theta })
+    }
+
+    /// Bierman's update by such a reading.
+    pub fn correct_with(&mut self, R: T, reading: &FactoredReading<T, M>, innovation: &MaskedInnovation<T>) {
+        let zero = R.like(0.0);
+        let mut s = R + self.d[0];
+        let mut gp = self.d[0];
+        if s.is_positive() {
+            self.d[0] = self.d[0] * (R / s);
+        }
+        let f = reading.v;
+        let g = self.d[1] * f;
+        let before = s;
+        s = f.times_plus(g, s);
+        let lambda = if before.is_positive() { f / before } else { zero };
+        if s.is_positive() {
+            self.d[1] = self.d[1] * (before / s);
+        }
+        let u = self.upv;
+        self.upv = u - lambda * gp;
+        gp = u.times_plus(g, gp);
+        let mut gv = g;
+
+        let mut gains = [zero; M];
+        for j in 0..M {
+            let f = reading.theta.0[j];
+            let g = self.D.0[j] * f;
+            let before = s;
+            s = f.times_plus(g, s);
+            let lambda = if before.is_positive() { f / before } else { zero };
+            if s.is_positive() {
+                self.D.0[j] = self.D.0[j] * (before / s);
+            }
+            let u = self.up.0[j];
+            self.up.0[j] = u - lambda * gp;
+            gp = u.times_plus(g, gp);
+            let u = self.uv.0[j];
+            self.uv.0[j] = u - lambda * gv;
+            gv = u.times_plus(g, gv);
+            for (row, gain) in self.U.iter_mut().zip(&mut gains).take(j) {
+                let u = row.0[j];
+                row.0[j] = u - lambda * *gain;
+                *gain = u.times_plus(g, *gain);
+            }
+            gains[j] = g;
+        }
+        let scaled = innovation.e / s;
+        self.p = gp.times_plus(scaled, self.p);
+        self.v = gv.times_plus(scaled, self.v);
+        self.theta = self.theta.plus(scaled, Plain(gains));
+    }
+}
+
+/// `f = U' H` of a reading, but for position, where it is one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FactoredReading<T, const M: usize> {
+    /// In the place of `v`.
+    pub v: T,
+    /// In the places of the parameters.
+    pub theta: Plain<T, M>,
+}
+
+impl<const N: usize, const M: usize> AciFactored<f64, N, M> {
+    /// From mean `x(i)` and covariance `P(i, j)`, `j <= i`, states `p, v, theta`.
+    ///
+    /// # Errors
+    /// Index and value of the pivot that is negative: `P` is no covariance.
+    pub fn factored(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Result<Self, (usize, f64)> {
+        let (U, D) = factorise(&SMatrix::<f64, N, N>::from_fn(|i, j| P(i.max(j), i.min(j))))?;
+        Ok(Self::new(x, |i, j| U[(i, j)], |i| D[i]))
     }
 }

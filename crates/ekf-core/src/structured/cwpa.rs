@@ -5,7 +5,7 @@
 
 use core::convert::Infallible;
 
-use crate::dense::belief::check_covariance;
+use crate::dense::belief::{check_covariance, check_mean};
 use crate::dense::system::Order;
 use crate::error::{DomainError, StepError};
 use crate::integration::{Derivative, Integrator, Stage, runge_kutta};
@@ -114,10 +114,11 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         if integrator == Integrator::Exact {
             self.exact(dt, q);
             if !drift.is_constant() {
-                self.gauss_markov(dt, drift);
+                *self = self.gauss_markov(dt, drift);
             }
         } else {
-            let Ok(moved) = runge_kutta(integrator, &BlockRate { q, drift }, self, 0.0, dt);
+            let start = *self;
+            let Ok(moved) = runge_kutta(integrator, &BlockRate { q, drift }, &start, 0.0, dt);
             *self = moved;
         }
     }
@@ -146,13 +147,14 @@ impl<V: Row, const M: usize> CwpaBlock<V, M> {
         self.v = h.times_plus(self.a, self.v);
     }
 
-    /// Propagates drifting parameters over `dt` seconds.
-    fn gauss_markov(&mut self, dt: f64, drift: &GaussMarkovSet<V, M>) {
+    /// Propagates drifting parameters over `dt` seconds; by value, so that the block of a run stays in registers.
+    fn gauss_markov(mut self, dt: f64, drift: &GaussMarkovSet<V, M>) -> Self {
         let decay = drift.decay(self.p, dt);
         self.cp = self.cp * decay;
         self.cv = self.cv * decay;
         self.ca = self.ca * decay;
         (self.theta, self.P_theta) = drift.propagated(&self.theta, &self.P_theta, dt);
+        self
     }
 
     /// `e` and `S` of a reading `z` of position with variance `R`.
@@ -309,12 +311,13 @@ impl<V: Row, const M: usize> Stage for CwpaBlock<V, M> {
 }
 
 impl<V: Row<Number = f64>, const M: usize> CwpaBlock<V, M> {
-    /// Whether `P` can still be a covariance.
+    /// Whether the mean is finite and `P` can still be a covariance.
     ///
     /// # Errors
-    /// [`StepError::Variance`], [`StepError::Correlation`].
+    /// [`StepError::Mean`], [`StepError::Variance`], [`StepError::Correlation`].
     #[inline]
     pub fn checked(&self) -> Result<(), StepError> {
+        check_mean(M + 3, |i| self.x(i))?;
         check_covariance(M + 3, |i, j| self.P(i, j))
     }
 }

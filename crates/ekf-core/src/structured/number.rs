@@ -17,6 +17,10 @@ pub trait Number:
     /// `self a + b`.
     #[must_use]
     fn times_plus(self, a: Self, b: Self) -> Self;
+
+    /// The smaller of both; `other` where `self` is not a number.
+    #[must_use]
+    fn least(self, other: Self) -> Self;
 }
 
 /// One real number, whose sign can decide a branch.
@@ -49,6 +53,11 @@ impl Number for f64 {
     fn times_plus(self, a: Self, b: Self) -> Self {
         self * a + b
     }
+
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
 }
 
 impl Number for f32 {
@@ -61,5 +70,10 @@ impl Number for f32 {
     #[inline(always)]
     fn times_plus(self, a: Self, b: Self) -> Self {
         self * a + b
+    }
+
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        if self < other { self } else { other }
     }
 }

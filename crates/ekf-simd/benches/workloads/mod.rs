@@ -163,7 +163,7 @@ fn go<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usize>(
         runner::<K, V, L, M>(witness, |_| c(0.0), |i, j| c(if i == j { variance(K::Block::MOTION, i) } else { 0.0 }));
     let record = Rows { output: &data.u, position: &data.z, witness };
     let went = kernel.process(&mut runner, &settings, &record, (0, data.u.len() - 1));
-    assert!(went.is_ok());
+    assert!(went.is_ok() && value(runner.lowest) >= 0.0);
     (0..K::Block::MOTION + M)
         .map(|i| value(runner.block.x(i)))
         .chain((0..K::Block::MOTION + M).map(|i| value(runner.block.P(i, i))))

@@ -73,6 +73,11 @@ impl<S: Simd> Number for Fused<S> {
     fn times_plus(self, a: Self, b: Self) -> Self {
         Self { x: self.x.mul_add(a.x, b.x), simd: self.simd }
     }
+
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        Self { x: if self.x < other.x { self.x } else { other.x }, simd: self.simd }
+    }
 }
 
 impl<S: Simd> Logarithm for Fused<S> {

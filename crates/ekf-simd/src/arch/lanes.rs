@@ -96,4 +96,9 @@ impl<S: Simd> Number for Lanes<S> {
     fn times_plus(self, a: Self, b: Self) -> Self {
         Self { values: self.simd.mul_add_f64s(self.values, a.values, b.values), simd: self.simd }
     }
+
+    #[inline(always)]
+    fn least(self, other: Self) -> Self {
+        Self { values: self.simd.min_f64s(self.values, other.values), simd: self.simd }
+    }
 }

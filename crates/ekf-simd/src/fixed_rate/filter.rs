@@ -2,14 +2,15 @@
 //!
 //! No queue, no stamps, no allocation: the output over a step is taken from samples that are there.
 
-use ekf_core::dense::belief::check_covariance;
+use ekf_core::dense::belief::{check_covariance, check_mean};
 use ekf_core::dense::update::Innovation;
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
+use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
-use ekf_core::{Aci, Cwpa, Filter, Form, GaussMarkov};
+use ekf_core::{Aci, Carrier, Cwpa, Filter, Form, GaussMarkov};
 use pulp::NullaryFnOnce;
 #[cfg(target_arch = "x86_64")]
 use pulp::x86::V3;
@@ -19,7 +20,9 @@ use crate::arch::fma::Fused;
 use crate::arch::fma::Scalar;
 #[cfg(target_arch = "x86_64")]
 use crate::arch::row4::Row4;
-use crate::fixed_rate::step::{AciWithEffects, FixedRateStep, OutputHistory, ReadingGate, SampleInput};
+use crate::fixed_rate::step::{
+    AciWithEffects, FactoredAci, FactoredAciWithEffects, FixedRateStep, OutputHistory, ReadingGate, SampleInput,
+};
 use crate::record::batch::Prior;
 use crate::record::block::Block;
 use crate::record::kernel::{AciWith, CwpaWith};
@@ -36,12 +39,11 @@ pub const EFFECTS: usize = 14;
 pub trait FixedRate: Send + Sync {
     /// Processes one sample and returns the newest innovation.
     ///
-    /// The prior belongs to the first sample. The whole covariance is checked every 64 steps, the innovation variance at every
-    /// reading.
+    /// The prior belongs to the first sample. States and variances are checked at every step, the whole covariance every 64
+    /// steps, the innovation variance at every reading.
     ///
     /// # Errors
-    /// [`StepError::Innovation`] for a sample that is not finite, which changes nothing; any other [`StepError`] means that
-    /// the numbers of the filter have failed, and every later step returns it again.
+    /// [`StepError`]; the filter is then as it was before the step.
     fn step(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError>;
 
     /// Processes a record of outputs `u` and positions `z`, and writes the histories that are present.
@@ -160,6 +162,7 @@ struct Stepper<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>
     kernel: K,
     settings: Settings<V, M>,
     states: usize,
+    drifting: bool,
     at: FilterState<K::Block, W::Number>,
 }
 
@@ -170,33 +173,39 @@ struct FilterState<B, T> {
     history: OutputHistory,
     innovation: Option<Innovation>,
     unchecked: u32,
-    failed: Option<StepError>,
+}
+
+/// Whether a block can still be a belief; by value, so that the block of a step stays in registers.
+#[inline(never)]
+fn checked<B: Block<V, M>, V: Row, const M: usize>(block: B, states: usize) -> Result<(), StepError>
+where
+    V::Number: Scalar,
+{
+    check_mean(states, |i| block.x(i).value())?;
+    check_covariance(states, |i, j| block.P(i, j).value())
 }
 
 impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M: usize> Stepper<W, K, V, M> {
     /// One sample, in place.
     #[inline(always)]
     fn next(&mut self, sample: &SampleInput<'_>) -> Result<Option<Innovation>, StepError> {
-        let Self { kernel, settings, states, at, .. } = self;
-        if let Some(error) = at.failed {
-            return Err(error);
-        }
+        let Self { kernel, settings, states, drifting, at, .. } = self;
         for reading in [sample.u, sample.z] {
             if reading.is_infinite() || K::DRIVEN && sample.u.is_nan() {
                 return Err(StepError::Innovation { e: reading });
             }
         }
-        let stepped = kernel.step(&mut at.block, settings, &mut at.gate, &at.history, sample);
-        at.unchecked += 1;
-        let checked = if at.unchecked == EVERY {
-            at.unchecked = 0;
-            check_covariance(*states, |i, j| at.block.P(i, j).value())
-        } else {
-            Ok(())
-        };
-        let found = stepped.and_then(|found| checked.map(|()| found));
-        at.failed = found.err();
-        let found = found?;
+        let (mut block, mut gate) = (at.block, at.gate);
+        let found = kernel.step(&mut block, settings, &mut gate, &at.history, sample)?;
+        let sound = |(least, sum): (W::Number, W::Number)| least.value() >= 0.0 && sum.value().is_finite();
+        let due = at.unchecked + 1 == EVERY;
+        // Constant parameters are changed by readings alone.
+        let changed = found.is_some() || *drifting;
+        if due || !sound(block.motion_least_and_sum()) || changed && !sound(block.parameters_least_and_sum()) {
+            checked::<_, V, M>(block, *states)?;
+        }
+        at.unchecked = if due { 0 } else { at.unchecked + 1 };
+        (at.block, at.gate) = (block, gate);
         at.history.push(sample.u);
         at.innovation = found.or(at.innovation);
         Ok(found)
@@ -293,9 +302,9 @@ impl Construction<'_> {
             history: OutputHistory::default(),
             innovation: None,
             unchecked: 0,
-            failed: None,
         };
-        Box::new(Stepper { arithmetic, kernel, settings, states: N, at })
+        let drifting = !settings.drift.is_constant();
+        Box::new(Stepper { arithmetic, kernel, settings, states: N, drifting, at })
     }
 }
 
@@ -316,6 +325,21 @@ where
     K::Block: 'static,
 {
     plan.build::<Portable, K, Plain<f64, M>, M>(Portable, kernel)
+}
+
+/// The kernel on the factors of the prior: without integration error, whatever the filter's integrator.
+fn factored<K, const N: usize, const M: usize>(
+    plan: &Construction<'_>,
+    kernel: K,
+) -> Result<Box<dyn FixedRate>, SetupError>
+where
+    K: FixedRateStep<Plain<f64, M>, M, Block = AciFactored<f64, N, M>> + 'static,
+{
+    let Prior { states, x, P } = plan.prior;
+    let at = |i: usize, j: usize| if i < states && j < states { P[i * states + j] } else { 0.0 };
+    AciFactored::<f64, N, M>::factored(|i| x.get(i).copied().unwrap_or(0.0), at)
+        .map_err(|(state, pivot)| SetupError::Prior { state, pivot })?;
+    Ok(portable(plan, kernel))
 }
 
 fn construction<'a, S>(
@@ -352,6 +376,15 @@ pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn Fi
     let Aci { sensor, q, tau } = filter.system;
     let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
     let plan = construction(*filter, dynamics, dt, prior, 4)?;
+    if filter.carrier == Carrier::Factored {
+        return match (sensor.form, prior.states) {
+            (Form::Inverse, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: InverseLinear }),
+            (Form::Inverse, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: InverseCubic }),
+            (Form::Forward, 4) => factored::<_, 4, 2>(&plan, FactoredAci { effect: ForwardLinear }),
+            (Form::Forward, 6) => factored::<_, 6, 4>(&plan, FactoredAci { effect: ForwardCubic }),
+            (_, given) => Err(SetupError::Size { given }),
+        };
+    }
     match (sensor.form, prior.states) {
         (Form::Inverse, 4) => fastest!(plan, AciWith { effect: InverseLinear }, Plain<Fused<V3>, 2>, 2),
         (Form::Inverse, 6) => fastest!(plan, AciWith { effect: InverseCubic }, Row4<1>, 4),
@@ -361,8 +394,7 @@ pub fn aci(filter: &Filter<Aci>, dt: f64, prior: Prior<'_>) -> Result<Box<dyn Fi
     }
 }
 
-/// ACI with a forward linear sensor and effects given at every step, by RK4; `gauss_markov` holds all parameters, `k` and `K0`
-/// first.
+/// ACI with a forward linear sensor and effects given at every step; `gauss_markov` holds all parameters, `k` and `K0` first.
 ///
 /// # Errors
 /// [`SetupError`] likewise; at most [`EFFECTS`] effects.
@@ -375,6 +407,14 @@ pub fn aci_with_effects(
 ) -> Result<Box<dyn FixedRate>, SetupError> {
     let Aci { q, tau, .. } = filter.system;
     let plan = construction(*filter, Dynamics { q, tau, gauss_markov }, dt, prior, 4)?;
+    if filter.carrier == Carrier::Factored {
+        return match prior.states - 2 {
+            0..=4 => factored::<_, 6, 4>(&plan, FactoredAciWithEffects { rest }),
+            5..=8 => factored::<_, 10, 8>(&plan, FactoredAciWithEffects { rest }),
+            9..=16 => factored::<_, 18, 16>(&plan, FactoredAciWithEffects { rest }),
+            _ => Err(SetupError::Size { given: prior.states }),
+        };
+    }
     let kernel = AciWithEffects { rest };
     match prior.states - 2 {
         0..=4 => fastest!(plan, kernel, Row4<1>, 4),

@@ -5,10 +5,11 @@ use ekf_core::error::StepError;
 use ekf_core::structured::acceleration::{AccelerationModel, Driven, WithEffects};
 use ekf_core::structured::aci::{AciBlock, MaskedInnovation};
 use ekf_core::structured::aci_step::StepInput;
+use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::cwpa::CwpaBlock;
 use ekf_core::structured::measurement::OutputModel;
 use ekf_core::structured::number::Number;
-use ekf_core::structured::row::Row;
+use ekf_core::structured::row::{Plain, Row};
 use ekf_core::{Integrator, Interpolation};
 
 use crate::arch::fma::Scalar;
@@ -171,7 +172,7 @@ where
     }
 }
 
-/// ACI whose sensor has further effects, by RK4.
+/// ACI whose sensor has further effects.
 #[derive(Debug, Clone, Copy)]
 pub struct AciWithEffects {
     /// Specific force while the stage is at rest, m/s^2.
@@ -182,6 +183,25 @@ pub struct AciWithEffects {
 #[inline(always)]
 fn placed<V: Row>(witness: V::Number, each: &[f64]) -> V {
     V::from_fn(witness, |i| witness.like(if i < 2 { 0.0 } else { each.get(i - 2).copied().unwrap_or(0.0) }))
+}
+
+impl<'a> SampleInput<'a> {
+    /// Output and effects `s` seconds into the step: the effects on the parabola through their three instants.
+    #[inline(always)]
+    fn columns_over<V: Row, const M: usize>(
+        &self,
+        q: V::Number,
+        dt: f64,
+        curve: &'a BackwardCubic,
+    ) -> impl Fn(f64) -> Driven<V> + use<'a, V, M> {
+        let [start, middle, end] = self.effects.map(|each| placed::<V>(q, each));
+        move |s: f64| {
+            let x = s / dt;
+            let weights = [(2.0 * x - 1.0) * (x - 1.0), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)].map(|w| q.like(w));
+            let columns = start.scaled(weights[0]).plus(weights[1], middle).plus(weights[2], end);
+            Driven { u: q.like(curve.at(x)), columns }
+        }
+    }
 }
 
 impl<V, const M: usize> FixedRateStep<V, M> for AciWithEffects
@@ -202,23 +222,12 @@ where
         history: &OutputHistory,
         sample: &SampleInput<'_>,
     ) -> Result<Option<Innovation>, StepError> {
-        let &Settings { dt, interpolation, order, q, R_position: R, tau, .. } = settings;
+        let &Settings { dt, integrator, interpolation, order, q, R_position: R, tau, .. } = settings;
         if history.samples > 0 {
             let curve = history.until(sample.u, interpolation);
-            let [start, middle, end] = sample.effects.map(|each| placed::<V>(q, each));
-            let input = |s: f64| {
-                // The parabola through the three instants.
-                let x = s / dt;
-                let weights =
-                    [(2.0 * x - 1.0) * (x - 1.0), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)].map(|w| q.like(w));
-                let columns = start.scaled(weights[0]).plus(weights[1], middle).plus(weights[2], end);
-                Driven { u: q.like(curve.at(x)), columns }
-            };
-            block.fourth_order(
-                q,
-                &settings.drift,
-                &StepInput { model: WithEffects { rest: self.rest }, order, input, dt },
-            )?;
+            let input = sample.columns_over::<V, M>(q, dt, &curve);
+            let model = WithEffects { rest: self.rest };
+            block.step(integrator, q, &settings.drift, &StepInput { model, order, input, dt })?;
         }
         if sample.z.is_nan() {
             return Ok(None);
@@ -231,6 +240,90 @@ where
         }
         Ok(Some(read.innovation))
     }
+}
+
+/// ACI with a sensor, covariance as `U D U'`; `N = M + 2`.
+#[derive(Debug, Clone, Copy)]
+pub struct FactoredAci<E, const N: usize> {
+    /// How acceleration follows from the output.
+    pub effect: E,
+}
+
+impl<E, const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAci<E, N>
+where
+    E: AccelerationModel<Plain<f64, M>, M, Input = f64> + Send + Sync,
+{
+    type Block = AciFactored<f64, N, M>;
+
+    const DRIVEN: bool = true;
+
+    fn step(
+        &self,
+        block: &mut Self::Block,
+        settings: &Settings<Plain<f64, M>, M>,
+        gate: &mut ReadingGate<f64>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
+    ) -> Result<Option<Innovation>, StepError> {
+        let &Settings { dt, interpolation, order, q, .. } = settings;
+        if history.samples > 0 {
+            let curve = history.until(sample.u, interpolation);
+            let input = |s: f64| curve.at(s / dt);
+            block.exact(q, &settings.drift, &StepInput { model: self.effect, order, input, dt })?;
+        }
+        read_factored(block, settings, gate, sample)
+    }
+}
+
+/// ACI whose sensor has further effects, covariance as `U D U'`; `N = M + 2`.
+#[derive(Debug, Clone, Copy)]
+pub struct FactoredAciWithEffects<const N: usize> {
+    /// Specific force while the stage is at rest, m/s^2.
+    pub rest: f64,
+}
+
+impl<const N: usize, const M: usize> FixedRateStep<Plain<f64, M>, M> for FactoredAciWithEffects<N> {
+    type Block = AciFactored<f64, N, M>;
+
+    const DRIVEN: bool = true;
+
+    fn step(
+        &self,
+        block: &mut Self::Block,
+        settings: &Settings<Plain<f64, M>, M>,
+        gate: &mut ReadingGate<f64>,
+        history: &OutputHistory,
+        sample: &SampleInput<'_>,
+    ) -> Result<Option<Innovation>, StepError> {
+        let &Settings { dt, interpolation, order, q, .. } = settings;
+        if history.samples > 0 {
+            let curve = history.until(sample.u, interpolation);
+            let input = sample.columns_over::<Plain<f64, M>, M>(q, dt, &curve);
+            let model = WithEffects { rest: self.rest };
+            block.exact(q, &settings.drift, &StepInput { model, order, input, dt })?;
+        }
+        read_factored(block, settings, gate, sample)
+    }
+}
+
+/// Updates the factors by the position of a sample, if there is one.
+fn read_factored<const N: usize, const M: usize>(
+    block: &mut AciFactored<f64, N, M>,
+    settings: &Settings<Plain<f64, M>, M>,
+    gate: &mut ReadingGate<f64>,
+    sample: &SampleInput<'_>,
+) -> Result<Option<Innovation>, StepError> {
+    if sample.z.is_nan() {
+        return Ok(None);
+    }
+    let &Settings { R_position: R, tau, .. } = settings;
+    let b = placed(0.0, sample.position_columns);
+    let (innovation, reading) = block.innovate_with_effects(tau, &b, sample.z, R);
+    let read = gate.admit(&innovation)?;
+    if read.accepted {
+        block.correct_with(R, &reading, &innovation);
+    }
+    Ok(Some(read.innovation))
 }
 
 impl<V, O, const M: usize> FixedRateStep<V, M> for CwpaWith<O>

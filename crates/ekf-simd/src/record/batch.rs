@@ -4,6 +4,7 @@
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use ekf_core::dense::belief::{check_covariance, check_mean};
 use ekf_core::error::{SetupError, StepError};
 use ekf_core::structured::acceleration::{ForwardCubic, ForwardLinear, InverseCubic, InverseLinear};
 use ekf_core::structured::measurement::{ReadCubic, ReadInverse, ReadLinear};
@@ -140,9 +141,28 @@ impl Job<'_> {
         (row(self.batch.output, width, run), row(self.batch.position, width, run))
     }
 
+    /// Why a belief on the way, or the lowest variance of the motion so far, cannot be used.
+    fn fault(
+        &self,
+        motion: usize,
+        lowest: f64,
+        x: impl Fn(usize) -> f64,
+        P: impl Fn(usize, usize) -> f64,
+    ) -> Option<StepError> {
+        let N = self.prior.states;
+        if lowest < 0.0 {
+            let state = (0..motion).min_by(|&i, &j| P(i, i).total_cmp(&P(j, j))).unwrap_or_default();
+            return Some(StepError::Variance { state, variance: lowest });
+        }
+        check_mean(N, x).and_then(|()| check_covariance(N, P)).err()
+    }
+
     fn ended(&self, x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64, log_likelihood: f64) -> Final {
         let N = self.prior.states;
-        let fault = ekf_core::dense::belief::check_covariance(N, &P).err();
+        // The likelihood is not a number where an innovation variance was negative.
+        let unlikely =
+            (self.counted && !log_likelihood.is_finite()).then_some(StepError::InnovationVariance { s: f64::NAN });
+        let fault = check_mean(N, &x).and_then(|()| check_covariance(N, &P)).err().or(unlikely);
         let P = (0..N * N).map(|at| P(at / N, at % N)).collect();
         let log_likelihood = if self.counted { log_likelihood } else { 0.0 };
         Final { x: (0..N).map(x).collect(), P, log_likelihood, fault }
@@ -169,7 +189,9 @@ fn run_single<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
     while from + 1 < job.batch.samples && went.is_ok() && fault.is_none() {
         let to = (from + WINDOW).min(job.batch.samples - 1);
         went = kernel.process(&mut runner, &settings, &record, (from, to));
-        fault = ekf_core::dense::belief::check_covariance(job.prior.states, |i, j| value(runner.block.P(i, j))).err();
+        let block = &runner.block;
+        let lowest = value(runner.lowest);
+        fault = job.fault(K::Block::MOTION, lowest, |i| value(block.x(i)), |i, j| value(block.P(i, j)));
         from = to;
     }
     let block = &runner.block;
@@ -214,9 +236,10 @@ fn in_lanes<K: Kernel<Plain<Lanes<S>, M>, M>, L: LikelihoodSum<Lanes<S>>, S: Sim
             }
         }
         for (lane, fault) in faults.iter_mut().enumerate() {
+            let (x, lowest) = (|i| runner.block.x(i).lane(lane), runner.lowest.lane(lane));
             *fault = fault
                 .or_else(|| went.err().map(StepError::from))
-                .or_else(|| ekf_core::dense::belief::check_covariance(N, |i, j| P[i * N + j].lane(lane)).err());
+                .or_else(|| job.fault(K::Block::MOTION, lowest, x, |i, j| P[i * N + j].lane(lane)));
         }
         from = to;
     }

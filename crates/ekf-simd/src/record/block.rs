@@ -1,8 +1,10 @@
 //! One trait for the blocks of ACI and CWPA.
 
 use ekf_core::structured::aci::AciBlock;
+use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::cwpa::CwpaBlock;
-use ekf_core::structured::row::Row;
+use ekf_core::structured::number::Number;
+use ekf_core::structured::row::{Plain, Row};
 
 /// The motion's states first, then `M` parameters.
 pub trait Block<V: Row, const M: usize>: Copy {
@@ -20,6 +22,33 @@ pub trait Block<V: Row, const M: usize>: Copy {
     /// Covariance of states `i` and `j`.
     #[must_use]
     fn P(&self, i: usize, j: usize) -> V::Number;
+
+    /// The least variance of the motion; and the sum of its variances and means, not finite if one of them is not.
+    ///
+    /// The mean of a parameter needs no look: what is not finite makes the motion so at the next step.
+    #[inline(always)]
+    #[must_use]
+    fn motion_least_and_sum(&self) -> (V::Number, V::Number) {
+        let (mut least, mut sum) = (self.P(0, 0), self.P(0, 0) + self.x(0));
+        for i in 1..Self::MOTION {
+            least = self.P(i, i).least(least);
+            sum = sum + (self.P(i, i) + self.x(i));
+        }
+        (least, sum)
+    }
+
+    /// The least variance of the parameters, and the sum of all of them.
+    #[inline(always)]
+    #[must_use]
+    fn parameters_least_and_sum(&self) -> (V::Number, V::Number) {
+        let first = self.P(Self::MOTION, Self::MOTION);
+        let (mut least, mut sum) = (first, first);
+        for i in Self::MOTION + 1..Self::MOTION + M {
+            least = self.P(i, i).least(least);
+            sum = sum + self.P(i, i);
+        }
+        (least, sum)
+    }
 }
 
 macro_rules! block {
@@ -49,3 +78,26 @@ block!(
     AciBlock, 2;
     CwpaBlock, 3;
 );
+
+impl<const N: usize, const M: usize> Block<Plain<f64, M>, M> for AciFactored<f64, N, M> {
+    const MOTION: usize = 2;
+
+    /// Of a prior that is no covariance only the diagonal; whoever builds a filter refuses it first.
+    fn new(x: impl Fn(usize) -> f64, P: impl Fn(usize, usize) -> f64) -> Self {
+        Self::factored(&x, &P).unwrap_or_else(|_| Self::new(&x, |_, _| 0.0, |i| P(i, i)))
+    }
+
+    #[inline(always)]
+    fn x(&self, i: usize) -> f64 {
+        match i {
+            0 => self.p,
+            1 => self.v,
+            _ => self.theta.at(i - 2),
+        }
+    }
+
+    #[inline(always)]
+    fn P(&self, i: usize, j: usize) -> f64 {
+        AciFactored::P(self, i, j)
+    }
+}

@@ -5,6 +5,7 @@ use ekf_core::structured::acceleration::AccelerationModel;
 use ekf_core::structured::aci::AciBlock;
 use ekf_core::structured::cwpa::CwpaBlock;
 use ekf_core::structured::measurement::OutputModel;
+use ekf_core::structured::number::Number;
 use ekf_core::structured::row::Row;
 
 use crate::record::block::Block;
@@ -23,7 +24,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     /// [`DomainError`] where the sensor has no inverse.
     fn start<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError>;
@@ -34,7 +35,7 @@ pub trait Kernel<V: Row, const M: usize>: Copy {
     /// [`DomainError`] where the sensor has no inverse.
     fn process<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
@@ -47,8 +48,8 @@ pub fn runner<K: Kernel<V, M>, V: Row, L: LikelihoodSum<V::Number>, const M: usi
     witness: V::Number,
     x: impl Fn(usize) -> V::Number,
     P: impl Fn(usize, usize) -> V::Number,
-) -> Runner<K::Block, L> {
-    Runner { block: K::Block::new(x, P), score: L::new(witness) }
+) -> Runner<K::Block, L, V::Number> {
+    Runner { block: K::Block::new(x, P), score: L::new(witness), lowest: witness.like(f64::INFINITY) }
 }
 
 /// ACI with a sensor.
@@ -71,7 +72,7 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     #[inline(always)]
     fn start<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
@@ -82,7 +83,7 @@ impl<V: Row, const M: usize, E: AccelerationModel<V, M, Input = V::Number>> Kern
     #[inline(always)]
     fn process<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),
@@ -97,7 +98,7 @@ impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith
     #[inline(always)]
     fn start<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
     ) -> Result<(), DomainError> {
@@ -109,7 +110,7 @@ impl<V: Row, const M: usize, O: OutputModel<V> + Copy> Kernel<V, M> for CwpaWith
     #[inline(always)]
     fn process<L: LikelihoodSum<V::Number>>(
         &self,
-        runner: &mut Runner<Self::Block, L>,
+        runner: &mut Runner<Self::Block, L, V::Number>,
         settings: &Settings<V, M>,
         record: &impl Record<V::Number>,
         range: (usize, usize),

@@ -61,11 +61,17 @@ pub trait Record<T> {
 
 /// The state of a filter within its record.
 #[derive(Debug, Clone, Copy)]
-pub struct Runner<B, L> {
+pub struct Runner<B, L, T> {
     /// Mean and covariance.
     pub block: B,
     /// Sum over the readings so far.
     pub score: L,
+    /// The lowest variance at any reading so far, where a step can lose positive definiteness beyond rounding: below zero, a
+    /// reading has used what is no covariance.
+    ///
+    /// Between readings nothing uses the covariance. Constant parameters need no watch, since a reading only lowers their
+    /// variances and the last one tells; nor does CWPA without integration error, whose step is a sum of squares.
+    pub lowest: T,
 }
 
 /// The output between samples `j` and `j + 1`, at `f` of the way.
@@ -103,7 +109,7 @@ fn during<T: Number>(record: &impl Record<T>, how: Interpolation, j: usize) -> [
     }
 }
 
-impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>, L> {
+impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>, L, V::Number> {
     /// Processes samples from `from` to `to`, reading positions after `from` up to `to`.
     ///
     /// # Errors
@@ -126,6 +132,10 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
                     StepInput { model: *effect, order, input: |s: f64| between(record, interpolation, j, s / dt), dt };
                 self.block.step(integrator, q, &settings.drift, &step_input)?;
                 self.read_position(settings, record.position(j + 1));
+                self.watch();
+                for i in 0..M {
+                    self.lowest = self.block.P_theta[i].at(i).least(self.lowest);
+                }
             }
             return Ok(());
         }
@@ -172,6 +182,12 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
         Ok(())
     }
 
+    /// Keeps the lowest variance of position and velocity.
+    #[inline(always)]
+    fn watch(&mut self) {
+        self.lowest = self.block.ppp.least(self.block.pvv.least(self.lowest));
+    }
+
     /// Updates by a position, if there is one.
     #[inline(always)]
     pub fn read_position(&mut self, settings: &Settings<V, M>, sample: Sample<V::Number>) {
@@ -180,10 +196,11 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<AciBlock<V, M>,
         let innovation = MaskedInnovation { present, ..self.block.innovate(tau, z, R) };
         self.block.correct(tau, R, &innovation);
         self.score.add(&innovation);
+        self.watch();
     }
 }
 
-impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>, L> {
+impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>, L, V::Number> {
     /// Processes samples from `from` to `to`, reading both channels after `from` up to `to`.
     ///
     /// # Errors
@@ -205,6 +222,10 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
                 self.block.step(integrator, dt, q, &settings.drift);
                 self.read_output(sensor, order, R_output, record.reading(j + 1))?;
                 self.read_position(settings, record.position(j + 1));
+                self.watch();
+                for i in 0..M {
+                    self.lowest = self.block.P_theta[i].at(i).least(self.lowest);
+                }
             }
             return Ok(());
         }
@@ -226,6 +247,13 @@ impl<V: Row, const M: usize, L: LikelihoodSum<V::Number>> Runner<CwpaBlock<V, M>
         }
         *self = here;
         Ok(())
+    }
+
+    /// Keeps the lowest variance of position, velocity and acceleration.
+    #[inline(always)]
+    fn watch(&mut self) {
+        let CwpaBlock { ppp, pvv, paa, .. } = self.block;
+        self.lowest = ppp.least(pvv.least(paa.least(self.lowest)));
     }
 
     /// Updates by an output, if there is one.
