@@ -15,7 +15,7 @@ from scipy.signal import lfilter, lfilter_zi
 
 from tests.worlds.numerics import Array
 
-from .motion import Motion, Response, rc, residues
+from .motion import Motion, Piecewise, Response, rc, residues
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +107,15 @@ def analog(filters: Sequence[Declared]) -> list[complex]:
     return [pole for f in filters if not f.high for pole in f.poles]
 
 
-def behind(motion: Motion, filters: Sequence[Declared], poles: Sequence[complex]) -> Response:
-    """Return the acceleration behind poles and the high-passes of a chain, exactly: s/(s - p) = 1 - (-p)/(s - p)."""
-    low = motion.a.behind(poles)
+def behind(signal: Piecewise, filters: Sequence[Declared], poles: Sequence[complex]) -> Response:
+    """Return a signal behind poles and the high-passes of a chain, exactly: s/(s - p) = 1 - (-p)/(s - p)."""
+    low = signal.behind(poles)
     high = [f.poles[0] for f in filters if f.high]
     if len(high) > 1:
         raise ValueError("one high-pass at most")
     if not high:
         return low
-    removed = motion.a.behind([*poles, high[0]])
+    removed = signal.behind([*poles, high[0]])
     return lambda t: np.asarray(low(t) - removed(t))
 
 
@@ -139,8 +139,14 @@ def without_constant(y: Array, rate: float, filters: Sequence[Declared]) -> Arra
 
 
 def position(motion: Motion, t: Array, filters: Sequence[Declared]) -> Array:
-    """Return the position behind analog low-passes, exactly: 1/(s - p) = -1/p - s/p^2 + (s^2/p^2)/(s - p)."""
-    poles = analog(filters)
+    """Return the position behind analog low-passes and one high-pass, exactly."""
+    poles, high = analog(filters), [f.poles[0] for f in filters if f.high]
+    passed = _low_passed(motion, t, poles)
+    return passed - _low_passed(motion, t, [*poles, *high]) if high else passed
+
+
+def _low_passed(motion: Motion, t: Array, poles: Sequence[complex]) -> Array:
+    """Position behind poles: 1/(s - p) = -1/p - s/p^2 + (s^2/p^2)/(s - p)."""
     if not poles:
         return motion.position(t)
     r, p = residues(poles), np.asarray(poles)

@@ -195,9 +195,12 @@ def _filters() -> Iterator[Regime]:
             rig = Rig(replace(ADXL105, corner=None, filters=(*low, blocking(tau))))
             label = "-rc" if low else ""
             yield Regime(f"t-highpass{tau:g}{label}", "mixed", rig, compare=PARAMETERS[1:])
-    for name, one in (("lag200", single_pole(200.0)), ("butter200", butterworth(200.0, 2))):
+    references = {"lag200": single_pole(200.0), "butter200": butterworth(200.0, 2), "butter50": butterworth(50.0, 4)}
+    for name, one in references.items():
         yield Regime(f"t-position-{name}", "mixed", Rig(reference=Reference(filters=(one,))))
         yield Regime(f"t-position-{name}-cxl02", "mixed", Rig(CXL02, Reference(filters=(one,))))
+    coupled = Rig(reference=Reference(filters=(blocking(1.0),)))
+    yield Regime("t-position-highpass1", "mixed", coupled, compare=PARAMETERS[1:])
 
 
 def _lengths() -> Iterator[Regime]:

@@ -216,9 +216,9 @@ def _accelerometer(
     instants = (instants - offset) / (1 + clocks.skew)
     instants = instants + np.hypot(clocks.jitter, planted.jitter) * rng.standard_normal(len(t))
     blocked = any(f.high for f in sensor.filters)
-    y = (1 + k) * behind(motion, sensor.filters, [*poles, *planted.poles])(instants) + (0.0 if blocked else bias)
+    y = (1 + k) * behind(motion.a, sensor.filters, [*poles, *planted.poles])(instants) + (0.0 if blocked else bias)
     if planted.output is not None:
-        y = y + planted.output(motion).behind(poles)(instants)
+        y = y + behind(planted.output(motion), sensor.filters, poles)(instants)
     if sensor.tilt:
         y = y + _turning(motion, sensor.tilt, rng, instants)
     y += without_constant(_sensor_noise(instants, sensor, poles, rng), sensor.rate, sensor.filters)

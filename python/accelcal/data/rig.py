@@ -112,8 +112,8 @@ class Rig:
 
     @property
     def coupled(self) -> bool:
-        """Whether a constant acceleration reaches the output; not behind a high-pass."""
-        return not high_passes(self.output_filters)
+        """Whether a constant acceleration is seen by both channels; not behind a high-pass of either."""
+        return not high_passes(self.filters)
 
     @property
     def filters(self) -> tuple[ChannelFilter, ...]:

@@ -222,7 +222,8 @@ class ChannelFilters:
         Velocity and position gained over the interval that ends at each of the times (n,) s, of one unit each: of a
         constant, and of each mode exp(pole (t - begin)) from the first time and from the ends of the longest gaps on.
         """
-        if not self.blocking:
+        blocking = high_passes(self.rig.filters)
+        if not blocking:
             return []
         h = np.diff(t, prepend=t[0])
         found = [(h, h**2 / 2.0)]
@@ -230,7 +231,7 @@ class ChannelFilters:
         longest = gaps[np.argsort(-h[gaps])[:MOST_TRANSIENTS]]
         for begin in (0, *longest):
             since = np.maximum(t - t[begin], 0.0)
-            for pole in modes(self.blocking, self.rate):
+            for pole in modes(blocking, self.rate):
                 if pole.imag < 0.0:
                     continue
                 decay = np.exp(pole * since)
@@ -242,24 +243,29 @@ class ChannelFilters:
 
     def gaps(self, t: Array) -> Flags:
         """Readings that end a gap behind which the high-passed readings are not known, (n,)."""
-        if not self.blocking:
+        if self.rig.coupled:
             return np.zeros(len(t), dtype=np.bool_)
         return np.asarray(np.diff(t, prepend=t[0]) > HOLE / self.reading_rate)
 
 
 def edge_of(gain: Response, rate: float) -> float:
-    """Frequency up to which low-passes at a rate, both in Hz, can be inverted."""
+    """Frequency up to which filters at a rate, both in Hz, can be inverted."""
     f = np.linspace(0.0, 0.5 * rate, 8193)
     size = np.abs(gain(f))
-    low = np.flatnonzero(size < LEAST_GAIN * size[0])
+    top = int(np.argmax(size))
+    low = top + np.flatnonzero(size[top:] < LEAST_GAIN * size[top])
     return float(f[low[0]] if len(low) else f[-1])
 
 
 def inverse_of(gain: Response, edge: float, f: Array) -> Spectrum:
-    """Inverse of a gain at frequencies in Hz: 1/gain up to 0.7 of the edge, rolled off to zero at the edge."""
+    """Inverse of a gain at frequencies in Hz: 1/gain up to 0.7 of the edge, rolled off to zero at the edge; zero where
+    a high-pass leaves too little."""
     share = np.clip((f / edge - ROLL_OFF) / (1.0 - ROLL_OFF), 0.0, 1.0)
     kept = 0.5 + 0.5 * np.cos(np.pi * share)
-    return np.asarray(np.where(share < 1.0, kept / np.where(share < 1.0, gain(f), 1.0), 0.0))
+    found = gain(f)
+    size = np.abs(found)
+    passed = (share < 1.0) & (size >= LEAST_GAIN * np.max(size[share < 1.0], initial=0.0))
+    return np.asarray(np.where(passed, kept / np.where(passed, found, 1.0), 0.0))
 
 
 def uniform(t: Array, y: Array, step: float) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
+from accelcal.data.channel_filter import high_passes
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
@@ -378,10 +379,10 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
 def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
     """What declared filters keep from being estimated: a bias behind a high-pass."""
     return [
-        f"{name_of(run)}: bias is not observable behind the declared {names(run.filters.blocking)}; it is held at 0 "
-        "and a constant of the output is not laid on the sensor"
+        f"{name_of(run)}: bias is not observable behind the declared {names(high_passes(run.rig.filters))}; this run "
+        "does not determine it, and a constant of its output is not laid on the sensor"
         for run in runs
-        if run.filters.blocking
+        if not run.rig.coupled
     ]
 
 

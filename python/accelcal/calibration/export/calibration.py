@@ -118,7 +118,7 @@ class Calibration:
             found.append(f"the low-pass of {lowpass.cutoff:.6g} Hz that was declared is not undone")
         found += [f"the {each.name} that was declared is not undone" for each in self.fit.rig.output_filters]
         if not self.fit.rig.coupled:
-            found.append("a constant acceleration does not reach the output: its bias is not known and is taken as 0")
+            found.append("no constant passed the declared high-pass: the bias is not known and is taken as 0")
         if self.own.clip is not None:
             found.append(f"the range ends where the output saturates, at {self.own.clip:.5g} m/s²")
         return tuple(found)
