@@ -59,8 +59,8 @@ SHORT = {"trapezoid": "trap", "s_curve": "seg7", "minimum_jerk": "minjerk"}
 STAGE = ("trapezoid", "s_curve", "cosine", "minimum_jerk", "smooth", "random", "chirp", "hand", "mixed")
 BIAS_PROCESSES = frozenset({"bias_gauss_markov", "bias_random_walk", "bias_step"})
 DELAYED = frozenset({"time_offset", "sensor_lag", "sensor_resonance"})
-STAMPED = frozenset({"timing_jitter", "rounded_stamps"})
-HELD = frozenset({"time_offset", "timing_jitter", "held_samples"})
+STAMPED = frozenset({"rounded_stamps"})
+HELD = frozenset({"held_samples"})
 
 
 def _short(profile: str) -> str:
@@ -140,7 +140,7 @@ def _people() -> Iterator[Regime]:
     coloured = replace(gnss, multipath=(1e-2, 20.0))
     yield Regime("e-gnss-multipath", "hand", Rig(phone(100.3), coloured, LOOSE), 300.0, compare=PARAMETERS[1:])
     held = Rig(phone(200.7), MOCAP, replace(LOOSE, held=100.0))
-    yield Regime("s-held-phone", "tremor", held, honest=HELD, compare=("bias",))
+    yield Regime("s-held-phone", "tremor", held, honest=HELD)
 
 
 def _laboratory() -> Iterator[Regime]:
@@ -255,11 +255,11 @@ def _unusual() -> Iterator[Regime]:
     late = frozenset({"time_offset"})
     yield Regime("s-two-clocks", "mixed", Rig(clocks=Clocks(offset=5e-3)), honest=late)
     skewed = Rig(clocks=Clocks(offset=5e-3, skew=5e-5))
-    yield Regime("s-skew", "mixed", skewed, honest=late | {"clock_skew"}, compare=PARAMETERS[:1])
+    yield Regime("s-skew", "mixed", skewed, honest=late | {"clock_skew"})
     jittered = Rig(clocks=Clocks(jitter=1e-4))
     yield Regime("s-jitter", "mixed", jittered, honest=frozenset({"timing_jitter"}))
     logger = Rig(replace(ADXL105, rate=1000.3, corner=None), clocks=Clocks(held=400.0))
-    yield Regime("s-held", "mixed", logger, honest=HELD, compare=("bias",))
+    yield Regime("s-held", "mixed", logger, honest=HELD)
     rounded = Rig(Sensor(20.0, range=2.0, rate=200.3, corner=None), Reference(rate=100.1), Clocks(1e-3, rounding=1e-3))
     yield Regime("s-rounded", "hand", rounded, honest=STAMPED)
 
