@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Place = Literal["verdict", "data", "beside"]
-"""Where it is printed: as the verdict itself, as suspect data before it, or beside it."""
+"""Where it is printed: in the sentence of the verdict, as suspect data before it, or beside it."""
 Value = float | int | str
 
 
@@ -21,6 +21,8 @@ class Kind:
     place: Place
     text: str
     """Its sentence, with the names of its values in braces."""
+    forbids_names: bool = False
+    """Whether no effect is certain beside it, so that none is named."""
 
 
 KINDS: dict[str, Kind] = {
@@ -52,11 +54,17 @@ KINDS: dict[str, Kind] = {
         "verdict",
         "A tilt of {tilt_deg:.2g} degrees rms would explain all of it; orientation is not recorded. The residual below "
         "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
+        forbids_names=True,
     ),
     "search_stopped": Kind(
         "beside",
         "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "
         "best answer so far",
+    ),
+    "coloured_position": Kind(
+        "verdict",
+        "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
+        "proportion; the sensor is not to blame",
     ),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
@@ -78,6 +86,11 @@ class Remark:
     def place(self) -> Place:
         """Where it is printed."""
         return KINDS[self.code].place
+
+    @property
+    def forbids_names(self) -> bool:
+        """Whether no effect is certain beside it."""
+        return KINDS[self.code].forbids_names
 
 
 def remark(code: str, **values: Value) -> Remark:

@@ -31,6 +31,7 @@ from accelcal.diagnosis.policy import (
     FAMILYWISE_ALPHA,
     VERDICT_LEAST_BLOCKS,
 )
+from accelcal.diagnosis.position_noise import coloured_position
 from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.turning import FittedSpan, turning_sensor
@@ -92,7 +93,7 @@ class Diagnosis:
     @property
     def nameable(self) -> bool:
         """Whether an effect may be named: not beside a sensor that turns."""
-        return all(remark.place != "verdict" for remark in self.remarks)
+        return not any(remark.forbids_names for remark in self.remarks)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -192,7 +193,8 @@ def verdict_on(
         Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
         for name, p in p_values.items()
     ]
-    verdict, left = verdict_and_sentence(profiled, found, significant, groups, turning)
+    coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
+    verdict, left = verdict_and_sentence(profiled, found, significant, groups, turning or coloured)
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and turning is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
@@ -213,7 +215,7 @@ def verdict_on(
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
-        remarks=(*([turning] if turning else []), *stretch.remarks),
+        remarks=(*(one for one in (turning, coloured) if one is not None), *stretch.remarks),
         present=inside,
         left=left,
     )
@@ -235,9 +237,15 @@ def verdict_and_sentence(
     found: Scan,
     significant: Sequence[NoiseTest],
     groups: Sequence[Confounded],
-    turning: Remark | None = None,
+    cause: Remark | None = None,
 ) -> tuple[Verdict, str]:
-    """The verdict on what a model lacks, and the sentence on it."""
+    """The verdict on what a model lacks, and the sentence on it.
+
+    Parameters
+    ----------
+    profiled, found, significant, groups : fit, scan, noise tests, and what is named.
+    cause : a remark that explains the residual: a sensor that turns, or noise of the position that is not white.
+    """
     named = [test for test in significant if test.effect != "whiteness"]
     examined = f"{found.examined} candidates examined"
     if not found.enough:
@@ -245,13 +253,11 @@ def verdict_and_sentence(
             "too_short",
             f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed.",
         )
-    if turning is not None:
+    if cause is not None and cause.forbids_names:
         return "unexplained", (
-            f"{turning.sentence}. No effect of position, time, bias or scale factor is certain beside it, so none is "
+            f"{cause.sentence}. No effect of position, time, bias or scale factor is certain beside it, so none is "
             f"named ({examined})."
         )
-    ratios = [run.noise.ratio for run in profiled.runs if run.noise.ratio is not None]
-    ratio = max(ratios, default=None)
     group_of = {group.effect: group for group in reversed(groups)}
     if found.found:
         first = found.found[0]
@@ -269,10 +275,12 @@ def verdict_and_sentence(
         )
     if named:
         return sentence_with_rivals(group_of[named[0].effect], f"{named[0].sentence} ({examined}).")
-    if ratio is not None and ratio > DATA_SHEET_NOISE_RATIO:
+    if cause is not None:
+        return "adequate", f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}."
+    if beyond_data_sheet(profiled):
         return "unexplained", (
-            f"The residual is {ratio:.2g} times the sensor noise of the data sheet and no candidate explains it "
-            f"({examined})."
+            f"The residual is {noise_ratio(profiled):.2g} times the sensor noise of the data sheet and no candidate "
+            f"explains it ({examined})."
         )
     if significant or any(run.noise.band is not None for run in profiled.runs):
         return "unexplained", f"The residual is not white and no candidate explains it ({examined})."
@@ -280,6 +288,16 @@ def verdict_and_sentence(
         "adequate",
         f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
     )
+
+
+def noise_ratio(profiled: Fit) -> float:
+    """Fitted over declared noise density, the largest of all runs; 0 where none is declared."""
+    return max((run.noise.ratio for run in profiled.runs if run.noise.ratio is not None), default=0.0)
+
+
+def beyond_data_sheet(profiled: Fit) -> bool:
+    """Whether the residual exceeds what the data sheet of the sensor allows."""
+    return noise_ratio(profiled) > DATA_SHEET_NOISE_RATIO
 
 
 def sentence_with_rivals(group: Confounded, text: str) -> tuple[Verdict, str]:

@@ -68,13 +68,11 @@ class Improvement:
         """The verdict on what the last model lacks, and the sentence on it; what was found in its noise is not
         missing."""
         last = self.diagnosis
-        return (
-            verdict_and_sentence(
-                last.fit, last.scan, [test for test in last.channels if test.effect not in self.effects], last.classes
-            )
-            if last.verdict in ("named", "tied") and not last.scan.found
-            else (last.verdict, last.left)
-        )
+        if last.verdict not in ("named", "tied") or last.scan.found:
+            return last.verdict, last.left
+        tests = [test for test in last.channels if test.effect not in self.effects]
+        cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)
+        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause)
 
     @property
     def sentence(self) -> str:

@@ -1,0 +1,91 @@
+"""Noise of the position that is not white: told from a noisier sensor by where the residual lies in frequency."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE
+from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.estimation.estimate import Fit
+from accelcal.signals.processing import ORDER
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.evaluation import compare
+
+TRIAL_TIMES = 12
+"""Correlation times that are tried, from two readings to a quarter of the record."""
+SEGMENTS = 8
+"""Segments of the averaged spectrum."""
+BAND_SHARE = 0.2
+"""Of the rate of the readings: as far as their second derivative is resolved."""
+
+
+def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float]) -> Remark | None:
+    """The remark on a position whose noise is not white; None where a noisier sensor explains the residual as well.
+
+    Parameters
+    ----------
+    fit, recording : a model, and the run that it was fitted to.
+    span : the used part, s.
+
+    Notes
+    -----
+    White noise of the sensor is flat in the residual acceleration, white noise of a reading rises with f⁴, and a
+    Gauss-Markov process on the reading with f² above its corner. Two models of that spectrum are compared by Whittle's
+    likelihood: a sensor of any noise with white readings, and a sensor as declared with white and Gauss-Markov noise of
+    the readings.
+    """
+    declared = recording.rig.sensor.noise
+    if declared is None:
+        return None
+    readings = recording.position.t
+    step = float(np.median(np.diff(readings)))
+    spectrum = residual_spectrum(compare(fit, recording, band=BAND_SHARE / step, start=span[0], end=span[1]), step)
+    if spectrum is None:
+        return None
+    f, density, averages = spectrum
+    w4 = (2.0 * np.pi * f) ** 4
+    passed = 1.0 / (1.0 + (f / (BAND_SHARE / step)) ** (2 * ORDER)) ** 2
+    flat, reading = np.ones_like(f), 2.0 * step * w4
+    start = declared**2, fit.noise().r
+    _, by_sensor = most_likely(density / passed, averages, np.zeros_like(f), (flat, reading), start)
+    best: tuple[float, float, float] | None = None
+    for tau in np.geomspace(2.0 * step, 0.25 * (span[1] - span[0]), TRIAL_TIMES):
+        process = 4.0 * tau * w4 / (1.0 + (2.0 * np.pi * f * tau) ** 2)
+        sizes, likelihood = most_likely(
+            density / passed, averages, declared**2 * flat, (process, reading), (1e-2 * fit.noise().r, fit.noise().r)
+        )
+        if best is None or likelihood > best[0]:
+            best = likelihood, math.sqrt(float(sizes[0])), float(tau)
+    if best is None or best[0] - by_sensor < CLEAR_LOG_EVIDENCE:
+        return None
+    return remark("coloured_position", rms=best[1], tau=best[2], log_evidence=best[0] - by_sensor)
+
+
+def residual_spectrum(seen: Comparison, step: float) -> tuple[Array, Array, float] | None:
+    """Frequencies, density of the residual acceleration, and independent averages in it; None where it is too short."""
+    _, residual = seen.accel_residual
+    segment = 2 * len(residual) // (SEGMENTS + 1)
+    if segment < 64:
+        return None
+    f, density = scipy.signal.welch(residual, fs=1.0 / step, nperseg=segment)
+    inside = (f > 2.5 / (segment * step)) & (f < BAND_SHARE / step)
+    # neighbouring ordinates of a Hann window and overlapping segments share a third and a tenth of their power
+    return f[inside], density[inside], SEGMENTS / (1.5 * 1.1)
+
+
+def most_likely(
+    density: Array, averages: float, known: Array, parts: tuple[Array, Array], start: tuple[float, float]
+) -> tuple[Array, float]:
+    """Sizes of two parts of a spectrum beside a known one, and Whittle's log-likelihood at them."""
+
+    def cost(x: Array) -> float:
+        model = known + math.exp(x[0]) * parts[0] + math.exp(x[1]) * parts[1]
+        return float(averages * np.sum(np.log(model) + density / model))
+
+    best = scipy.optimize.minimize(cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-2})
+    return np.exp(best.x), -float(best.fun)
