@@ -28,6 +28,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.relation import MOST_BLOCKS, RelationColumns, _solve
 from accelcal.diagnosis.remarks import Remark, Value, remark
 from accelcal.estimation.channel_filters import HOLE
+from accelcal.estimation.glitches import spikes
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 
@@ -136,7 +137,7 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     t, z = recording.position.t, recording.position.y
     inside = (t >= run.t[0]) & (t <= run.t[-1])
     t, z = t[inside], z[inside]
-    skipped = ~np.isin(t, run.t)
+    skipped = spikes(t, z)
     begins = np.flatnonzero(skipped & ~np.concatenate([[False], skipped[:-1]]))
     ends = np.flatnonzero(skipped & ~np.concatenate([skipped[1:], [False]]))
     found = []
@@ -179,8 +180,11 @@ def stuck(run: PreparedRun) -> list[Fault]:
                 f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, from t = {begin:.6g} s on"
             )
             found.append(Fault("stuck", "accel", float(begin), float(end - begin), text))
-    for a, b in _runs(np.diff(run.z) == 0.0, STUCK_SAMPLES):
-        begin, end = run.t[a], run.t[b + 1]
+    t, z = run.recording.position.t, run.recording.position.y
+    inside = (t >= run.t[0]) & (t <= run.t[-1])
+    t, z = t[inside], z[inside]
+    for a, b in _runs(np.diff(z) == 0.0, STUCK_SAMPLES):
+        begin, end = t[a], t[b + 1]
         rows = slice(*np.searchsorted(run.accel.t, [begin, end]))
         u, step = run.accel.y[rows], run.accel_step
         if len(u) < 8:
@@ -188,7 +192,7 @@ def stuck(run: PreparedRun) -> list[Fault]:
         position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
         random_motion = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
         if _departure_from_polynomial(run.accel.t[rows], position, 1) > 20.0 * noise + 5.0 * random_motion:
-            text = f"position: the reading stays {run.z[a]:.6g} m while the output changes, from t = {begin:.6g} s on"
+            text = f"position: the reading stays {z[a]:.6g} m while the output changes, from t = {begin:.6g} s on"
             found.append(Fault("stuck", "position", float(begin), float(end - begin), text))
     return found
 
@@ -218,7 +222,7 @@ def with_position_steps(recording: Recording) -> Recording:
         return recording
     for _ in range(MOST_STEP_SEARCHES):
         try:
-            found = position_steps(RelationColumns(prepare(recording)))
+            found = position_steps(RelationColumns(prepare(recording, every_reading=True)))
         except ValueError:
             break
         if not found:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
 from accelcal.estimation.channel_filters import ChannelFilters
+from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
@@ -51,6 +52,8 @@ class PreparedRun:
     """Median spacing of the readings, s."""
     left_out: int
     """Readings that jump away and come back."""
+    rounding: float = 0.0
+    """One count of an encoder whose noise does not dither its counts, m; else 0."""
     restarts: tuple[float, ...] = ()
     """Instants from which the position counts from another zero, s."""
     every: int = 1
@@ -179,6 +182,7 @@ def prepare(
     start: float | None = None,
     end: float | None = None,
     withheld: float = np.inf,
+    every_reading: bool = False,
 ) -> PreparedRun:
     """Prepare a recording for the replay.
 
@@ -189,6 +193,7 @@ def prepare(
     start, end : s, optional; only readings in [start, end] on the position clock are used.
     withheld : s; readings after this time are not looked at when glitches are sought, and no position step among them
         is known.
+    every_reading : whether repeated counts of a resting coarse encoder are kept, too.
 
     Raises
     ------
@@ -214,10 +219,10 @@ def prepare(
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
-    every = readings_apart(t, z, part)
+    every = reading_stride(t, z, part)
     if every > 1:
         t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
-    return PreparedRun(
+    run = PreparedRun(
         recording=recording,
         origins=origins if origins is not None else natural_origins(recording),
         t=t,
@@ -229,9 +234,22 @@ def prepare(
         restarts=tuple(step.time for step in recording.position_steps if t[0] < step.time <= min(t[-1], withheld)),
         every=every,
     )
+    return run if every_reading else without_repeated_counts(run)
 
 
-def readings_apart(t: Array, z: Array, accel: Channel) -> int:
+def without_repeated_counts(run: PreparedRun) -> PreparedRun:
+    """The run with as many readings of each rest as a coarse encoder is worth; the run itself where noise dithers."""
+    if run.least_step == 0.0:
+        return run
+    noise = run.rig.sensor.noise
+    apart = readings_apart(run.accel.y, run.accel_step, noise, run.reading_step, run.least_step)
+    t, z = distinct_readings(run.t, run.z, apart)
+    if t is run.t or len(t) < MIN_READINGS:
+        return run
+    return replace(run, t=t, z=z, reading_step=float(np.median(np.diff(t))), rounding=run.least_step)
+
+
+def reading_stride(t: Array, z: Array, accel: Channel) -> int:
     """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good.
 
     The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left.

@@ -13,7 +13,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, project_out, score_gain, variance_gain
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.run_state import RunState
-from accelcal.model import Model, Term
+from accelcal.model import Model, Term, evaluate
 
 MOST_CACHED = 1 << 23
 """Largest number of column samples of a run that is kept for a second pass: 67 MB."""
@@ -101,6 +101,24 @@ def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
     return terms, [slice(begins[k], begins[k] + len(item.terms)) for k, item in zip(keys, items, strict=True)]
 
 
+def rounding_variances(terms: Sequence[Term], filters: Sequence[ColumnFilter]) -> Array:
+    """Variance of each coefficient from rests of an encoder that noise does not dither, (terms,) in its unit squared.
+
+    Rounding errors of two rests differ by up to one count, variance step²/6, and a few rests do not average them out:
+    what adds less to the reading is not told from them. Zero where noise dithers, and for what acts on the output.
+    """
+    variances = np.zeros(len(terms))
+    for column_filter in filters:
+        step = column_filter.state.run.rounding
+        at_reading = [k for k, term in enumerate(terms) if term.port == "position"] if step > 0.0 else []
+        columns = evaluate([terms[k] for k in at_reading], column_filter.signals)
+        for k, column in zip(at_reading, columns, strict=True):
+            largest = float(np.max(np.abs(column)))
+            if largest > 0.0:
+                variances[k] = max(variances[k], step**2 / 6.0 / largest**2)
+    return variances
+
+
 class CandidateScores:
     """Gram matrix and scores of the hypotheses over all runs, and the gains that follow from them."""
 
@@ -118,6 +136,8 @@ class CandidateScores:
         self.G, self.c = np.zeros((m, m)), np.zeros(m)
         self.own: Array = np.zeros(m)
         """Power of each column before the base is projected out."""
+        self.rounding: Array = rounding_variances(self.terms, [run.column_filter for run in runs])
+        """Variance that rounding to counts leaves to each coefficient, in its unit squared."""
         self.motion = sum(run.motion for run in runs)
         self._weights: list[Array] = []
         for run in runs:
@@ -183,6 +203,10 @@ class CandidateScores:
         gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
         if self.items[i].effect.traits.positive and estimate[0] < 0.0:
             return 0.0, 0, estimate, covariance
+        rounding = self.rounding[columns]
+        if np.any(rounding) and dof:
+            covariance = covariance + np.diag(rounding)
+            gain = float(estimate @ np.linalg.solve(covariance, estimate))
         return gain, dof, estimate, covariance
 
     def gains(self, chosen: Sequence[int] = ()) -> tuple[Array, NDArray[np.intp]]:
@@ -195,7 +219,10 @@ class CandidateScores:
         starts = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
         A, b, before = np.diag(G)[starts], c[starts], np.diag(self.G)[starts]
         testable = (DEGENERATE * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
-        gain[self._plain] = np.where(testable, b**2 / np.where(testable, A, 1.0), 0.0)
+        known = A / (1.0 + A * self.rounding[starts])
+        gain[self._plain] = np.where(
+            testable, b**2 / np.where(testable, A, 1.0) * known / np.where(testable, A, 1.0), 0.0
+        )
         dof[self._plain] = testable
         for i in np.flatnonzero(~self._plain):
             gain[i], dof[i], _, _ = self.gain(int(i), key)
