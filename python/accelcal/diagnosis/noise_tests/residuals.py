@@ -16,7 +16,7 @@ from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outl
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.run_state import RunState
-from accelcal.signals.processing import low_pass
+from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
 from accelcal.signals.transfer import Spectrum, noise_bandwidth
@@ -75,7 +75,7 @@ class Residuals:
         grid = values.scale * s.a + values.bias
         for term, coefficient in values.additive("output"):
             grid = grid + coefficient * term.column(s)
-        at = scipy.interpolate.CubicSpline(s.t + run.origins.t, grid)(values.instants(self.t, run.origins.t))
+        at = quintic(s.t + run.origins.t, grid, values.instants(self.t, run.origins.t))
         if self.tau > 0.0:  # exact for straight lines between samples
             x = self.step / self.tau
             d = math.exp(-x)

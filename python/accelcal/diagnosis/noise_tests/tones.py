@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.diagnosis.noise_tests.block_spectra import power_fit
 from accelcal.diagnosis.noise_tests.motion_noise import rank_correlation
 from accelcal.diagnosis.noise_tests.noise_test import LINE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
@@ -31,6 +32,8 @@ FEWEST_BINS = 64
 """Least number of bins from which a noise level is estimated."""
 LEVEL_SPAN = 0.04
 """Share of the sampling rate over which the noise level counts as constant."""
+GROUPS_PER_OCTAVE, LEAST_GROUP = 2, 8
+"""Groups of bins to whose medians a level that falls with frequency is fitted, and the bins of the smallest."""
 NEIGHBOURS = 1001
 """Bins of the periodogram over which its local level is estimated."""
 
@@ -92,6 +95,8 @@ def spectral_peaks(
     if len(part) < FEWEST_BINS:
         return [], 0
     level, m = local_level(part, max(FEWEST_BINS, min(NEIGHBOURS, int(LEVEL_SPAN * n))))
+    first = slice(0, min(m, len(part)))  # where the level was taken to be constant from the lowest frequency on
+    level[first] = np.maximum(level[first], falling_level(part[first], np.asarray(f[rows][first], dtype=np.float64)))
     ratio = part / level
     equivalent = m / 4.0
     chance = np.exp(-equivalent * np.log1p(ratio / equivalent))
@@ -137,6 +142,23 @@ def local_level(part: Array, m: int = NEIGHBOURS) -> tuple[Array, int]:
     centres = 0.5 * (edges[:-1] + edges[1:])
     # The spectrum may fall steeply between blocks (RC, whitening): follow it by straight lines of its logarithm.
     return np.exp(np.interp(np.arange(len(part)), centres, np.log(medians))), m
+
+
+def falling_level(part: Array, f: Array) -> Array:
+    """Mean of exponential bins at frequencies `f` whose level may fall as 1/f or 1/f² to a constant, (n,).
+
+    Fitted to the medians of neighbouring bins, the more of them the higher the frequency, so that no line counts.
+    """
+    edges = np.unique(np.geomspace(1, len(part), int(GROUPS_PER_OCTAVE * math.log2(len(part))) + 1).astype(np.intp)) - 1
+    edges = edges[np.concatenate([[True], np.diff(edges) >= LEAST_GROUP])]
+    edges[0], edges[-1] = 0, len(part)
+    if len(edges) < 5:
+        return np.zeros(len(part))
+    medians = medians_between(part, edges) / math.log(2.0)
+    centres = np.sqrt(f[edges[:-1]] * f[edges[1:] - 1])
+    powers = np.arange(3.0)
+    c, _ = power_fit(medians, (centres[:, None] / f[0]) ** -powers)
+    return np.asarray((f[:, None] / f[0]) ** -powers @ c)
 
 
 def medians_between(y: Array, edges: NDArray[np.intp]) -> Array:
