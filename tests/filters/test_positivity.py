@@ -70,7 +70,7 @@ def test_a_rate_that_is_none_is_refused() -> None:
 
 def test_rk4_under_a_diffuse_prior_says_rate_prior_and_what_to_choose() -> None:
     given = {"q": 5e-7, "r_position": 1e-12, "x0": np.zeros(4), "P0": np.diag([1e-8, 1.0, 0.09, 9.0])}
-    live = filters.fixed_rate_with_effects(dt=0.01, integrator="rk4", carrier="dense", **given)  # type: ignore[arg-type]
+    live = filters.fixed_rate_with_effects(dt=0.01, choice=FilterChoice(integrator="rk4"), **given)  # type: ignore[arg-type]
     none = np.zeros((3, 0)), np.zeros(0)
 
     def follow() -> None:

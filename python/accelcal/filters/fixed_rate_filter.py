@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +71,10 @@ MOST_EFFECTS = 14
 """Effects that the compiled filter has room for in addition to k and K0."""
 
 
+FACTORED = FilterChoice("aci", "linear", interpolation="cubic", carrier="factored")
+"""First order, no integration error, UD factors: what runs live unless chosen otherwise."""
+
+
 def fixed_rate_with_effects(
     *,
     dt: float,
@@ -81,10 +85,8 @@ def fixed_rate_with_effects(
     rest: float = 0.0,
     tau: float = 0.0,
     parameters: Sequence[GaussMarkov | None] | None = None,
-    order: Literal[1, 2] = 1,
+    choice: FilterChoice = FACTORED,
     gate: float | None = None,
-    integrator: Literal["rk4", "exact"] = "exact",
-    carrier: Literal["dense", "factored"] = "factored",
 ) -> _core.FixedRateFilter:
     """ACI with a forward linear sensor and m effects whose columns the caller gives at every step.
 
@@ -100,8 +102,8 @@ def fixed_rate_with_effects(
     parameters : sequence of GaussMarkov or None
         How k, K0, c_1 ... c_m move, (m + 2,); None where one is constant.
 
-    integrator, carrier
-        As in `FilterChoice`; RK4 in the dense form alone.
+    choice : FilterChoice
+        Order, integrator and carrier count: system, sensor and interpolation are given. RK4 needs the dense carrier.
 
     Other parameters are those of `fixed_rate`.
 
@@ -120,8 +122,8 @@ def fixed_rate_with_effects(
     processes = [None] * (m + 2) if parameters is None else list(parameters)
     if len(processes) != m + 2:
         raise ValueError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
-    if carrier == "factored" and integrator != "exact":
+    if choice.carrier == "factored" and choice.integrator != "exact":
         raise ValueError('fixed_rate_with_effects: UD factors need integrator="exact".')
-    choice = FilterChoice("aci", "linear", interpolation="cubic", integrator=integrator, order=order, carrier=carrier)
+    choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")
     setup = core_setup(choice, q, r_position, None, None, tau, None, gate)
     return _core.FixedRateFilter(setup, *core_prior(names, x, P0), dt, (rest, [rate_and_density(w) for w in processes]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
 from accelcal.filters.causal_signals import CausalSignals
 from accelcal.filters.choice import GaussMarkov
-from accelcal.filters.fixed_rate_filter import MOST_EFFECTS, fixed_rate_with_effects
+from accelcal.filters.fixed_rate_filter import FACTORED, MOST_EFFECTS, fixed_rate_with_effects
 from accelcal.model import Estimate, Model, Prior, Term, evaluate
 from accelcal.signals.signals import Origins, Signals
 
@@ -123,7 +124,7 @@ class LiveModel:
             rest=rig.polarity * rig.gravity,
             tau=tau,
             parameters=[moving.get(name) for name in self.names],
-            order=order,
+            choice=replace(FACTORED, order=order),
             gate=gate,
         )
         self._signals = CausalSignals(rig, origins or Origins(), 1.0 / rate, q)
