@@ -56,6 +56,16 @@ KINDS: dict[str, Kind] = {
         "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
         forbids_names=True,
     ),
+    "unresolved_motion": Kind(
+        "beside",
+        "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",
+    ),
+    "motion_beyond_sampling": Kind(
+        "verdict",
+        "The motion changes faster than the sampling resolves during {share:.2g} % of the record, at {instants} "
+        "instants; sample faster, or smooth the set-points",
+        forbids_names=True,
+    ),
     "search_stopped": Kind(
         "beside",
         "The search was stopped after {models} models, at its budget of {seconds:.3g} s of processor time; this is the "

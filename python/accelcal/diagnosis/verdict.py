@@ -35,6 +35,7 @@ from accelcal.diagnosis.position_noise import coloured_position
 from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.turning import FittedSpan, turning_sensor
+from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, result
 from accelcal.estimation.gauss_newton import Solution
@@ -175,13 +176,15 @@ def verdict_on(
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
+    unresolved = unresolved_motion(runs)
     solution.states.clear()  # the comparison predicts anew: one set of signals at a time
     if not found.enough:
         significant = ()
     where = compare(profiled, recording, start=stretch.start, end=stretch.end)
     span = (stretch.start, stretch.end)
     turning = turning_sensor(model, found.found, where, sizes, fitted, span) if found.enough else None
-    if turning is not None:  # what follows the tilt would pass for an effect of place, time, bias or scale
+    forbidding = next((one for one in (unresolved, turning) if one is not None and one.forbids_names), None)
+    if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
         found, significant, delay_found = replace(found, found=(), named=()), (), False
     groups = [Confounded(f.effect, f.members, f.experiment) for f in found.found]
     p_values: dict[str, float] = {}
@@ -194,8 +197,8 @@ def verdict_on(
         for name, p in p_values.items()
     ]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
-    verdict, left = verdict_and_sentence(profiled, found, significant, groups, turning or coloured)
-    inside = present(profiled, alpha / found.examined, sizes) if found.enough and turning is None else ()
+    verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured)
+    inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
         groups.insert(0, delay)
@@ -215,7 +218,7 @@ def verdict_on(
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
-        remarks=(*(one for one in (turning, coloured) if one is not None), *stretch.remarks),
+        remarks=(*(one for one in (turning, coloured, unresolved) if one is not None), *stretch.remarks),
         present=inside,
         left=left,
     )

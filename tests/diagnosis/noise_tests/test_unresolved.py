@@ -12,11 +12,13 @@ from accelcal.data.recording import Channel, Recording
 from accelcal.diagnosis.noise_tests import outliers
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, OUTPUT_OUTLIERS
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.estimation.estimate import solve_runs
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.io import load
 from accelcal.model import Model
 from accelcal.signals.unresolved import NO_JUMPS
+from accelcal.workflow import improve
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Clocks
 
@@ -24,12 +26,12 @@ SECONDS, ALPHA = 20.0, 1e-4
 """Each null below alarms with a probability of `ALPHA` a test."""
 
 
-def recorded(tmp_path: Path, name: str, clocks: Clocks | None = None) -> Recording:
+def recorded(tmp_path: Path, name: str, clocks: Clocks | None = None, seconds: float = SECONDS) -> Recording:
     """A record of one regime of tests/regimes, with other clocks if asked."""
     regime = TABLE[name]
     if clocks is not None:
         regime = replace(regime, rig=replace(regime.rig, clocks=clocks))
-    return load(regime.build(4711, seconds=SECONDS).write(tmp_path))
+    return load(regime.build(4711, seconds=seconds).write(tmp_path))
 
 
 def found(recording: Recording) -> set[str]:
@@ -65,3 +67,20 @@ def test_wrong_samples_beside_jumps_are_found(tmp_path: Path, name: str):
 @pytest.mark.parametrize("name", ["a-cosine-cxl02", "a-random-cxl02"])
 def test_jitter_is_found_beside_kinks(tmp_path: Path, name: str):
     assert JITTER in found(recorded(tmp_path, name, Clocks(jitter=1e-4)))
+
+
+def test_the_remark_counts_the_jumps(tmp_path: Path):
+    run = prepare(recorded(tmp_path, "a-trap-cxl02"))
+    said = unresolved_motion([run])
+    assert said is not None
+    assert said.code == "unresolved_motion"
+    assert said.values["instants"] == int(np.sum(run.jumps.certain))
+    assert 0.5 < said.values["instants"] / len(run.jumps.t) <= 1.0
+    assert unresolved_motion([prepare(recorded(tmp_path, "a-smooth-cxl02"))]) is None
+
+
+def test_a_motion_beyond_the_sampling_is_not_judged(tmp_path: Path):
+    found = improve(recorded(tmp_path, "q-100Hz-bumps", seconds=40.0))
+    assert found.verdict == "unexplained"
+    assert found.effects == ()
+    assert "faster than the sampling resolves during" in found.sentence
