@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long embedded check bench bench-check bench-live bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long embedded check bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -70,6 +70,9 @@ bench-against: $(STAMP) ## Time and memory of fit and diagnose against another r
 bench-peers: $(STAMP) ## Run every other filter on our workloads and put the table into docs/benchmarks.md. Installs them.
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e ".[peers]"
 	$(BIN)/python -m benches.peers --write
+
+bench-regimes: $(STAMP) ## Hold the product to honest records of every kind of rig; hours, restartable.
+	$(BIN)/python -m benches.regimes --workers 2
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write
