@@ -80,11 +80,12 @@ class ChannelFilters:
     def colour(self, crossover: float) -> bool:
         """Whether the noise of the sensor is not white up to a crossover, Hz, as the readings show it.
 
-        Its power is judged at the crossover, where both channels count alike, and at a tenth of it.
+        It never is behind a high-pass, which takes its slowest part; elsewhere its power at the crossover counts, where
+        both channels know the acceleration equally well.
         """
-        f = np.array([0.1 * crossover, crossover])
+        f = np.array([crossover])
         power = np.abs(self.common(f) * np.where(f < ROLL_OFF * self.edge, 1.0, 0.0)) ** 2
-        return bool(np.min(power) < LEAST_POWER)
+        return bool(not self.rig.coupled or power[0] < LEAST_POWER)
 
     @property
     def kernel(self) -> float:
