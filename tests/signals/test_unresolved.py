@@ -53,6 +53,32 @@ def test_a_wrong_sample_is_not_called_a_jump(profile: str, size: float):
     assert len(mistaken) <= 2  # of some 40: a rate of 1 % leaves more than two in 0.8 % of such records
 
 
+@pytest.mark.parametrize("apart", [1.3, 2.0, 3.7])
+def test_two_jumps_in_one_window_are_no_wrong_sample(apart: float):
+    """The end of one ramp and the beginning of the next, a few samples apart."""
+    rng = np.random.default_rng(7)
+    t = STEP * np.arange(4000)
+    u = SIGMA * rng.standard_normal(len(t))
+    begins = STEP * (np.arange(100.0, 3900.0, 100.0) + rng.random(38))
+    for begin in begins:
+        for instant in (begin, begin + apart * STEP):
+            u -= 200.0 * SIGMA * (t > instant) * (1.0 - np.exp(-np.maximum(t - instant, 0.0) / TAU))
+    found = jumps(t, u, STEP, TAU)
+    near = [np.min(np.abs(found.t - begin)) < 6 * STEP for begin in begins]
+    assert np.mean(near) > 0.9
+
+
+def test_two_wrong_samples_in_a_row_are_not_called_jumps():
+    t, u, _ = output("smooth", 30.0, 31)
+    at = np.random.default_rng(2).choice(np.arange(100, len(t) - 100, 25), WRONG, replace=False)
+    u[at] += 20.0 * SIGMA
+    u[at + 1] += 15.0 * SIGMA
+    certain = jumps(t, u, STEP, TAU)
+    certain_t = certain.t[certain.certain]
+    mistaken = [k for k in at if len(certain_t) and np.min(np.abs(certain_t - t[k])) < 5 * STEP]
+    assert len(mistaken) <= 4  # of 40: a rate of 3 % leaves more than four in 0.7 % of such records
+
+
 def test_noise_holds_no_jumps():
     rng = np.random.default_rng(3)
     u = rng.standard_normal(400_000)

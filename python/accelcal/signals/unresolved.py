@@ -1,7 +1,7 @@
 """Motion that sampling does not resolve: steps and kinks of the acceleration, told apart from wrong samples.
 
 A set-point whose acceleration or jerk jumps holds content above any sampling rate. At each sample that its neighbours
-do not predict, a likelihood ratio on the raw output decides between one wrong sample and such a jump behind the
+do not predict, a likelihood ratio on the raw output decides between one or two wrong samples and such a jump behind the
 low-pass of the sensor (derivations 7.5).
 """
 
@@ -29,13 +29,21 @@ BASELINE = 8
 CERTAIN = (1.2, 6.0)
 """A jump is certain when twice its log-likelihood exceeds that of a wrong sample by this factor, and by this much
 more: it has more choices of its form, and the resolved motion is no exact polynomial."""
+PAIR_CERTAIN = 1.05
+"""The same factor for two jumps against three wrong samples in a row, which explain nearly as much."""
 UNEXPLAINED = (27.0, 0.25)
 """Sum of squares that a jump may leave unexplained, in variances of the noise, or as a share of what it explains; nine
 degrees of freedom are left. Vibration leaves more."""
-PLACES = np.arange(-1.6, 1.65, 0.1)
+PLACES = np.arange(-4.0, 4.05, 0.1)
 """Instants of a jump that are tried, in samples from the one that stands out."""
 POLES = (0.0, 1.0, 3.0)
 """Time constants that are tried beside the declared one, in samples: a sensor's own poles are seldom declared."""
+NEAR = 1.65
+"""Samples within which a single jump lies from the sample that stands out the most."""
+PAIR_STRIDE = 3
+"""Instants of a pair are tried at every third of `PLACES`."""
+DISTINCT = 1e-3
+"""Share of their energy by which two forms must differ to be fitted together."""
 CHUNK = 256
 """Events whose windows are held at a time."""
 
@@ -124,16 +132,26 @@ def classified(
     y = u[rows] / spread[peaks][:, None]
     baseline, _ = np.linalg.qr(x[:, :, None] ** np.arange(BASELINE))
     y = y - np.einsum("nkb,nb->nk", baseline, np.einsum("nkb,nk->nb", baseline, y))
-    wrong = np.zeros((1, 2 * HALF_WINDOW + 1, 3))
-    wrong[0, HALF_WINDOW + np.arange(-1, 2), np.arange(3)] = 1.0
-    wrong_gain, _, _ = best_form(np.broadcast_to(wrong, (len(peaks), *wrong.shape[1:])), baseline, y)
+    wrong = np.zeros((1, 2 * HALF_WINDOW + 1, 5))
+    wrong[0, HALF_WINDOW + np.arange(-2, 3), np.arange(5)] = 1.0
+    wrong_forms = without(baseline, np.broadcast_to(wrong, (len(peaks), *wrong.shape[1:])))
+    energy = np.einsum("nk,nk->n", y, y)
+    wrong_gain = energy - least_remaining(wrong_forms, y, 2)
     poles = tuple(dict.fromkeys((tau / step, *POLES)))
     after = np.maximum(x[:, :, None] - PLACES, 0.0)
-    forms = [response for pole in poles for response in jump_responses(after, pole)]
-    gain, which, size = best_form(np.concatenate(forms, axis=2), baseline, y)
-    rest = np.einsum("nk,nk->n", y, y) - gain
-    kept = (gain > wrong_gain) & (rest < np.maximum(UNEXPLAINED[0], UNEXPLAINED[1] * gain))
+    responses = [response for pole in poles for response in jump_responses(after, pole)]
+    forms = without(baseline, np.concatenate(responses, axis=2))
+    near = np.flatnonzero(np.tile(np.abs(PLACES) < NEAR, len(responses)))
+    gain, which, size = best_form(forms[:, :, near], y)
+    which = near[which]
+    kept = (gain > wrong_gain) & explained(energy, gain)
     certain = gain > CERTAIN[0] * wrong_gain + CERTAIN[1]
+    left = np.flatnonzero(~kept)
+    if len(left):  # two jumps so close that one window holds both, against wrong samples in a row
+        second = pair_gain(forms[left], y[left])
+        spoiled = energy[left] - least_remaining(wrong_forms[left], y[left], 3)
+        certain[left] = second > PAIR_CERTAIN * spoiled + CERTAIN[1]
+        kept[left] = certain[left] & explained(energy[left], second)
     number, place = np.divmod(which[kept], len(PLACES))
     of_jerk = number % 2 == 1
     unit = np.where(of_jerk, step, 1.0)
@@ -157,9 +175,48 @@ def jump_responses(after: Array, pole: float) -> tuple[Array, Array]:
     return begun * (1.0 - decay), after - pole * (1.0 - decay)
 
 
-def best_form(forms: Array, baseline: Array, y: Array) -> tuple[Array, Array, Array]:
+def explained(energy: Array, gain: Array) -> Flags:
+    """Whether a form that gains so much leaves no more than noise, or a small share, of the samples' energy."""
+    return np.asarray(energy - gain < np.maximum(UNEXPLAINED[0], UNEXPLAINED[1] * gain))
+
+
+def without(baseline: Array, forms: Array) -> Array:
+    """Forms (n, k, m) less their parts in an orthonormal baseline (n, k, b)."""
+    return np.asarray(forms - baseline @ (baseline.transpose(0, 2, 1) @ forms))
+
+
+def pair_gain(forms: Array, y: Array) -> Array:
+    """Twice the log-likelihood that the best two forms of one kind, at two of the instants, gain together, (n,)."""
+    best = np.zeros(len(y))
+    for kind in range(forms.shape[2] // len(PLACES)):
+        these = forms[:, :, kind * len(PLACES) : (kind + 1) * len(PLACES) : PAIR_STRIDE]
+        gram = np.einsum("nkm,nkl->nml", these, these)
+        dot = np.einsum("nkm,nk->nm", these, y)
+        power = np.einsum("nmm->nm", gram)
+        volume = power[:, :, None] * power[:, None, :] - gram**2
+        crossed = dot[:, :, None] ** 2 * power[:, None, :] + dot[:, None, :] ** 2 * power[:, :, None]
+        crossed -= 2.0 * dot[:, :, None] * dot[:, None, :] * gram
+        certain = volume > DISTINCT * power[:, :, None] * power[:, None, :]
+        gain = np.where(certain, crossed / np.where(certain, volume, 1.0), 0.0)
+        best = np.maximum(best, gain.max(axis=(1, 2)))
+    return best
+
+
+def least_remaining(forms: Array, y: Array, several: int) -> Array:
+    """Energy of samples that the best `several` neighbouring forms of some do not explain, (n,)."""
+    begins = range(forms.shape[2] - several + 1)
+    return np.asarray(np.min([remaining(forms[:, :, k : k + several], y) for k in begins], axis=0))
+
+
+def remaining(forms: Array, y: Array) -> Array:
+    """Energy of samples (n, k) that no sum of some forms (n, k, m) explains, (n,)."""
+    spanned, _ = np.linalg.qr(forms)
+    left = y - np.einsum("nkm,nm->nk", spanned, np.einsum("nkm,nk->nm", spanned, y))
+    return np.asarray(np.einsum("nk,nk->n", left, left))
+
+
+def best_form(forms: Array, y: Array) -> tuple[Array, Array, Array]:
     """Twice the log-likelihood that the best of some forms (n, k, m) gains, which it is, and its size, (n,) each."""
-    forms = forms - baseline @ (baseline.transpose(0, 2, 1) @ forms)
     power = np.maximum(np.einsum("nkm,nkm->nm", forms, forms), 1e-12)
     dot = np.einsum("nkm,nk->nm", forms, y)
     gain = np.where(power > 1e-6, dot**2 / power, 0.0)
