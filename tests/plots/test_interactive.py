@@ -24,6 +24,7 @@ from accelcal.plots.interactive.timeline import Marks
 from accelcal.plots.numbers import candidate_groups, model_names, normalised_residuals, tiles_of
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
+from accelcal.validation.comparison import Bins
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.evaluation import compare
 from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
@@ -192,7 +193,7 @@ def test_explained_share_of_a_pure_function_and_of_noise():
     count = np.bincount(bins)
     for y, low, high in ((np.sin(3.0 * x), 0.9, 1.0), (rng.standard_normal(len(x)), 0.0, 0.002)):
         mean = np.bincount(bins, weights=y) / count
-        one = ac.compare.__globals__["Bins"]("x", "m", np.linspace(-1, 1, 13), mean, 1.0 / np.sqrt(count) * np.std(y))
+        one = Bins("x", "m", np.linspace(-1, 1, 13), mean, 1.0 / np.sqrt(count) * np.std(y))
         # Twelve bins hold 99 % of a sine; of noise they hold 12/60 000 by chance, taken off. False alarm below 1e-6.
         assert low <= one.explained(float(np.sqrt(np.mean(y**2)))) <= high
 

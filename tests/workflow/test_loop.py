@@ -94,7 +94,7 @@ def test_a_delay_beyond_its_tolerance_is_named_first():
     found = improve(record(4, time_offset=2e-4), holdout=record(5, time_offset=2e-4))
     assert found.effects == ("time_offset",)
     assert [step.effects for step in found.steps] == [(), ("time_offset",)]
-    assert set(found.classes[0].members) == {"time_offset", "sensor_lag", "sensor_resonance"}
+    assert set(found.classes[0].members) == {"time_offset", "sensor_lag", "sensor_resonance", "encoder_lag"}
     first, second = (step.heldout for step in found.steps)
     assert second.one_step_rms < first.one_step_rms
 

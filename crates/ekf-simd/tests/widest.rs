@@ -40,7 +40,14 @@ impl Record {
     }
 
     fn readings(&self) -> Readings<'_> {
-        Readings { t: &self.t, z: &self.z, first: &self.first, second: &self.second, restart: &self.restart, extra_q: &self.extra_q }
+        Readings {
+            t: &self.t,
+            z: &self.z,
+            first: &self.first,
+            second: &self.second,
+            restart: &self.restart,
+            extra_q: &self.extra_q,
+        }
     }
 }
 

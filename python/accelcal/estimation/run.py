@@ -17,7 +17,7 @@ from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.series import FilledSeries, fill_gaps, interpolation_spread
+from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import Jumps, jumps
 
@@ -219,7 +219,7 @@ def prepare(
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
-    every = reading_stride(t, z, part)
+    every = reading_stride(t, z, part, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
     if every > 1:
         t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
     run = PreparedRun(
@@ -249,15 +249,17 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     return replace(run, t=t, z=z, reading_step=float(np.median(np.diff(t))), rounding=run.least_step)
 
 
-def reading_stride(t: Array, z: Array, accel: Channel) -> int:
+def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int:
     """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good.
 
-    The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left.
+    The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left;
+    readings are no better than their `resolution`, m.
     """
     step, between = usual_step(accel.t), float(np.median(np.diff(t)))
     few = slice(0, NOISE_SAMPLES)
     sample, reading = (interpolation_spread(channel_t[few], y[few]) for channel_t, y in ((accel.t, accel.y), (t, z)))
-    if reading <= 0.0 or sample <= 0.0:  # quantised: the step exceeds the noise
+    reading = math.hypot(reading, resolution / math.sqrt(12.0))
+    if reading <= 0.0 or sample <= 0.0:  # nothing to compare
         return 1
     crossover = (sample**2 * step / (reading**2 * between)) ** 0.25 / (2.0 * np.pi)
     wanted = math.ceil(SAMPLES_BETWEEN * step / between)

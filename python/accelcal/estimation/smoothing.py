@@ -81,8 +81,10 @@ def smoothed_signals(
     if cutoff is None:
         rough = gain * output - gravity + wanted
         density = noise.r * run.reading_step
-        cutoff = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
+        cutoff, reach = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
         del rough
+    else:
+        reach = cutoff
     output = low_pass(output, rate, cutoff)
     tau = run.tau(values)
     if tau > 0.0:
@@ -120,7 +122,7 @@ def smoothed_signals(
     if filters.blocking:
         motion = filters.recoupled(motion, np.interp(grid.t, run.t, run.blocked), float(grid.t[1] - grid.t[0]))
     smooth = sensor_signals(run, grid.t, SmoothedMotion(*motion), values, cutoff)
-    return replace(smooth, p_std=p_std, v_std=v_std, a_std=a_std)
+    return replace(smooth, reach=reach, p_std=p_std, v_std=v_std, a_std=a_std)
 
 
 def held_after(integrals: DriveIntegrals, t: Array) -> Array:

@@ -196,7 +196,7 @@ def planned_state(
     integrals = DriveIntegrals(run.t, still, still, still, np.arange(len(run.t)) == 0, still)
     track = run_filter(run, integrals, noise)
     density, crossover = noise.r * run.reading_step, run.crossover(noise)
-    cutoff = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
+    cutoff, _ = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
     grid = Thinning.of(t, run.accel_step, cutoff)
     a, jerk = (low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
     signals = sensor_signals(run, grid.t, Sampled(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)

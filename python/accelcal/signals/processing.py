@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -94,8 +95,17 @@ def mean_periodogram(y: Array, rate: float, segment: int) -> Array:
     return np.asarray(density)
 
 
-def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float, crossover: float) -> float:
-    """Bandwidth that holds the motion and as little noise as possible, Hz.
+class Bandwidth(NamedTuple):
+    """How far a motion goes in frequency."""
+
+    cutoff: float
+    """Above 99.99 % of its power, with a margin of 1.4, Hz."""
+    reach: float
+    """Where the last of it vanishes in the sensor's own noise, with the same margin, Hz."""
+
+
+def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float, crossover: float) -> Bandwidth:
+    """Bandwidth that holds the motion and as little noise as possible, and how far its tail goes.
 
     Parameters
     ----------
@@ -108,23 +118,26 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     -----
     The noise that smoothing leaves has the density of the two channels in parallel. Power above it up to
     about twice the crossover is motion. Beyond, where the encoder cannot confirm it, power is motion as long as the
-    spectrum goes on above the sensor's own noise without a break; what lies apart is vibration. The band ends above
-    99.99 % of the motion, with a margin of 1.4.
+    spectrum goes on above the sensor's own noise without a break; what lies apart is vibration.
     """
     lowest = 0.65 * crossover
     segment = int(min(len(a), max(256, 2 ** int(np.ceil(np.log2(8.0 * rate / lowest))))))
     f, density = spectral_density(a, rate, segment)
     encoder = 2.0 * reading_density * (2.0 * np.pi * f) ** 4
     noise = 2.0 * q * encoder / (2.0 * q + encoder)
-    weight = 1.0 / (1.0 + (f / (2.0 * crossover)) ** 8)
-    motion = np.where(density > 3.0 * noise, density, 0.0) * weight
-    motion[:2] = 0.0
-    total = motion.sum()
-    if total <= 0.0:
-        return float(min(lowest, HIGHEST * rate))
-    edge = float(f[int(np.argmax(1.0 - np.cumsum(motion) / total < 1e-4))])
-    edge = continued(f, density / np.maximum(noise, 1e-300), edge)
-    return float(min(1.4 * max(edge, float(f[2])), HIGHEST * rate))
+    above = np.where(density > 3.0 * noise, density, 0.0)
+    above[:2] = 0.0
+    confirmed = above / (1.0 + (f / (2.0 * crossover)) ** 8)
+    if confirmed.sum() <= 0.0:
+        return Bandwidth(min(lowest, HIGHEST * rate), min(lowest, HIGHEST * rate))
+    reach = continued(f, density / np.maximum(noise, 1e-300), nearly_all(f, confirmed))
+    edge = max(nearly_all(f, np.where(f <= reach, above, 0.0)), nearly_all(f, confirmed))
+    return Bandwidth(*(min(1.4 * max(end, float(f[2])), HIGHEST * rate) for end in (edge, reach)))
+
+
+def nearly_all(f: Array, power: Array) -> float:
+    """Frequency below which 99.99 % of some power lies, Hz."""
+    return float(f[int(np.argmax(1.0 - np.cumsum(power) / power.sum() < 1e-4))])
 
 
 def continued(f: Array, ratio: Array, edge: float) -> float:

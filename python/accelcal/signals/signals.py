@@ -46,6 +46,8 @@ class Signals:
     rig: Rig
     cutoff: float = 0.0
     """Bandwidth of the smoothed motion, Hz."""
+    reach: float = 0.0
+    """Frequency above which no tail of the motion exceeds the sensor's noise, at least `cutoff`, Hz."""
     side: Mapping[str, Array] = field(default_factory=dict)
     """Side channels by name, in SI units (temperature from the model's origin, K)."""
     p_std: float = 0.0

@@ -102,7 +102,9 @@ impl core::fmt::Display for ReplayError {
         match *self {
             Self::Condition(error) => error.fmt(f),
             Self::Noise { q, R } => write!(f, "noise must be positive and finite: q = {q}, R = {R}"),
-            Self::ExtraNoise { index, q } => write!(f, "process noise {q} before reading {index} is negative or not finite"),
+            Self::ExtraNoise { index, q } => {
+                write!(f, "process noise {q} before reading {index} is negative or not finite")
+            }
             Self::InnovationVariance { index, S } => {
                 write!(f, "innovation variance {S} at reading {index} is not positive")
             }

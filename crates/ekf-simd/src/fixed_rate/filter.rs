@@ -195,17 +195,28 @@ impl<W: Arithmetic, K: FixedRateStep<V, M>, V: Row<Number = W::Number>, const M:
                 return Err(StepError::Innovation { e: reading });
             }
         }
-        let (mut block, mut gate) = (at.block, at.gate);
-        let found = kernel.step(&mut block, settings, &mut gate, &at.history, sample)?;
+        // The step works in place, its copy is read after a failure alone: nothing waits for the copy to be written.
+        let (block, gate) = (at.block, at.gate);
+        let stepped = kernel.step(&mut at.block, settings, &mut at.gate, &at.history, sample);
         let sound = |(least, sum): (W::Number, W::Number)| least.value() >= 0.0 && sum.value().is_finite();
         let due = at.unchecked + 1 == EVERY;
-        // Constant parameters are changed by readings alone.
-        let changed = found.is_some() || *drifting;
-        if due || !sound(block.motion_least_and_sum()) || changed && !sound(block.parameters_least_and_sum()) {
-            checked::<_, V, M>(block, *states)?;
-        }
+        let found = stepped.and_then(|found| {
+            // Constant parameters are changed by readings alone.
+            let changed = found.is_some() || *drifting;
+            let now = &at.block;
+            if due || !sound(now.motion_least_and_sum()) || changed && !sound(now.parameters_least_and_sum()) {
+                checked::<_, V, M>(at.block, *states)?;
+            }
+            Ok(found)
+        });
+        let found = match found {
+            Ok(found) => found,
+            Err(error) => {
+                (at.block, at.gate) = (block, gate);
+                return Err(error);
+            }
+        };
         at.unchecked = if due { 0 } else { at.unchecked + 1 };
-        (at.block, at.gate) = (block, gate);
         at.history.push(sample.u);
         at.innovation = found.or(at.innovation);
         Ok(found)

@@ -62,7 +62,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     c, covariance = power_fit(in_band, design)
     p_speed_given_jerk = math.exp(-0.5 * float(c[1:3] @ np.linalg.solve(covariance[1:3, 1:3], c[1:3])))  # two degrees
 
-    weights = spectra.power.mean(axis=0) ** -2.0
+    every = weights = spectra.power.mean(axis=0) ** -2.0
     high = spectra.f > JITTER_BAND * residuals.rate
     if int(high.sum()) > FEWEST_BINS:
         weights = np.where(high, weights, 0.0)
@@ -72,6 +72,9 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         left[occupied] = 0.0
         if np.count_nonzero(left) > FEWEST_BINS:
             weights = left
+        elsewhere = every.copy()
+        elsewhere[occupied] = 0.0
+        every = elsewhere if np.count_nonzero(elsewhere) > FEWEST_BINS else every
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
     leaked = JUMP_TAIL_RATIO * residuals.tail_blocks(spectra)  # at most, of jumps that sampling does not resolve
     certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
@@ -92,7 +95,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         for p, given_other in ((p_speed, p_speed_given_jerk), (p_jerk, p_jerk_given_speed))
     )
     columns = design if p_vibration < NOISE_TEST_ALPHA else design[:, [0, 3]]
-    c, covariance = power_fit(white, columns)
+    c, covariance = power_fit(np.maximum(spectra.power @ (every / every.sum()), floor), columns)
     jitter, spread = amplitude_from_power(c[-1] - known, covariance[-1, -1], 1.0)
     stamps = NoiseTest(
         JITTER,

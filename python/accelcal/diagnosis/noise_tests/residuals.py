@@ -53,10 +53,15 @@ class Residuals:
         self.n = int(place[-1]) + 1
         self.sampled = np.zeros(self.n, dtype=np.bool_)
         self.sampled[place] = True
-        self.edge = min(max(MOTION_FREE * self.rate, 2.0 * s.cutoff), 0.25 * self.rate)
+        self.edge = min(max(MOTION_FREE * self.rate, 2.0 * self.reach), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.sampled[:ends] = self.sampled[self.n - ends :] = False
         self.sampled[widened(self.unresolved, REACH)] = False
+
+    @property
+    def reach(self) -> float:
+        """Frequency above which no motion is left in the output, Hz."""
+        return max(self.signals.cutoff, self.signals.reach)
 
     @property
     def place(self) -> Places:
@@ -104,7 +109,7 @@ class Residuals:
         place = self.place
         if self.unresolved.any():
             output = bridged(np.interp(np.arange(self.n), place, self.u), self.unresolved)
-            return output - low_pass(output, self.rate, self.signals.cutoff)
+            return output - low_pass(output, self.rate, self.reach)
         model = self.model
         slope = np.gradient(model, self.step)[place]
         r = self.u - model[place] - slope * (self.t_u - self.t_u[0] - self.step * place)

@@ -46,7 +46,7 @@ def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     line whose power follows speed: that is vibration.
     """
     t, y, rate = reading_grid(residuals)
-    split = max(2.0 * residuals.signals.cutoff, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
+    split = max(2.0 * residuals.reach, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
     below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate))
     beyond, bins_beyond = spectral_peaks(
         residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.gain, residuals.least_gain
@@ -204,7 +204,7 @@ def tone_test(
     if is_coarse(residuals) and amplitude * residuals.lowpass_gain(frequency) < CONVERTER_LINE_SHARE * residuals.lsb:
         p_value = 1.0  # steps crossed by a periodic motion make lines of their own
     span = float(t[-1] - t[0])
-    within_motion = frequency < residuals.signals.cutoff
+    within_motion = frequency < residuals.reach
     parts = {
         "frequency": float(frequency),
         "frequency_std": math.sqrt(12.0) / (2.0 * math.pi * span) * std / max(amplitude, 1e-300),
