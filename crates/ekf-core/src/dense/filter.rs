@@ -240,6 +240,7 @@ mod tests {
         Belief { x: SVector::zeros(), P: SMatrix::from_diagonal(&SVector::from([1e-8, 1e-2, 1e-2, 1e-2])) }
     }
 
+    #[allow(clippy::large_stack_arrays)] // the core has no heap
     fn outcomes(filter: &Filter<Aci>) -> [Outcome<4>; 2 * COUNT] {
         let t: [f64; COUNT] = core::array::from_fn(|i| i as f64 * DT);
         let u = t.map(|t| 0.1 + 8.0 * libm::sin(200.0 * t));
