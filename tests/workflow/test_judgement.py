@@ -105,7 +105,7 @@ def test_outliers_are_rejected_and_no_longer_inflate_the_noise(effect, channel, 
     assert level(found.fit) == pytest.approx(good, rel=0.03)  # 2 % is what the likelihood knows of either noise
     (dropped,) = found.dropped
     assert (dropped.channel, dropped.of) == (channel, len(getattr(clean, channel)))
-    assert dropped.count == len(at)
+    assert 0.95 * len(at) <= dropped.count <= len(at)  # a few of them may also be jumps of the motion
     assert diagnosis_json.diagnosis_to_dict(found)["dropped"][0]["count"] == dropped.count
 
 

@@ -190,7 +190,7 @@ fn effects_agree<const N: usize, const M: usize>(choice: Choice) {
                 Driven { u: segment.value(s), columns: Plain(std::array::from_fn(between)) }
             };
             let step_input = StepInput { model: WithEffects { rest }, order: choice.order, input, dt: DT };
-            block.step(Integrator::Rk4, 1e-6, &drift, &step_input).unwrap();
+            block.step(choice.integrator, 1e-6, &drift, &step_input).unwrap();
         }
         if !z[j].is_nan() {
             let b = Plain(std::array::from_fn(|i| if i < 2 { 0.0 } else { position_columns[i - 2] }));

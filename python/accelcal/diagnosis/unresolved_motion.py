@@ -16,9 +16,9 @@ def unresolved_motion(runs: Sequence[PreparedRun]) -> Remark | None:
 
     Where the jumps fill more than `UNRESOLVED_MOST_SHARE` of a record, what is left of it is too little to judge.
     """
-    instants = sum(int(np.sum(run.jumps.certain)) for run in runs)
-    if instants == 0:
+    if not any(np.any(run.jumps.certain) for run in runs):
         return None
+    instants = sum(len(run.jumps.t) for run in runs)
     spans = [run.jumps.before + run.jumps.after for run in runs]
     share = sum(float(np.sum(span)) for span in spans) / sum(float(run.t[-1] - run.t[0]) for run in runs)
     code = "unresolved_motion" if share < UNRESOLVED_MOST_SHARE else "motion_beyond_sampling"

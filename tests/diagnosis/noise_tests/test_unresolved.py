@@ -74,8 +74,7 @@ def test_the_remark_counts_the_jumps(tmp_path: Path):
     said = unresolved_motion([run])
     assert said is not None
     assert said.code == "unresolved_motion"
-    assert said.values["instants"] == int(np.sum(run.jumps.certain))
-    assert 0.5 < said.values["instants"] / len(run.jumps.t) <= 1.0
+    assert said.values["instants"] == len(run.jumps.t) > 50
     assert unresolved_motion([prepare(recorded(tmp_path, "a-smooth-cxl02"))]) is None
 
 
