@@ -45,14 +45,23 @@ def test_few_lost_samples_are_filled_in_like_many(series, monkeypatch):
     assert np.max(np.abs(by_matrix)) > 0.1
 
 
-def test_information_next_to_lost_samples_is_what_the_others_leave():
+@pytest.mark.parametrize("share", [0.02, 0.3])
+def test_information_next_to_lost_samples_is_what_the_others_leave(share):
+    """Of Gaussian noise with precision matrix R the conditional variance given the kept neighbours within reach."""
     rng = np.random.default_rng(3)
-    reach, n = rng.uniform(0.0, 0.02, REACH), 500
-    lost = np.sort(rng.choice(n, 40, replace=False))
-    affected, information = remaining_information(reach, lost, n)
-    flags = np.zeros(n)
-    flags[lost] = 1.0
-    expected = 1.0 - np.convolve(flags, [*reach[::-1], 0.0, *reach], "same")
-    np.testing.assert_allclose(information, expected[affected], atol=1e-14)  # sums of at most 32 terms below 1
-    assert np.all(np.delete(expected, affected) == 1.0)
-    assert np.min(information) < 0.97
+    n = 300
+    spectrum = np.clip((np.abs(np.fft.fftfreq(n)) - 0.1) / 0.05, 0.0, 1.0) * (1.0 + np.abs(np.fft.fftfreq(n)))
+    response = np.fft.ifft(spectrum).real
+    response = response[: 2 * REACH + 1] / response[0]
+    lost = np.sort(rng.choice(n, int(share * n), replace=False))
+    affected, information = remaining_information(response, lost, n)
+    distance = np.abs(np.arange(n)[:, None] - np.arange(n))
+    assert set(affected) == set(np.flatnonzero((distance[:, lost] <= REACH).any(axis=1)))
+    for place, found in zip(affected, information, strict=True):
+        near = lost[(np.abs(lost - place) <= REACH)]
+        together = np.union1d(near, place)
+        R = response[np.minimum(distance[np.ix_(together, together)], 2 * REACH)] + 1e-9 * np.eye(len(together))
+        own = np.searchsorted(together, place)
+        expected = 0.0 if place in lost else 1.0 / np.linalg.inv(R)[own, own]
+        assert found == pytest.approx(expected, abs=1e-5)  # the 1e-9 of the diagonal over eigenvalues of 1e-4
+    assert np.min(information[~np.isin(affected, lost)]) < (0.97 if share < 0.1 else 0.5)

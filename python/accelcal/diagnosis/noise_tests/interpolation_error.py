@@ -18,6 +18,10 @@ REACH = 16
 """Samples on either side that contribute to the interpolation of one."""
 LEAST_INFORMATION = 0.5
 """Share of the information on a sample that lost neighbours may take away."""
+BATCH = 4096
+"""Samples whose lost neighbours are solved for at a time."""
+REGULAR = 1e-9
+"""Added to the diagonal, in responses at distance 0: several lost samples in a row may form what the filter stops."""
 MOST_ITERATIONS = 12
 """Iterations of conjugate gradients for lost samples; most of them are isolated, and few iterations suffice for those.
 """
@@ -80,16 +84,14 @@ class InterpolationError:
         """Interpolation errors (n,) once lost samples are corrected.
 
         Next to a lost sample less is known: errors there are scaled to the spread that they have elsewhere. Next to
-        several lost samples too little is known, and the error is set to zero.
+        several lost samples too little is known, and the error is NaN.
         """
         if len(lost) == 0:
             return errors
-        response = self.response[: REACH + 1]
-        affected, information = remaining_information((response[1:] / response[0]) ** 2, lost, self.n)
+        response = self.response[: 2 * REACH + 1]
+        affected, information = remaining_information(response / response[0], lost, self.n)
         errors = errors - self(correction)
-        errors[affected] = np.where(
-            information > LEAST_INFORMATION, errors[affected] / np.sqrt(np.maximum(information, LEAST_INFORMATION)), 0.0
-        )
+        errors[affected] /= np.sqrt(np.where(information > LEAST_INFORMATION, information, np.nan))
         return errors
 
     @property
@@ -114,20 +116,34 @@ def solve_corrections(act: Callable[[Array], Array], errors: Array) -> Array:
     return x
 
 
-def remaining_information(reach: Array, lost: Places, n: int) -> tuple[Places, Array]:
+def remaining_information(response: Array, lost: Places, n: int) -> tuple[Places, Array]:
     """Samples near lost ones, and the share of the information on them that remains, (m,) each.
+
+    The lost samples about one, corrected together, take away c' R^-1 c, with c its response to each of them and R
+    theirs to each other: the Schur complement of a Gaussian with that precision matrix.
 
     Parameters
     ----------
-    reach : share that each neighbour contributes, by its distance from 1 on.
-    lost : which of the `n` samples are lost.
+    response : of an interpolation error to a unit error at each distance from 0 on, over that at 0; twice the reach.
+    lost : which of the `n` samples are lost, in rising order.
     """
-    distance = np.arange(1, len(reach) + 1)
-    neighbours = (lost[:, None] + np.concatenate([-distance, distance])).ravel()
-    affected, index = np.unique(np.concatenate([lost, neighbours]), return_inverse=True)
-    lost_information = np.bincount(index[len(lost) :], np.tile(reach, 2 * len(lost)), len(affected))
-    inside = (affected >= 0) & (affected < n)
-    return np.asarray(affected[inside]), np.asarray(1.0 - lost_information[inside])
+    reach = (len(response) - 1) // 2
+    window = np.arange(-reach, reach + 1)
+    affected = np.unique(lost[:, None] + window)
+    affected = affected[(affected >= 0) & (affected < n)]
+    first = np.searchsorted(lost, affected - reach)
+    count = np.searchsorted(lost, affected + reach, side="right") - first
+    information = np.empty(len(affected))
+    for several in np.unique(count):
+        same = np.flatnonzero(count == several)
+        for begin in range(0, len(same), BATCH):
+            these = same[begin : begin + BATCH]
+            places = lost[first[these, None] + np.arange(several)]
+            c = response[np.abs(places - affected[these, None])]
+            R = response[np.abs(places[:, :, None] - places[:, None, :])] + REGULAR * np.eye(several)
+            taken = c * np.linalg.solve(R, c[:, :, None])[:, :, 0]
+            information[these] = 1.0 - taken.sum(axis=1)
+    return np.asarray(affected), information
 
 
 def high_passed(y: Array, rate: float, edge: float) -> Array:

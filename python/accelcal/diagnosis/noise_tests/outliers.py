@@ -13,7 +13,7 @@ from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
 from accelcal.diagnosis.policy import EXAMINED_SIGMA, NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
 from accelcal.signals.series import widened
-from accelcal.signals.unresolved import ISOLATED, jumps_at, local_maxima
+from accelcal.signals.unresolved import ISOLATED, Places, jumps_at, local_maxima
 
 
 def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
@@ -41,32 +41,33 @@ def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     return np.asarray(np.sqrt(behind, out=behind))
 
 
-def motion_jumps(residuals: Residuals, score: Array) -> Flags:
-    """Which of the sampled times lie at a jump of the motion, by the samples about each score that is large."""
+def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
+    """Which of some uniform times lie at a jump of the motion, by the samples about each score that is large."""
     scores, marked = np.zeros(residuals.n), np.zeros(residuals.n, dtype=np.bool_)
-    scores[residuals.sampled] = score
+    scores[known] = score
     peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
     run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
     places = np.searchsorted(run.accel.t, stamps)
     found = jumps_at(run.accel.t, run.accel.y, places, run.accel_step, run.declared_tau)
     at = np.rint((found.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
     marked[np.clip(at, 0, residuals.n - 1)] = True
-    return np.asarray(widened(marked, 2 * ISOLATED)[residuals.sampled])
+    return np.asarray(widened(marked, 2 * ISOLATED)[known])
 
 
 def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     """Test for single samples of the output that its local noise does not allow."""
     y, gain = residuals.interpolation_errors
-    usual = motion_noise_level(residuals, gain)[residuals.sampled]
-    y = y[residuals.sampled]
+    known = np.flatnonzero(residuals.sampled & np.isfinite(y))
+    usual = motion_noise_level(residuals, gain)[known]
+    y = y[known]
     y /= usual
     spread, dof = spread_of(y)
     spread *= usual
     y *= usual
     del usual
     np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(gain**2))), out=spread)
-    kept = ~motion_jumps(residuals, np.abs(y) / np.maximum(spread, 1e-300))
-    y, t = y[kept], residuals.t[residuals.sampled][kept]
+    kept = ~motion_jumps(residuals, known, np.abs(y) / np.maximum(spread, 1e-300))
+    y, t = y[kept], residuals.t[known[kept]]
     found = outliers(y, spread[kept], len(y), dof)
     text = (
         found.sentence("samples of the output", "m/s²")

@@ -141,7 +141,9 @@ class Residuals:
         del whole
         errors = interpolation(self.residual - np.mean(self.residual))
         correction = interpolation.correction(errors, lost)
-        y = interpolation.corrected(errors, correction, lost)[self.sampled]
+        y = interpolation.corrected(errors, correction, lost)
+        known = np.flatnonzero(self.sampled & np.isfinite(y))
+        y = y[known]
         spread, _ = spread_of(y)
         np.hypot(spread, math.sqrt(self.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
         score = np.abs(y)
@@ -149,7 +151,7 @@ class Residuals:
         outlying = isolated_peaks(score, np.flatnonzero(score > OUTLIER_SIGMA))
         if len(outlying) == 0:
             return correction, lost
-        outlying = np.flatnonzero(self.sampled)[outlying]
+        outlying = known[outlying]
         lost = np.union1d(lost, np.clip(outlying[:, None] + np.arange(-1, 2), 0, self.n - 1))
         return interpolation.correction(errors, lost), lost
 
@@ -188,7 +190,8 @@ class Residuals:
 
     @property
     def interpolation_errors(self) -> tuple[Array, Array]:
-        """Interpolation error of each sample of the residual given its neighbours, (n,) m/s²; gain of the filter."""
+        """Interpolation error of each sample of the residual given its neighbours, (n,) m/s², NaN where too few of them
+        are left; gain of the filter."""
         interpolation, lost = self.interpolation_filter(self.spectra), self.lost
         errors = interpolation(self.residual - np.mean(self.residual))
         return interpolation.corrected(errors, interpolation.correction(errors, lost), lost), interpolation.gain
