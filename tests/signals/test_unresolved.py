@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from accelcal import _core
+from accelcal.signals.jumps import NO_FLAGS, NONE, Jumps, lost_velocity, output_of
 from accelcal.signals.series import bridged, fill_gaps
-from accelcal.signals.unresolved import NO_FLAGS, NONE, Jumps, jumps, lost_velocity
+from accelcal.signals.unresolved import jumps
 from tests.regimes.profiles import PROFILES
 from tests.worlds.numerics import stream
 
@@ -66,6 +67,21 @@ def test_two_jumps_in_one_window_are_no_wrong_sample(apart: float):
     found = jumps(t, u, STEP, TAU)
     near = [np.min(np.abs(found.t - begin)) < 6 * STEP for begin in begins]
     assert np.mean(near) > 0.9
+    both = [all(np.min(np.abs(found.t - begin - late)) < STEP for late in (0.0, apart * STEP)) for begin in begins]
+    assert np.mean(both) > (0.8 if apart >= 2.0 else 0.2)  # those a sample apart are hardly two
+
+
+@pytest.mark.parametrize("tau", [0.0, TAU])
+@pytest.mark.parametrize("of_jerk", [False, True])
+def test_the_output_of_jumps_is_the_sum_of_their_responses(tau: float, of_jerk: bool):
+    rng = np.random.default_rng(8)
+    t, n, at, size = STEP * np.arange(500), 20, 0.3 * rng.random(20), rng.standard_normal(20)
+    late = np.maximum(t[:, None] - at, 0.0)
+    decay = np.exp(-late / tau) if tau else np.zeros_like(late)
+    each = late - tau * (1.0 - decay) if of_jerk else (late > 0.0) * (1.0 - decay)
+    ones, flags = np.ones(n), np.ones(n, dtype=bool)
+    some = Jumps(at, size, flags & of_jerk, tau * ones, flags, ones, ones)
+    np.testing.assert_allclose(output_of(some, 0.0, STEP, 500), each @ size, atol=1e-12)  # sums of 20 terms near 1
 
 
 def test_two_wrong_samples_in_a_row_are_not_called_jumps():

@@ -6,8 +6,8 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
+from accelcal.signals.jumps import Jumps, lost_velocity
 from accelcal.signals.series import FilledSeries, interpolation_spread
-from accelcal.signals.unresolved import Jumps, lost_velocity
 
 JUMP_WINDOW = 1.5
 """Samples to either side of a jump over which its error is spread."""

@@ -17,9 +17,10 @@ from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
 from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
+from accelcal.signals.jumps import Jumps
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
-from accelcal.signals.unresolved import Jumps, jumps
+from accelcal.signals.unresolved import jumps
 
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""

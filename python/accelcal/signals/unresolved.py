@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.signals.jumps import NO_JUMPS, NONE, Jumps, jump_responses
 from accelcal.signals.series import grid_step, interpolation_errors, local_spread
 
 Places = NDArray[np.intp]
@@ -34,42 +35,25 @@ PAIR_CERTAIN = 1.05
 UNEXPLAINED = (27.0, 0.25)
 """Sum of squares that a jump may leave unexplained, in variances of the noise, or as a share of what it explains; nine
 degrees of freedom are left. Vibration leaves more."""
-PLACES = np.arange(-4.0, 4.05, 0.1)
-"""Instants of a jump that are tried, in samples from the one that stands out."""
+PLACES = np.arange(-1.6, 1.65, 0.1)
+"""Instants of a single jump that are tried, in samples from the one that stands out the most."""
+PAIR_PLACES = np.arange(-7.8, 7.85, 0.2)
+"""Instants of either of two jumps that are tried: the window holds them."""
 POLES = (0.0, 1.0, 3.0)
 """Time constants that are tried beside the declared one, in samples: a sensor's own poles are seldom declared."""
-NEAR = 1.65
-"""Samples within which a single jump lies from the sample that stands out the most."""
-PAIR_STRIDE = 3
-"""Instants of a pair are tried at every third of `PLACES`."""
+PAIR_MARGIN = 20.0
+"""Margin by which a pair is certain where it leaves nothing but noise: three wrong samples would leave six degrees of
+freedom, which exceed it 3 times in 1000."""
+APART = 1.2
+"""Samples by which two jumps lie apart; closer ones are counted as one."""
+PAIR_LEAVES = 0.1
+"""Share of what a single jump leaves unexplained that two may leave, to be taken for two."""
 DISTINCT = 1e-3
 """Share of their energy by which two forms must differ to be fitted together."""
 CHUNK = 256
 """Events whose windows are held at a time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Jumps:
-    """Instants that sampling does not resolve, on the clock of the samples."""
-
-    t: Array
-    """Instants, (n,) s."""
-    size: Array
-    """Jump of the acceleration, m/s², or of the jerk, m/s³, (n,)."""
-    of_jerk: Flags
-    """Whether it is the jerk that jumps, (n,)."""
-    tau: Array
-    """Time constant of the pole through which it was seen, (n,) s."""
-    certain: Flags
-    """Whether a wrong sample is excluded, (n,); of the others a jump is the better explanation."""
-    before: Array
-    """Time before each instant from which on samples are moved by it, (n,) s."""
-    after: Array
-    """Time after which the poles have forgotten it, (n,) s."""
-
-
-NONE, NO_FLAGS = np.empty(0), np.empty(0, dtype=np.bool_)
-NO_JUMPS = Jumps(NONE, NONE, NO_FLAGS, NONE, NO_FLAGS, NONE, NONE)
+ROW = np.dtype([("t", "f8"), ("size", "f8"), ("of_jerk", "?"), ("tau", "f8"), ("certain", "?"), ("ratio", "f8")])
+"""A jump as in `Jumps`, and its size in deviations of the noise."""
 
 
 def jumps(t: Array, u: Array, step: float, tau: float) -> Jumps:
@@ -107,9 +91,12 @@ def examined(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau:
     found = [classified(t, u, spread, peaks[k : k + CHUNK], step, tau) for k in range(0, len(peaks), CHUNK)]
     if not found:
         return NO_JUMPS
-    instant, size, pole, of_jerk, certain, ratio = (np.concatenate(part) for part in zip(*found, strict=True))
-    after = ISOLATED * step + np.maximum(pole, tau) * np.log1p(ratio)
-    return Jumps(instant, size, of_jerk > 0.0, pole, certain > 0.0, np.full_like(after, 0.5 * ISOLATED * step), after)
+    row = np.concatenate(found)
+    row = row[np.argsort(row["t"], kind="stable")]
+    row = row[np.diff(row["t"], prepend=-np.inf) > APART * step]  # two windows may hold the same jump
+    after = ISOLATED * step + np.maximum(row["tau"], tau) * np.log1p(row["ratio"])
+    before = np.full_like(after, 0.5 * ISOLATED * step)
+    return Jumps(row["t"], row["size"], row["of_jerk"], row["tau"], row["certain"], before, after)
 
 
 def local_maxima(score: Array, reach: int, least: float) -> Places:
@@ -122,57 +109,86 @@ def local_maxima(score: Array, reach: int, least: float) -> Places:
     return np.asarray(above[np.argmax(around, axis=1) == reach])
 
 
-def classified(
-    t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Of some samples that stand out those that a jump explains: the fields of `Jumps`, flags as 0 and 1, and its
-    size over the noise."""
+def classified(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float) -> NDArray[np.void]:
+    """Of some samples that stand out those that one or two jumps explain, a `ROW` for each jump."""
     rows = peaks[:, None] + np.arange(-HALF_WINDOW, HALF_WINDOW + 1)
     x = (t[rows] - t[peaks][:, None]) / step
     y = u[rows] / spread[peaks][:, None]
     baseline, _ = np.linalg.qr(x[:, :, None] ** np.arange(BASELINE))
     y = y - np.einsum("nkb,nb->nk", baseline, np.einsum("nkb,nk->nb", baseline, y))
-    wrong = np.zeros((1, 2 * HALF_WINDOW + 1, 5))
-    wrong[0, HALF_WINDOW + np.arange(-2, 3), np.arange(5)] = 1.0
-    wrong_forms = without(baseline, np.broadcast_to(wrong, (len(peaks), *wrong.shape[1:])))
     energy = np.einsum("nk,nk->n", y, y)
-    wrong_gain = energy - least_remaining(wrong_forms, y, 2)
-    poles = tuple(dict.fromkeys((tau / step, *POLES)))
-    after = np.maximum(x[:, :, None] - PLACES, 0.0)
-    responses = [response for pole in poles for response in jump_responses(after, pole)]
-    forms = without(baseline, np.concatenate(responses, axis=2))
-    near = np.flatnonzero(np.tile(np.abs(PLACES) < NEAR, len(responses)))
-    gain, which, size = best_form(forms[:, :, near], y)
-    which = near[which]
+    wrong = np.eye(2 * HALF_WINDOW + 1)[None, :, HALF_WINDOW - ISOLATED : HALF_WINDOW + ISOLATED + 1]
+    wrong = without(baseline, np.broadcast_to(wrong, (len(peaks), *wrong.shape[1:])))
+    wrong_gain = energy - least_remaining(wrong, y, 2)
+    poles = np.array(list(dict.fromkeys((tau / step, *POLES))))
+    gain, kind, place, size = best_form(jump_forms(x, baseline, poles, PLACES), y)
     kept = (gain > wrong_gain) & explained(energy, gain)
     certain = gain > CERTAIN[0] * wrong_gain + CERTAIN[1]
-    left = np.flatnonzero(~kept)
+    single = Found(np.arange(len(peaks)), kind, PLACES[place], size)
+    left = np.flatnonzero(~kept | (energy - gain > UNEXPLAINED[0]))
+    second = Found.none()
     if len(left):  # two jumps so close that one window holds both, against wrong samples in a row
-        second = pair_gain(forms[left], y[left])
-        spoiled = energy[left] - least_remaining(wrong_forms[left], y[left], 3)
-        certain[left] = second > PAIR_CERTAIN * spoiled + CERTAIN[1]
-        kept[left] = certain[left] & explained(energy[left], second)
-    number, place = np.divmod(which[kept], len(PLACES))
-    of_jerk = number % 2 == 1
-    unit = np.where(of_jerk, step, 1.0)
-    pole_of = np.asarray(poles)[number // 2] * step
-    return (
-        t[peaks[kept]] + PLACES[place] * step,
-        size[kept] * spread[peaks[kept]] / unit,
-        pole_of,
-        of_jerk.astype(np.float64),
-        certain[kept].astype(np.float64),
-        np.abs(size[kept]),
+        pair_gain, pair_kind, pair_place, pair_size = best_pair(
+            jump_forms(x[left], baseline[left], poles, PAIR_PLACES), y[left]
+        )
+        spoiled = energy[left] - least_remaining(wrong[left], y[left], 3)
+        sure = (pair_gain > PAIR_CERTAIN * spoiled + CERTAIN[1]) & explained(energy[left], pair_gain)
+        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (energy[left] - pair_gain < UNEXPLAINED[0])
+        pair_at = PAIR_PLACES[pair_place]
+        two = sure & (pair_at[:, 1] - pair_at[:, 0] > APART)
+        two &= energy[left] - pair_gain < np.where(kept[left], PAIR_LEAVES, np.inf) * (energy - gain)[left]
+        certain[left] |= sure
+        kept[left] |= sure
+        kept[left[two]] = False
+        second = Found(
+            np.repeat(left[two], 2), np.repeat(pair_kind[two], 2), pair_at[two].ravel(), pair_size[two].ravel()
+        )
+    return np.concatenate(
+        [one.rows(t[peaks], spread[peaks], certain, poles, step) for one in (single.of(kept), second)]
     )
 
 
-def jump_responses(after: Array, pole: float) -> tuple[Array, Array]:
-    """Response of a pole to a unit step and to a unit ramp at times `after` their beginning, all in samples."""
-    begun = (after > 0.0).astype(np.float64)
-    if pole <= 0.0:
-        return begun, after
-    decay = np.exp(-after / pole)
-    return begun * (1.0 - decay), after - pole * (1.0 - decay)
+@dataclass(frozen=True, slots=True)
+class Found:
+    """Jumps in windows about samples that stand out."""
+
+    window: Places
+    """Which window each lies in, (m,)."""
+    kind: Places
+    """Twice the index of its pole, one more where it is of the jerk, (m,)."""
+    place: Array
+    """Instant from the middle of its window, (m,) samples."""
+    size: Array
+    """In deviations of the noise, per sample where it is of the jerk, (m,)."""
+
+    @classmethod
+    def none(cls) -> Found:
+        """No jump."""
+        return cls(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), NONE, NONE)
+
+    def of(self, kept: Flags) -> Found:
+        """Those in some of the windows."""
+        return Found(self.window[kept], self.kind[kept], self.place[kept], self.size[kept])
+
+    def rows(self, middle: Array, spread: Array, certain: Flags, poles: Array, step: float) -> NDArray[np.void]:
+        """Each as a `ROW`, by the middle, s, the noise, m/s², and the certainty of each window."""
+        row = np.zeros(len(self.window), dtype=ROW)
+        row["t"] = middle[self.window] + self.place * step
+        row["of_jerk"] = self.kind % 2 == 1
+        row["size"] = self.size * spread[self.window] / np.where(row["of_jerk"], step, 1.0)
+        row["tau"] = poles[self.kind // 2] * step
+        row["certain"] = certain[self.window]
+        row["ratio"] = np.abs(self.size)
+        return row
+
+
+def jump_forms(x: Array, baseline: Array, poles: Array, places: Array) -> Array:
+    """Responses (n, k, kinds, places) of each pole to a step and to a ramp at each place, less their parts in the
+    baseline (n, k, b); `x` (n, k) are the instants of the samples, all in samples."""
+    after = np.maximum(x[:, :, None] - places, 0.0)
+    responses = [response for pole in poles for response in jump_responses(after, pole)]
+    forms = without(baseline, np.concatenate(responses, axis=2))
+    return forms.reshape(*x.shape, len(responses), len(places))
 
 
 def explained(energy: Array, gain: Array) -> Flags:
@@ -185,21 +201,37 @@ def without(baseline: Array, forms: Array) -> Array:
     return np.asarray(forms - baseline @ (baseline.transpose(0, 2, 1) @ forms))
 
 
-def pair_gain(forms: Array, y: Array) -> Array:
-    """Twice the log-likelihood that the best two forms of one kind, at two of the instants, gain together, (n,)."""
-    best = np.zeros(len(y))
-    for kind in range(forms.shape[2] // len(PLACES)):
-        these = forms[:, :, kind * len(PLACES) : (kind + 1) * len(PLACES) : PAIR_STRIDE]
-        gram = np.einsum("nkm,nkl->nml", these, these)
+def best_pair(forms: Array, y: Array) -> tuple[Array, Places, Places, Array]:
+    """Two forms of one kind, of some (n, k, kinds, places), that explain samples (n, k) best.
+
+    Returns
+    -------
+    Twice the log-likelihood that they gain, (n,), their kind, (n,), places in rising order and sizes, (n, 2).
+    """
+    n, _, kinds, places = forms.shape
+    best, which = np.zeros(n), np.zeros(n, dtype=np.intp)
+    at, sizes = np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
+    every = np.arange(n)
+    for kind in range(kinds):
+        these = forms[:, :, kind]
+        gram = np.matmul(these.transpose(0, 2, 1), these)
         dot = np.einsum("nkm,nk->nm", these, y)
         power = np.einsum("nmm->nm", gram)
         volume = power[:, :, None] * power[:, None, :] - gram**2
         crossed = dot[:, :, None] ** 2 * power[:, None, :] + dot[:, None, :] ** 2 * power[:, :, None]
         crossed -= 2.0 * dot[:, :, None] * dot[:, None, :] * gram
-        certain = volume > DISTINCT * power[:, :, None] * power[:, None, :]
-        gain = np.where(certain, crossed / np.where(certain, volume, 1.0), 0.0)
-        best = np.maximum(best, gain.max(axis=(1, 2)))
-    return best
+        distinct = volume > DISTINCT * power[:, :, None] * power[:, None, :]
+        gain = np.where(distinct, crossed / np.where(distinct, volume, 1.0), 0.0).reshape(n, -1)
+        most = np.argmax(gain, axis=1)
+        better = gain[every, most] > best
+        i, j = np.divmod(most, places)
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        determinant = np.where(distinct[every, i, j], volume[every, i, j], 1.0)
+        first = (dot[every, i] * power[every, j] - dot[every, j] * gram[every, i, j]) / determinant
+        last = (dot[every, j] * power[every, i] - dot[every, i] * gram[every, i, j]) / determinant
+        best[better], which[better] = gain[every, most][better], kind
+        at[better], sizes[better] = np.column_stack([i, j])[better], np.column_stack([first, last])[better]
+    return best, which, at, sizes
 
 
 def least_remaining(forms: Array, y: Array, several: int) -> Array:
@@ -215,23 +247,15 @@ def remaining(forms: Array, y: Array) -> Array:
     return np.asarray(np.einsum("nk,nk->n", left, left))
 
 
-def best_form(forms: Array, y: Array) -> tuple[Array, Array, Array]:
-    """Twice the log-likelihood that the best of some forms (n, k, m) gains, which it is, and its size, (n,) each."""
-    power = np.maximum(np.einsum("nkm,nkm->nm", forms, forms), 1e-12)
-    dot = np.einsum("nkm,nk->nm", forms, y)
+def best_form(forms: Array, y: Array) -> tuple[Array, Places, Places, Array]:
+    """The form, of some (n, k, kinds, places), that explains samples (n, k) best: twice the log-likelihood that it
+    gains, its kind, its place, and its size, (n,) each."""
+    n, k, kinds, places = forms.shape
+    flat = forms.reshape(n, k, kinds * places)
+    power = np.maximum(np.einsum("nkm,nkm->nm", flat, flat), 1e-12)
+    dot = np.einsum("nkm,nk->nm", flat, y)
     gain = np.where(power > 1e-6, dot**2 / power, 0.0)
     which = np.argmax(gain, axis=1)
-    at = np.arange(len(y)), which
-    return gain[at], which, dot[at] / power[at]
-
-
-def lost_velocity(found: Jumps, step: float) -> Array:
-    """Standard deviation of the velocity that samples `step` s apart miss at each jump, (n,) m/s (derivations 7.5)."""
-    if len(found.t) == 0:
-        return np.empty(0)
-    phase = (np.arange(64) + 0.5) / 64.0
-    x = np.maximum(found.tau, 0.02 * step)[:, None] / step  # time constants in samples
-    of_step = (0.5 - phase) - (np.exp(-phase / x) / -np.expm1(-1.0 / x) - x)
-    of_ramp = 0.5 * (phase - phase**2) - x * of_step
-    missed = np.where(found.of_jerk, of_ramp.std(axis=1) * step**2, of_step.std(axis=1) * step)
-    return np.asarray(np.abs(found.size) * missed)
+    at = np.arange(n), which
+    kind, place = np.divmod(which, places)
+    return gain[at], kind, place, dot[at] / power[at]

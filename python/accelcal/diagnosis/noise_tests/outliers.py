@@ -15,6 +15,9 @@ from accelcal.diagnosis.policy import EXAMINED_SIGMA, NOISE_TEST_ALPHA, NOISE_TE
 from accelcal.signals.series import widened
 from accelcal.signals.unresolved import ISOLATED, Places, jumps_at, local_maxima
 
+BESIDE = np.arange(-2, 3)
+"""Samples beside one that stands out about which a jump is looked for: wrong samples are tried as far."""
+
 
 def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     """Standard deviation of the interpolation errors as a function of the motion, (n,) m/s².
@@ -47,7 +50,7 @@ def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
     scores[known] = score
     peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
     run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
-    places = np.searchsorted(run.accel.t, stamps)
+    places = np.unique(np.searchsorted(run.accel.t, stamps)[:, None] + BESIDE)
     found = jumps_at(run.accel.t, run.accel.y, places, run.accel_step, run.declared_tau)
     at = np.rint((found.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
     marked[np.clip(at, 0, residuals.n - 1)] = True

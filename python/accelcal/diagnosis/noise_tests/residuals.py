@@ -16,6 +16,7 @@ from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outl
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.channel_filters import LEAST_GAIN
 from accelcal.estimation.run_state import RunState
+from accelcal.signals.jumps import output_of
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import bridged, grid_step, local_spread, widened
 from accelcal.signals.signals import Signals
@@ -99,6 +100,16 @@ class Residuals:
         np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
         return np.asarray(np.cumsum(edges)[:-1] > 0.0)
 
+    @property
+    def resolved_output(self) -> Array:
+        """Output at uniform times without the jumps of the motion, the samples next to each bridged, (n,) m/s².
+
+        A bridge over a jump would leave a fast slope, which no filter could tell from noise.
+        """
+        output = np.interp(np.arange(self.n), self.place, self.u)
+        output -= output_of(self.run.jumps, float(self.t_u[0]), self.step, self.n)
+        return bridged(output, self.unresolved)
+
     @cached_property
     def residual(self) -> Array:
         """Output minus model at uniform times, lost samples bridged by straight lines, (n,) m/s².
@@ -106,10 +117,10 @@ class Residuals:
         Where the motion jumps, output and smoothed motion differ by more than noise: the jumps are bridged, and what
         is left is the output beyond the bandwidth of the motion.
         """
-        place = self.place
         if self.unresolved.any():
-            output = bridged(np.interp(np.arange(self.n), place, self.u), self.unresolved)
+            output = self.resolved_output
             return output - low_pass(output, self.rate, self.reach)
+        place = self.place
         model = self.model
         slope = np.gradient(model, self.step)[place]
         r = self.u - model[place] - slope * (self.t_u - self.t_u[0] - self.step * place)
@@ -210,7 +221,7 @@ class Residuals:
 
     def tail_blocks(self, spectra: BlockSpectra) -> Array:
         """Power of the output over the blocks of some spectra in the band `TAIL`, below that of the tests, (K,)."""
-        output = bridged(np.interp(np.arange(self.n), self.place, self.u), self.unresolved)
+        output = self.resolved_output
         low, high = (share * self.rate for share in TAIL)
         output -= low_pass(output, self.rate, 0.5 * low)
         tail = BlockSpectra.of(high_passed(output, self.rate, 0.8 * low), self.sampled, self.rate, low, spectra.window)
