@@ -55,10 +55,11 @@ def output_of(found: Jumps, begin: float, step: float, n: int) -> Array:
         first = np.ceil((t - begin) / step - 1e-9).astype(np.intp)
         inside = (first >= 0) & (first < n)
         first, size, late = first[inside], size[inside], begin + step * first[inside] - t[inside]
-        level = np.asarray(np.cumsum(np.bincount(first, size, n)), dtype=np.float64)
+        sizes: Array = np.bincount(first, size, n).astype(np.float64)
+        level = np.cumsum(sizes)
         held = np.zeros(n)
         if tau > 0.0:
-            held = np.bincount(first, size * np.exp(-late / tau), n)
+            held = np.bincount(first, size * np.exp(-late / tau), n).astype(np.float64)
             held = scipy.signal.lfilter([1.0], [1.0, -np.exp(-step / tau)], held)
         if of_jerk:
             risen = np.bincount(first, size * late, n) + step * np.append(0.0, level[:-1])

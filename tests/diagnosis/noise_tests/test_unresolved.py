@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests import outliers
-from accelcal.diagnosis.noise_tests.noise_test import JITTER, OUTPUT_OUTLIERS
+from accelcal.diagnosis.noise_tests import outliers, residuals, tones
+from accelcal.diagnosis.noise_tests.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.estimation.estimate import solve_runs
@@ -21,6 +21,7 @@ from accelcal.signals.jumps import NO_JUMPS
 from accelcal.workflow import improve
 from tests.regimes.regimes import TABLE
 from tests.regimes.rig import Clocks
+from tests.regimes.trials import Trial
 
 SECONDS, ALPHA = 20.0, 1e-4
 """Each null below alarms with a probability of `ALPHA` a test."""
@@ -83,3 +84,25 @@ def test_a_motion_beyond_the_sampling_is_not_judged(tmp_path: Path):
     assert found.verdict == "unexplained"
     assert found.effects == ()
     assert "faster than the sampling resolves during" in found.sentence
+
+
+def test_a_line_that_only_the_position_holds_is_no_tone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Steps of 20 um, crossed at the constant speeds of trapezoidal moves."""
+    record = TABLE["h-coarse-trap"].build(Trial("h-coarse-trap", 5, 910).record_seed)
+    recording = load(record.write(tmp_path))
+    assert LINE not in found(recording)
+    monkeypatch.setattr(tones, "output_lacks", lambda *_: False)
+    assert LINE in found(recording)
+
+
+def test_unfiltered_jumps_leave_nothing_to_the_outliers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    record = TABLE["a-trap-servo-norc"].build(Trial("a-trap-servo-norc", 1, 910).record_seed)
+    recording = load(record.write(tmp_path))
+    assert OUTPUT_OUTLIERS not in found(recording)
+    monkeypatch.setattr(residuals, "output_of", lambda _jumps, _begin, _step, n: np.zeros(n))
+    assert OUTPUT_OUTLIERS in found(recording)
+
+
+def test_many_lost_samples_are_no_outliers(tmp_path: Path):
+    record = TABLE["k-accel30-adxl105"].build(Trial("k-accel30-adxl105", 0, 905).record_seed)
+    assert OUTPUT_OUTLIERS not in found(load(record.write(tmp_path)))
