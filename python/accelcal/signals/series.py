@@ -106,8 +106,16 @@ def widened(marked: Flags, reach: int) -> Flags:
     return np.asarray(scipy.ndimage.binary_dilation(marked, iterations=reach)) if marked.any() else marked
 
 
-FILLED = {1: 4, 2: 3, 3: 3}
-"""Samples to either side from which lost ones are filled in, by how many are lost: more would raise their noise."""
+MOST_FILLED = 16
+"""Lost samples in a row that are filled in; over more the motion changes too much."""
+FILL_DEGREE, FILL_BESIDE = 7, 3
+"""Degree of the polynomial that fills a gap, and by how many samples those to either side that it is fitted to exceed
+the lost ones: as many as keep its noise near that of a cubic through four."""
+FILL_MISFIT = (6.0, 20.0)
+"""Misfit to those samples beyond its expectation, in its deviations and in variances of a sample, above which a gap is
+not filled in: the motion there is no such polynomial."""
+GAPS = 4096
+"""Gaps that are filled in at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,10 +135,11 @@ class FilledSeries:
 
 
 def fill_gaps(t: Array, y: Array, step: float) -> FilledSeries:
-    """Fill in up to three lost samples in a row by the polynomial through their neighbours.
+    """Fill in up to `MOST_FILLED` lost samples in a row by a polynomial fitted to their neighbours.
 
     A cubic over such a gap errs by (w gap)^4, always towards less motion, and would bias the scale factor; what is left
-    here is noise. Longer gaps are left to the interpolant of the replay.
+    here is noise. Longer gaps, and those whose neighbours no such polynomial describes, are left to the interpolant of
+    the replay.
 
     Parameters
     ----------
@@ -144,18 +153,21 @@ def fill_gaps(t: Array, y: Array, step: float) -> FilledSeries:
     noise = 2.0 * (0.5 + END_WEIGHT * spacings) ** 2 - (spacings + 1.0)
     filled = np.zeros(len(before), dtype=np.bool_)
     times, values = [t], [y]
-    for count, side in FILLED.items():
+    variance = interpolation_spread(t, y) ** 2 + grid_step(y) ** 2 / 12.0
+    for count in range(1, MOST_FILLED + 1):
+        side = count + FILL_BESIDE
         which = np.flatnonzero((lost == count) & (before >= side - 1) & (before + side < len(t)))
-        if len(which) == 0:
-            continue
-        rows = before[which][:, None] + np.arange(1 - side, side + 1)
         inside = np.arange(1, count + 1) / (count + 1.0)
-        at = t[before[which]][:, None] + length[which][:, None] * inside
-        weights = lagrange_weights(t[rows], at)
-        times.append(at.ravel())
-        values.append(np.einsum("gkj,gj->gk", weights, y[rows]).ravel())
-        noise[which] = np.sum((1.0 + weights.sum(axis=1)) ** 2, axis=1) - (2 * side + count)
-        filled[which] = True
+        for some in np.split(which, range(GAPS, len(which), GAPS)):
+            rows = before[some][:, None] + np.arange(1 - side, side + 1)
+            at = t[before[some]][:, None] + length[some][:, None] * inside
+            weights, misfit = fitted_polynomials(t[rows], y[rows], at)
+            free = 2 * side - FILL_DEGREE - 1
+            fits = misfit <= (free + FILL_MISFIT[0] * math.sqrt(2.0 * free) + FILL_MISFIT[1]) * variance
+            times.append(at[fits].ravel())
+            values.append(np.einsum("gkj,gj->gk", weights[fits], y[rows[fits]]).ravel())
+            noise[some[fits]] = np.sum((1.0 + weights[fits].sum(axis=1)) ** 2, axis=1) - (2 * side + count)
+            filled[some[fits]] = True
     begin, end = t[before], t[before + 1]
     if not filled.any():
         return FilledSeries(t, y, begin, end, noise, filled)
@@ -164,12 +176,19 @@ def fill_gaps(t: Array, y: Array, step: float) -> FilledSeries:
     return FilledSeries(every[order], np.concatenate(values)[order], begin, end, noise, filled)
 
 
-def lagrange_weights(nodes: Array, at: Array) -> Array:
-    """Weights of values at `nodes` (g, j) in the polynomial through them, at times `at` (g, k), as (g, k, j)."""
-    weights = np.ones((*at.shape, nodes.shape[1]))
-    for j in range(nodes.shape[1]):
-        for other in range(nodes.shape[1]):
-            if other != j:
-                span = nodes[:, j] - nodes[:, other]
-                weights[:, :, j] *= (at - nodes[:, other, None]) / span[:, None]
-    return weights
+def fitted_polynomials(nodes: Array, values: Array, at: Array) -> tuple[Array, Array]:
+    """Polynomials of degree `FILL_DEGREE` fitted to values at `nodes`, (g, j) each.
+
+    Returns
+    -------
+    Weights of the values in each polynomial at times `at` (g, k), as (g, k, j); sums of squared misfits, (g,).
+    """
+    middle, half = 0.5 * (nodes[:, :1] + nodes[:, -1:]), 0.5 * (nodes[:, -1:] - nodes[:, :1])
+    basis = np.polynomial.legendre.legvander((nodes - middle) / half, FILL_DEGREE)
+    orthonormal, triangle = np.linalg.qr(basis)
+    here = np.polynomial.legendre.legvander((at - middle) / half, FILL_DEGREE)
+    weights = np.linalg.solve(triangle.transpose(0, 2, 1), here.transpose(0, 2, 1)).transpose(0, 2, 1)
+    weights = weights @ orthonormal.transpose(0, 2, 1)
+    centred = values - values.mean(axis=1, keepdims=True)
+    explained = np.einsum("gjb,gj->gb", orthonormal, centred)
+    return weights, np.sum(centred**2, axis=1) - np.sum(explained**2, axis=1)

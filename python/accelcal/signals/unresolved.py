@@ -7,13 +7,13 @@ low-pass of the sensor (derivations 7.5).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.signals.jumps import NO_JUMPS, NONE, Jumps, jump_responses
+from accelcal.signals.jumps import NO_JUMPS, Jumps, jump_responses
 from accelcal.signals.series import grid_step, interpolation_errors, local_spread
 
 Places = NDArray[np.intp]
@@ -37,6 +37,8 @@ UNEXPLAINED = (27.0, 0.25)
 degrees of freedom are left. Vibration leaves more."""
 PLACES = np.arange(-1.6, 1.65, 0.1)
 """Instants of a single jump that are tried, in samples from the one that stands out the most."""
+FINER = np.arange(-0.1, 0.11, 0.02)
+"""Instants about the best of those that are tried after them: a strong jump misfits by more than noise between two."""
 PAIR_PLACES = np.arange(-7.8, 7.85, 0.2)
 """Instants of either of two jumps that are tried: the window holds them."""
 POLES = (0.0, 1.0, 3.0)
@@ -44,7 +46,12 @@ POLES = (0.0, 1.0, 3.0)
 PAIR_MARGIN = 20.0
 """Margin by which a pair is certain where it leaves nothing but noise: three wrong samples would leave six degrees of
 freedom, which exceed it 3 times in 1000."""
-APART = 1.2
+ALIKE = 0.4
+"""Share of the larger of two jumps below which the smaller may be a misfit of its pole."""
+STEPS_FIRST = 10.0
+"""What two jumps of the jerk must gain beyond two of the acceleration: a ramp of one sample and two steps explain the
+same samples, and the steps leave more of the velocity unknown."""
+APART = 0.9
 """Samples by which two jumps lie apart; closer ones are counted as one."""
 PAIR_LEAVES = 0.1
 """Share of what a single jump leaves unexplained that two may leave, to be taken for two."""
@@ -122,30 +129,38 @@ def classified(t: Array, u: Array, spread: Array, peaks: Places, step: float, ta
     wrong_gain = energy - least_remaining(wrong, y, 2)
     poles = np.array(list(dict.fromkeys((tau / step, *POLES))))
     gain, kind, place, size = best_form(jump_forms(x, baseline, poles, PLACES), y)
+    near = PLACES[place]
+    for one in np.unique(kind):
+        same = np.flatnonzero(kind == one)
+        finer = jump_forms(x[same], baseline[same], poles[one // 2 : one // 2 + 1], near[same, None] + FINER)
+        gain[same], _, place, size[same] = best_form(finer[:, :, one % 2 : one % 2 + 1], y[same])
+        near[same] += FINER[place]
     kept = (gain > wrong_gain) & explained(energy, gain)
     certain = gain > CERTAIN[0] * wrong_gain + CERTAIN[1]
-    single = Found(np.arange(len(peaks)), kind, PLACES[place], size)
-    left = np.flatnonzero(~kept | (energy - gain > UNEXPLAINED[0]))
-    second = Found.none()
-    if len(left):  # two jumps so close that one window holds both, against wrong samples in a row
-        pair_gain, pair_kind, pair_place, pair_size = best_pair(
-            jump_forms(x[left], baseline[left], poles, PAIR_PLACES), y[left]
-        )
+    single = Found(np.arange(len(peaks)), kind, near, size)
+    remaining = np.where(kept, energy - gain, np.inf)
+    poor, undeclared = remaining > UNEXPLAINED[0], kind > 1
+    found = []
+    for tried, of in ((poor, poles), (~poor & undeclared, poles[:1])):
+        left = np.flatnonzero(tried)
+        if len(left) == 0:
+            continue
+        pair, pair_gain = best_pair(jump_forms(x[left], baseline[left], of, PAIR_PLACES), y[left])
+        unexplained = energy[left] - pair_gain
         spoiled = energy[left] - least_remaining(wrong[left], y[left], 3)
         sure = (pair_gain > PAIR_CERTAIN * spoiled + CERTAIN[1]) & explained(energy[left], pair_gain)
-        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (energy[left] - pair_gain < UNEXPLAINED[0])
-        pair_at = PAIR_PLACES[pair_place]
-        two = sure & (pair_at[:, 1] - pair_at[:, 0] > APART)
-        two &= energy[left] - pair_gain < np.where(kept[left], PAIR_LEAVES, np.inf) * (energy - gain)[left]
+        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (unexplained < UNEXPLAINED[0])
+        two = sure & (pair.place[1::2] - pair.place[::2] > APART)
+        two &= (unexplained < PAIR_LEAVES * remaining[left]) | ((unexplained < UNEXPLAINED[0]) & undeclared[left])
+        alike = np.abs(pair.size) > ALIKE * np.abs(pair.size).reshape(-1, 2).max(axis=1).repeat(2)
+        two &= ~kept[left] | alike.reshape(-1, 2).all(axis=1)
         certain[left] |= sure
         kept[left] |= sure
         kept[left[two]] = False
-        second = Found(
-            np.repeat(left[two], 2), np.repeat(pair_kind[two], 2), pair_at[two].ravel(), pair_size[two].ravel()
-        )
-    return np.concatenate(
-        [one.rows(t[peaks], spread[peaks], certain, poles, step) for one in (single.of(kept), second)]
-    )
+        clear = np.repeat(two, 2) & alike & (np.abs(pair.size) > EVENT_SIGMA)
+        found.append(replace(pair, window=np.repeat(left, 2)).of(clear))
+    found.append(single.of(kept))
+    return np.concatenate([some.rows(t[peaks], spread[peaks], certain, poles, step) for some in found])
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,11 +175,6 @@ class Found:
     """Instant from the middle of its window, (m,) samples."""
     size: Array
     """In deviations of the noise, per sample where it is of the jerk, (m,)."""
-
-    @classmethod
-    def none(cls) -> Found:
-        """No jump."""
-        return cls(np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp), NONE, NONE)
 
     def of(self, kept: Flags) -> Found:
         """Those in some of the windows."""
@@ -184,11 +194,11 @@ class Found:
 
 def jump_forms(x: Array, baseline: Array, poles: Array, places: Array) -> Array:
     """Responses (n, k, kinds, places) of each pole to a step and to a ramp at each place, less their parts in the
-    baseline (n, k, b); `x` (n, k) are the instants of the samples, all in samples."""
-    after = np.maximum(x[:, :, None] - places, 0.0)
+    baseline (n, k, b); `x` (n, k) are the instants of the samples, all in samples. Places are (m,), or (n, m)."""
+    after = np.maximum(x[:, :, None] - np.atleast_2d(places)[:, None, :], 0.0)
     responses = [response for pole in poles for response in jump_responses(after, pole)]
     forms = without(baseline, np.concatenate(responses, axis=2))
-    return forms.reshape(*x.shape, len(responses), len(places))
+    return forms.reshape(*x.shape, len(responses), places.shape[-1])
 
 
 def explained(energy: Array, gain: Array) -> Flags:
@@ -201,18 +211,18 @@ def without(baseline: Array, forms: Array) -> Array:
     return np.asarray(forms - baseline @ (baseline.transpose(0, 2, 1) @ forms))
 
 
-def best_pair(forms: Array, y: Array) -> tuple[Array, Places, Places, Array]:
-    """Two forms of one kind, of some (n, k, kinds, places), that explain samples (n, k) best.
+def best_pair(forms: Array, y: Array) -> tuple[Found, Array]:
+    """Two forms of one kind, of some (n, k, kinds, places) at `PAIR_PLACES`, that explain samples (n, k) best.
 
     Returns
     -------
-    Twice the log-likelihood that they gain, (n,), their kind, (n,), places in rising order and sizes, (n, 2).
+    The two of each window after each other, in order of place; and twice the log-likelihood that they gain, (n,).
     """
     n, _, kinds, places = forms.shape
     best, which = np.zeros(n), np.zeros(n, dtype=np.intp)
     at, sizes = np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
     every = np.arange(n)
-    for kind in range(kinds):
+    for kind in sorted(range(kinds), key=lambda kind: kind % 2):  # steps first
         these = forms[:, :, kind]
         gram = np.matmul(these.transpose(0, 2, 1), these)
         dot = np.einsum("nkm,nk->nm", these, y)
@@ -223,7 +233,7 @@ def best_pair(forms: Array, y: Array) -> tuple[Array, Places, Places, Array]:
         distinct = volume > DISTINCT * power[:, :, None] * power[:, None, :]
         gain = np.where(distinct, crossed / np.where(distinct, volume, 1.0), 0.0).reshape(n, -1)
         most = np.argmax(gain, axis=1)
-        better = gain[every, most] > best
+        better = gain[every, most] > best + (STEPS_FIRST if kind % 2 else 0.0)
         i, j = np.divmod(most, places)
         i, j = np.minimum(i, j), np.maximum(i, j)
         determinant = np.where(distinct[every, i, j], volume[every, i, j], 1.0)
@@ -231,7 +241,7 @@ def best_pair(forms: Array, y: Array) -> tuple[Array, Places, Places, Array]:
         last = (dot[every, j] * power[every, i] - dot[every, i] * gram[every, i, j]) / determinant
         best[better], which[better] = gain[every, most][better], kind
         at[better], sizes[better] = np.column_stack([i, j])[better], np.column_stack([first, last])[better]
-    return best, which, at, sizes
+    return Found(np.repeat(every, 2), np.repeat(which, 2), PAIR_PLACES[at].ravel(), sizes.ravel()), best
 
 
 def least_remaining(forms: Array, y: Array, several: int) -> Array:
