@@ -118,7 +118,7 @@ def lines(outcomes: Sequence[Outcome]) -> list[Line]:
         *([often("expected verdict", met, 1.0)] if met else []),
         *common(outcomes),
     ]
-    at_rest = [o for o in outcomes if TABLE[o["regime"]].refusal]
+    at_rest = [o for o in outcomes if TABLE[o["regime"]].profile == "rest"]
     if at_rest:
         kinds = {o.get("verdict", "refused") for o in at_rest}
         found.append(Line("verdicts at rest", ", ".join(sorted(kinds)), f"of {len(at_rest)}", "one", len(kinds) == 1))

@@ -159,6 +159,10 @@ of lines is vibration. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"
 CONVERTER_LINE_SHARE = 0.05
 """Amplitude, over a coarse converter step, below which a line may be the converter's own. Steps crossed by a
 periodic motion make lines. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+REPEATED_LEAST_SHARE = 0.1
+"""Share of the readings in motion that repeat the one before, above which the colour of innovations is not tested over
+times that the filter averages over. The rounding errors of a coarse encoder follow the position. [share;
+tests/diagnosis/noise_tests/test_unresolved.py]"""
 PRESENT_SHARE = 0.5
 """Amplitude in the output, over that of a line of the innovations, below which the line is the position's. The motion
 that is estimated follows the output, so that innovations hold the lines of both. [share;

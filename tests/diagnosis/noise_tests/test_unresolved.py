@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from accelcal.data.recording import Channel, Recording
-from accelcal.diagnosis.noise_tests import outliers, residuals, tones
+from accelcal.diagnosis.noise_tests import outliers, residuals, tones, whiteness
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, LINE, OUTPUT_OUTLIERS
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
@@ -106,3 +106,12 @@ def test_unfiltered_jumps_leave_nothing_to_the_outliers(tmp_path: Path, monkeypa
 def test_many_lost_samples_are_no_outliers(tmp_path: Path):
     record = TABLE["k-accel30-adxl105"].build(Trial("k-accel30-adxl105", 0, 905).record_seed)
     assert OUTPUT_OUTLIERS not in found(load(record.write(tmp_path)))
+
+
+def test_rounding_of_a_coarse_encoder_is_no_colour(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Counts of 20 um that repeat while the stage moves; twin: colour tested over times that the filter averages."""
+    record = TABLE["h-coarse-mixed"].build(Trial("h-coarse-mixed", 0, 912).record_seed)
+    recording = load(record.write(tmp_path))
+    assert "whiteness" not in found(recording)
+    monkeypatch.setattr(whiteness, "shortest_scale", lambda _: 1.0)
+    assert "whiteness" in found(recording)

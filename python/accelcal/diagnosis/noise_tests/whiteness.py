@@ -10,10 +10,12 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
-from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, NOISE_TEST_LEAST_BLOCKS, REPEATED_LEAST_SHARE
 
 LAGS = 5
 """Lags on each time scale."""
+MEMORIES = 2.0
+"""Memories of the filter from which on sums of innovations are compared, behind a coarse encoder."""
 
 
 def whiteness(residuals: Residuals) -> NoiseTest:
@@ -33,9 +35,13 @@ def whiteness(residuals: Residuals) -> NoiseTest:
             "declared filters colour the noise; whether it is white is not tested",
         )
     y = residuals.readings
+    least = shortest_scale(residuals)
     scales: dict[int, tuple[float, float]] = {}
     length = 1
     while len(y) // length >= 4 * NOISE_TEST_LEAST_BLOCKS:
+        if length < least:
+            length *= 4
+            continue
         K = len(y) // length
         sums = y[: K * length].reshape(K, length).sum(axis=1)
         scales[length] = portmanteau(sums)
@@ -54,6 +60,16 @@ def whiteness(residuals: Residuals) -> NoiseTest:
     )
     parts = {"scale": lag, **{f"p_{k}": value[1] for k, value in scales.items()}}
     return NoiseTest("whiteness", Q, p, first, "", 1.0 / math.sqrt(len(y)), text, parts)
+
+
+def shortest_scale(residuals: Residuals) -> float:
+    """Readings from which on colour is tested: 1, or more than the filter averages over where a coarse encoder repeats
+    its counts while it moves. Its rounding errors then follow the position, and are white over longer times only."""
+    run = residuals.run
+    moving = np.count_nonzero(np.diff(run.z) == 0.0) / len(run.z) if run.rounding > 0.0 else 0.0
+    if moving < REPEATED_LEAST_SHARE:
+        return 1.0
+    return MEMORIES / (2.0 * math.pi * run.crossover(residuals.state.noise) * run.reading_step)
 
 
 def portmanteau(y: Array) -> tuple[float, float]:
