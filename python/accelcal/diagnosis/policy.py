@@ -119,6 +119,10 @@ JUMP_TAIL_RATIO = 0.3
 """Power of a jump of the motion above 0.3 of the sampling rate, over its power between 0.1 and 0.2, that is taken off
 before jitter is judged. A sampled step of the acceleration has 0.25, smoother ones less, jitter 1. [ratio;
 tests/diagnosis/noise_tests/test_unresolved.py]"""
+CLEAR_TAIL_RATIO = 3.0
+"""Power of a block between 0.1 and 0.2 of the sampling rate, over the usual, below which it holds no jump of a
+motion. The six degrees of freedom of noise alone exceed it in one block of 150. [ratio;
+tests/diagnosis/noise_tests/test_unresolved.py]"""
 UNRESOLVED_MOST_SHARE = 0.25
 """Share of a record that jumps of the motion may fill before nothing in it is named. With more of them most jumps
 overlap others, and what lies between is too short to judge. [ratio;

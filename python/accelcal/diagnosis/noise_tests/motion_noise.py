@@ -13,6 +13,7 @@ from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTe
 from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
 from accelcal.diagnosis.noise_tests.stamps import known_jitter
 from accelcal.diagnosis.policy import (
+    CLEAR_TAIL_RATIO,
     JITTER_BAND,
     JUMP_TAIL_RATIO,
     NOISE_TEST_ALPHA,
@@ -36,7 +37,8 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     vibration, the squared inverse of the noise for jitter, which is white while noise and vibration are not. The p
     value of each is that of the score of its own variable (`power_trend_test`), as long as its coefficient in power =
     s² + c1 v² + c2 v⁴ + c3 j² is significant given the other's. Where the record confounds the two (a single tone: j =
-    -w² v), both are reported.
+    -w² v), both are reported. Jumps of the motion reach into the band of jitter from below: it is judged with what they
+    leave there taken off, and in the blocks that hold nothing but noise there, and its p value counts both.
     """
     spectra = residuals.short_spectra
     v2, v4, j2 = residuals.motion_blocks(spectra)
@@ -76,10 +78,19 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         elsewhere[occupied] = 0.0
         every = elsewhere if np.count_nonzero(elsewhere) > FEWEST_BINS else every
     white = np.maximum(spectra.power @ (weights / weights.sum()), floor)
-    leaked = JUMP_TAIL_RATIO * residuals.tail_blocks(spectra)  # at most, of jumps that sampling does not resolve
+    tail = residuals.tail_blocks(spectra)
+    leaked = JUMP_TAIL_RATIO * tail  # at most, of jumps that sampling does not resolve
     certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
-    z_jerk, p_jerk = power_trend_test(certain, j2)
-    c, covariance = power_fit(certain, design)
+    clear = tail < CLEAR_TAIL_RATIO * float(np.median(tail))
+    judged = [(certain, np.ones_like(clear))]
+    if np.count_nonzero(clear) >= NOISE_TEST_LEAST_BLOCKS and np.ptp(j2[clear]) > 0.0:
+        judged.append((white, clear))
+    p_jerk, z_jerk, which = min(
+        (p, z, k) for k, (power, rows) in enumerate(judged) for z, p in [power_trend_test(power[rows], j2[rows])]
+    )
+    p_jerk = min(1.0, len(judged) * p_jerk)
+    power, rows = judged[which]
+    c, covariance = power_fit(power[rows], design[rows])
     p_jerk_given_speed = float(scipy.special.ndtr(-c[3] / math.sqrt(covariance[3, 3])))
     known = known_jitter(residuals) ** 2
     if known > 0.0:  # that noise grows with jerk is known: jitter is what exceeds the rounding of the stamps

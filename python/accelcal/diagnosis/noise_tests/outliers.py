@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
+from accelcal.diagnosis.noise_tests.interpolation_error import REACH
 from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
@@ -41,6 +43,9 @@ def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     behind += v2
     behind += c[0]
     np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300, out=behind)
+    response = scipy.fft.irfft(gain, scipy.fft.next_fast_len(residuals.n, real=True))[: REACH + 1] ** 2
+    spread = np.concatenate([response[:0:-1], response])
+    behind = scipy.ndimage.convolve1d(behind, spread / spread.sum())  # each error holds noise of its neighbours
     return np.asarray(np.sqrt(behind, out=behind))
 
 
