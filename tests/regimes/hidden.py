@@ -103,6 +103,8 @@ def plant(regime: Regime, name: str, seed: int) -> Planted:
     OutOfReach
         If it does not reach its strength there.
     """
+    if regime.rig.sensor.tilt:
+        raise OutOfReach("the sensor turns, and nothing may be named")
     if name == "accelerometer_outliers":
         return Planted(wrong=20, wrong_size=wrong_size(regime))
     if name == "timing_jitter":
