@@ -10,7 +10,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra, power_fit, power_trend_test
 from accelcal.diagnosis.noise_tests.noise_test import JITTER, VIBRATION, NoiseTest
-from accelcal.diagnosis.noise_tests.residuals import Residuals, is_coarse
+from accelcal.diagnosis.noise_tests.residuals import TAIL, Residuals, is_coarse
 from accelcal.diagnosis.noise_tests.stamps import known_jitter
 from accelcal.diagnosis.policy import (
     CLEAR_TAIL_RATIO,
@@ -81,10 +81,11 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     tail = residuals.tail_blocks(spectra)
     leaked = JUMP_TAIL_RATIO * tail  # at most, of jumps that sampling does not resolve
     certain = np.maximum(white - leaked, 0.1 * float(np.median(white)))
+    judged = [(certain, np.ones(len(tail), dtype=np.bool_))]
     clear = tail < CLEAR_TAIL_RATIO * float(np.median(tail))
-    judged = [(certain, np.ones_like(clear))]
     if np.count_nonzero(clear) >= NOISE_TEST_LEAST_BLOCKS and np.ptp(j2[clear]) > 0.0:
-        judged.append((white, clear))
+        leaked = JUMP_TAIL_RATIO * pole_ratio(residuals) * np.maximum(tail - np.median(tail), 0.0)
+        judged.append((np.maximum(white - leaked, 0.1 * float(np.median(white))), clear))
     p_jerk, z_jerk, which = min(
         (p, z, k) for k, (power, rows) in enumerate(judged) for z, p in [power_trend_test(power[rows], j2[rows])]
     )
@@ -128,6 +129,18 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         band,
         math.hypot(jitter if p_jitter < NOISE_TEST_ALPHA else 0.0, math.sqrt(known)),
     ), stamps
+
+
+def pole_ratio(residuals: Residuals) -> float:
+    """Power that the pole of a low-pass passes of a jump in the band of jitter, over that in the band `TAIL`."""
+    if residuals.tau <= 0.0:
+        return 1.0
+
+    def passed(low: float, high: float) -> float:
+        decay = math.exp(-residuals.step / residuals.tau)
+        return float(np.mean(np.abs(1.0 - decay * np.exp(-2j * np.pi * np.linspace(low, high, 32))) ** -2.0))
+
+    return passed(JITTER_BAND, 0.5) / passed(*TAIL)
 
 
 def strongest_band(spectra: BlockSpectra, motions: tuple[Array, ...], floor: float) -> tuple[slice, float, float]:
