@@ -71,6 +71,20 @@ def test_two_jumps_in_one_window_are_no_wrong_sample(apart: float):
     assert np.mean(both) > (0.8 if apart >= 2.0 else 0.2)  # those a sample apart are hardly two
 
 
+def test_two_strong_jumps_are_found_behind_a_pole_that_is_not_quite_the_declared_one():
+    rng = np.random.default_rng(9)
+    t = STEP * np.arange(4000)
+    u = 1e-4 * rng.standard_normal(len(t))
+    begins = STEP * (np.arange(100.0, 3900.0, 100.0) + rng.random(38))
+    for begin in begins:
+        for instant in (begin, begin + 3.4 * STEP):
+            u += 0.5 * (t > instant) * (1.0 - np.exp(-np.maximum(t - instant, 0.0) / (1.03 * TAU)))
+    found = jumps(t, u, STEP, TAU)
+    both = [all(np.min(np.abs(found.t - begin - late)) < STEP for late in (0.0, 3.4 * STEP)) for begin in begins]
+    assert np.mean(both) > 0.9
+    assert np.all(found.certain)
+
+
 @pytest.mark.parametrize("tau", [0.0, TAU])
 @pytest.mark.parametrize("of_jerk", [False, True])
 def test_the_output_of_jumps_is_the_sum_of_their_responses(tau: float, of_jerk: bool):

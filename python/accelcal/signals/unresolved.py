@@ -46,6 +46,9 @@ POLES = (0.0, 1.0, 3.0)
 PAIR_MARGIN = 20.0
 """Margin by which a pair is certain where it leaves nothing but noise: three wrong samples would leave six degrees of
 freedom, which exceed it 3 times in 1000."""
+PAIR_BETTER = 0.25
+"""The same where it leaves so little of what three wrong samples leave: a strong jump whose pole is not quite the
+declared one leaves more than noise."""
 ALIKE = 0.4
 """Share of the larger of two jumps below which the smaller may be a misfit of its pole."""
 STEPS_FIRST = 10.0
@@ -149,7 +152,8 @@ def classified(t: Array, u: Array, spread: Array, peaks: Places, step: float, ta
         unexplained = energy[left] - pair_gain
         spoiled = energy[left] - least_remaining(wrong[left], y[left], 3)
         sure = (pair_gain > PAIR_CERTAIN * spoiled + CERTAIN[1]) & explained(energy[left], pair_gain)
-        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (unexplained < UNEXPLAINED[0])
+        noise = np.maximum(UNEXPLAINED[0], PAIR_BETTER * (energy[left] - spoiled))
+        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (unexplained < noise) & explained(energy[left], pair_gain)
         two = sure & (pair.place[1::2] - pair.place[::2] > APART)
         two &= (unexplained < PAIR_LEAVES * remaining[left]) | ((unexplained < UNEXPLAINED[0]) & undeclared[left])
         alike = np.abs(pair.size) > ALIKE * np.abs(pair.size).reshape(-1, 2).max(axis=1).repeat(2)
