@@ -154,8 +154,8 @@ def fill_gaps(t: Array, y: Array, step: float) -> FilledSeries:
     filled = np.zeros(len(before), dtype=np.bool_)
     times, values = [t], [y]
     variance = interpolation_spread(t, y) ** 2 + grid_step(y) ** 2 / 12.0
-    for count in range(1, MOST_FILLED + 1):
-        side = count + FILL_BESIDE
+    for count in np.unique(lost[(lost > 0) & (lost <= MOST_FILLED)]):
+        side = int(count) + FILL_BESIDE
         which = np.flatnonzero((lost == count) & (before >= side - 1) & (before + side < len(t)))
         inside = np.arange(1, count + 1) / (count + 1.0)
         for some in np.split(which, range(GAPS, len(which), GAPS)):
