@@ -87,7 +87,7 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
         leaked = JUMP_TAIL_RATIO * pole_ratio(residuals) * np.maximum(tail - np.median(tail), 0.0)
         judged.append((np.maximum(white - leaked, 0.1 * float(np.median(white))), clear))
     p_jerk, z_jerk, which = min(
-        (p, z, k) for k, (power, rows) in enumerate(judged) for z, p in [power_trend_test(power[rows], j2[rows])]
+        (p, z, k) for k, (power, rows) in enumerate(judged) for z, p in [repeated_trend_test(power[rows], j2[rows])]
     )
     p_jerk = min(1.0, len(judged) * p_jerk)
     power, rows = judged[which]
@@ -131,6 +131,13 @@ def motion_noise(residuals: Residuals, lines: tuple[NoiseTest, ...]) -> tuple[No
     ), stamps
 
 
+def repeated_trend_test(power: Array, x: Array) -> tuple[float, float]:
+    """`power_trend_test` without the two neighbouring blocks that say most for a trend: one event is none."""
+    most = int(np.argmax((x - x.mean()) * power))
+    others = np.abs(np.arange(len(x)) - most) > 1
+    return power_trend_test(power[others], x[others])
+
+
 def pole_ratio(residuals: Residuals) -> float:
     """Power that the pole of a low-pass passes of a jump in the band of jitter, over that in the band `TAIL`."""
     if residuals.tau <= 0.0:
@@ -163,7 +170,7 @@ def strongest_band(spectra: BlockSpectra, motions: tuple[Array, ...], floor: flo
     best = (1.0, -math.inf, bands[0])
     for which in np.argsort(-score, axis=None)[:TESTED_BANDS]:
         index, motion = np.unravel_index(which, score.shape)
-        z, p = power_trend_test(band_power(bands[index]), motions[motion])
+        z, p = repeated_trend_test(band_power(bands[index]), motions[motion])
         best = min(best, (p, -z, bands[index]), key=lambda test: test[:2])
     return best[2], -best[1], min(1.0, best[0] * len(bands) * len(motions))
 
