@@ -121,50 +121,104 @@ def local_maxima(score: Array, reach: int, least: float) -> Places:
 
 def classified(t: Array, u: Array, spread: Array, peaks: Places, step: float, tau: float) -> NDArray[np.void]:
     """Of some samples that stand out those that one or two jumps explain, a `ROW` for each jump."""
-    rows = peaks[:, None] + np.arange(-HALF_WINDOW, HALF_WINDOW + 1)
-    x = (t[rows] - t[peaks][:, None]) / step
-    y = u[rows] / spread[peaks][:, None]
-    baseline, _ = np.linalg.qr(x[:, :, None] ** np.arange(BASELINE))
-    y = y - np.einsum("nkb,nb->nk", baseline, np.einsum("nkb,nk->nb", baseline, y))
-    energy = np.einsum("nk,nk->n", y, y)
-    wrong = np.eye(2 * HALF_WINDOW + 1)[None, :, HALF_WINDOW - ISOLATED : HALF_WINDOW + ISOLATED + 1]
-    wrong = without(baseline, np.broadcast_to(wrong, (len(peaks), *wrong.shape[1:])))
-    wrong_gain = energy - least_remaining(wrong, y, 2)
+    windows = Windows.about(t, u, spread, peaks, step)
     poles = np.array(list(dict.fromkeys((tau / step, *POLES))))
-    gain, kind, place, size = best_form(jump_forms(x, baseline, poles, PLACES), y)
-    near = PLACES[place]
-    for one in np.unique(kind):
-        same = np.flatnonzero(kind == one)
-        finer = jump_forms(x[same], baseline[same], poles[one // 2 : one // 2 + 1], near[same, None] + FINER)
-        gain[same], _, place, size[same] = best_form(finer[:, :, one % 2 : one % 2 + 1], y[same])
-        near[same] += FINER[place]
-    kept = (gain > wrong_gain) & explained(energy, gain)
-    certain = gain > CERTAIN[0] * wrong_gain + CERTAIN[1]
-    single = Found(np.arange(len(peaks)), kind, near, size)
-    remaining = np.where(kept, energy - gain, np.inf)
-    poor, undeclared = remaining > UNEXPLAINED[0], kind > 1
+    single, gain = windows.best_single(poles)
+    spoiled = windows.spoiled(2)
+    kept = (gain > spoiled) & explained(windows.energy, gain)
+    certain = gain > CERTAIN[0] * spoiled + CERTAIN[1]
+    remaining = np.where(kept, windows.energy - gain, np.inf)
+    poor, undeclared = remaining > UNEXPLAINED[0], single.kind > 1
     found = []
     for tried, of in ((poor, poles), (~poor & undeclared, poles[:1])):
         left = np.flatnonzero(tried)
-        if len(left) == 0:
-            continue
-        pair, pair_gain = best_pair(jump_forms(x[left], baseline[left], of, PAIR_PLACES), y[left])
-        unexplained = energy[left] - pair_gain
-        spoiled = energy[left] - least_remaining(wrong[left], y[left], 3)
-        sure = (pair_gain > PAIR_CERTAIN * spoiled + CERTAIN[1]) & explained(energy[left], pair_gain)
-        noise = np.maximum(UNEXPLAINED[0], PAIR_BETTER * (energy[left] - spoiled))
-        sure |= (pair_gain > spoiled + PAIR_MARGIN) & (unexplained < noise) & explained(energy[left], pair_gain)
-        two = sure & (pair.place[1::2] - pair.place[::2] > APART)
-        two &= (unexplained < PAIR_LEAVES * remaining[left]) | ((unexplained < UNEXPLAINED[0]) & undeclared[left])
-        alike = np.abs(pair.size) > ALIKE * np.abs(pair.size).reshape(-1, 2).max(axis=1).repeat(2)
-        two &= ~kept[left] | alike.reshape(-1, 2).all(axis=1)
-        certain[left] |= sure
-        kept[left] |= sure
-        kept[left[two]] = False
-        clear = np.repeat(two, 2) & alike & (np.abs(pair.size) > EVENT_SIGMA)
-        found.append(replace(pair, window=np.repeat(left, 2)).of(clear))
+        if len(left):
+            pair, sure, two = windows.of(left).two_jumps(of, remaining[left], undeclared[left])
+            certain[left] |= sure
+            kept[left] = (kept[left] | sure) & ~two
+            found.append(replace(pair, window=left[pair.window]))
     found.append(single.of(kept))
     return np.concatenate([some.rows(t[peaks], spread[peaks], certain, poles, step) for some in found])
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Samples about those that stand out, in deviations of their noise, less the motion that is resolved."""
+
+    x: Array
+    """Instants from the middle, (n, k) samples."""
+    baseline: Array
+    """Orthonormal polynomials, (n, k, b)."""
+    y: Array
+    """(n, k)"""
+    energy: Array
+    """Sum of squares of each, (n,)."""
+
+    @classmethod
+    def about(cls, t: Array, u: Array, spread: Array, peaks: Places, step: float) -> Windows:
+        """Windows in the middle of which `peaks` lie; the others as in `examined`."""
+        rows = peaks[:, None] + np.arange(-HALF_WINDOW, HALF_WINDOW + 1)
+        x = (t[rows] - t[peaks][:, None]) / step
+        baseline, _ = np.linalg.qr(x[:, :, None] ** np.arange(BASELINE))
+        y = without(baseline, (u[rows] / spread[peaks][:, None])[:, :, None])[:, :, 0]
+        return cls(x, baseline, y, np.einsum("nk,nk->n", y, y))
+
+    def of(self, some: Places) -> Windows:
+        """Some of them."""
+        return Windows(self.x[some], self.baseline[some], self.y[some], self.energy[some])
+
+    def forms(self, poles: Array, places: Array) -> Array:
+        """Responses (n, k, kinds, places) of each pole to a step and to a ramp at each place, less the baseline.
+
+        Places are (m,), or (n, m), in samples from the middle.
+        """
+        after = np.maximum(self.x[:, :, None] - np.atleast_2d(places)[:, None, :], 0.0)
+        responses = [response for pole in poles for response in jump_responses(after, pole)]
+        forms = without(self.baseline, np.concatenate(responses, axis=2))
+        return forms.reshape(*self.x.shape, len(responses), places.shape[-1])
+
+    def spoiled(self, several: int) -> Array:
+        """Twice the log-likelihood that so many wrong samples in a row gain, (n,)."""
+        wrong = np.eye(2 * HALF_WINDOW + 1)[None, :, HALF_WINDOW - ISOLATED : HALF_WINDOW + ISOLATED + 1]
+        forms = without(self.baseline, np.broadcast_to(wrong, (len(self.x), *wrong.shape[1:])))
+        return self.energy - least_remaining(forms, self.y, several)
+
+    def best_single(self, poles: Array) -> tuple[Found, Array]:
+        """The jump that explains each window best, and twice the log-likelihood that it gains, (n,)."""
+        gain, kind, place, size = best_form(self.forms(poles, PLACES), self.y)
+        near = PLACES[place]
+        for one in np.unique(kind):
+            same = np.flatnonzero(kind == one)
+            some, pole = self.of(same), poles[one // 2 : one // 2 + 1]
+            finer = some.forms(pole, near[same, None] + FINER)[:, :, one % 2 : one % 2 + 1]
+            gain[same], _, place, size[same] = best_form(finer, some.y)
+            near[same] += FINER[place]
+        return Found(np.arange(len(near)), kind, near, size), gain
+
+    def two_jumps(self, poles: Array, remaining: Array, undeclared: Flags) -> tuple[Found, Flags, Flags]:
+        """Two jumps so close that one window holds both, against wrong samples in a row and against a single jump.
+
+        Parameters
+        ----------
+        poles : time constants that are tried, in samples.
+        remaining : (n,) energy that a single jump leaves; infinite where it explains nothing.
+        undeclared : (n,) whether that jump needs a pole that was not declared.
+
+        Returns
+        -------
+        The jumps; whether each window certainly holds motion, and whether it is taken for two jumps, (n,) each.
+        """
+        pair, gain = best_pair(self.forms(poles, PAIR_PLACES), self.y)
+        spoiled, unexplained = self.spoiled(3), self.energy - gain
+        noise = np.maximum(UNEXPLAINED[0], PAIR_BETTER * (self.energy - spoiled))
+        sure = (gain > PAIR_CERTAIN * spoiled + CERTAIN[1]) | ((gain > spoiled + PAIR_MARGIN) & (unexplained < noise))
+        sure &= explained(self.energy, gain)
+        two = sure & (pair.place[1::2] - pair.place[::2] > APART)
+        two &= (unexplained < PAIR_LEAVES * remaining) | ((unexplained < UNEXPLAINED[0]) & undeclared)
+        size = np.abs(pair.size).reshape(-1, 2)
+        alike = size > ALIKE * size.max(axis=1, keepdims=True)
+        two &= np.isinf(remaining) | alike.all(axis=1)
+        return pair.of((two[:, None] & alike & (size > EVENT_SIGMA)).ravel()), sure, two
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,15 +248,6 @@ class Found:
         row["certain"] = certain[self.window]
         row["ratio"] = np.abs(self.size)
         return row
-
-
-def jump_forms(x: Array, baseline: Array, poles: Array, places: Array) -> Array:
-    """Responses (n, k, kinds, places) of each pole to a step and to a ramp at each place, less their parts in the
-    baseline (n, k, b); `x` (n, k) are the instants of the samples, all in samples. Places are (m,), or (n, m)."""
-    after = np.maximum(x[:, :, None] - np.atleast_2d(places)[:, None, :], 0.0)
-    responses = [response for pole in poles for response in jump_responses(after, pole)]
-    forms = without(baseline, np.concatenate(responses, axis=2))
-    return forms.reshape(*x.shape, len(responses), places.shape[-1])
 
 
 def explained(energy: Array, gain: Array) -> Flags:
