@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, estimate
+from accelcal.io import load
 from accelcal.model import Model
 from accelcal.simulation.sensor import CXL02_RIG, Simulated, simulate
 from accelcal.validation.consistency import Consistency, chi_square_region
 from accelcal.validation.evaluation import coast, compare
 from accelcal.validation.prediction import Prediction
+from tests.regimes.regimes import TABLE
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
 CUBIC = {**TRUTH, "quadratic": -5e-4, "cubic": 1e-3}
@@ -154,3 +157,20 @@ def test_coasting_where_nothing_is_known_is_refused() -> None:
         coast(fitted(False), recording, -1.0, 1.0)
     with pytest.raises(ValueError, match="does not reach"):
         coast(fitted(False), recording, float(recording.position.t[-1]), 1.0)
+
+
+def test_the_floor_holds_what_jumps_between_samples_cost(tmp_path: Path):
+    """Steps of the acceleration without a low-pass: 1 s of drift over its floor in three records, twin without them.
+
+    The 99.9 % interval of the rms of 150 independent seconds is 0.81 to 1.20; the estimate itself adds a few per cent.
+    """
+    errors, blind = [], []
+    for seed in range(3):
+        recording = load(TABLE["a-trap-servo-norc"].build(7100 + seed).write(tmp_path, f"run{seed}"))
+        prediction = Prediction.of(estimate(Model.linear(), recording), recording)
+        seen = prediction.at_horizon(1.0)
+        errors.append(np.mean((seen.frozen / seen.floor) ** 2))
+        prediction.unknown = np.zeros_like(prediction.unknown)
+        blind.append(np.mean((seen.frozen / prediction.at_horizon(1.0).floor) ** 2))
+    assert 0.8 < math.sqrt(np.mean(errors)) < 1.25
+    assert math.sqrt(np.mean(blind)) > 3.0

@@ -80,6 +80,8 @@ class Prediction:
         self.information = np.cumsum(information)
         self.evidence = np.cumsum(np.where(self.counts, g * self.e / self.S, 0.0))
         self.travelled, self.moved = accumulated(plain, h)
+        since = d.t - d.t[0]
+        self.unknown = np.cumsum(np.where(d.restart, 0.0, d.extra_q * h) * since ** np.arange(3.0)[:, None], axis=1)
         self.breaks = np.cumsum(d.restart)
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
@@ -177,10 +179,17 @@ class Prediction:
         return np.asarray(added if direct is None else added + np.interp(at, t, direct[n:]))
 
     def floor(self, k: int, t: Array) -> Array:
-        """Standard deviation of the prediction from noise and start state, (n,) m."""
+        """Standard deviation of the prediction from noise, start state and what the samples do not hold, (n,) m.
+
+        A velocity that is lost at an instant t_i, of variance w_i, moves the position by sum w_i (t - t_i)² until t.
+        """
         pp, pv, vv = (entry[k] for entry in self.P)
         h = t - self.run.t[k]
-        return np.asarray(np.sqrt(self.noise.q * h**3 / 3.0 + pp + 2.0 * h * pv + h**2 * vv))
+        rows = np.searchsorted(self.run.t, t, side="right") - 1
+        zeroth, first, second = self.unknown[:, rows] - self.unknown[:, [k]]
+        since = t - self.run.t[0]
+        lost = np.maximum(since**2 * zeroth - 2.0 * since * first + second, 0.0)
+        return np.asarray(np.sqrt(self.noise.q * h**3 / 3.0 + lost + pp + 2.0 * h * pv + h**2 * vv))
 
     def starts(self, horizon: float) -> NDArray[np.intp]:
         """Start readings for a horizon: after the warm-up, evenly spread, with an unbroken record ahead."""
