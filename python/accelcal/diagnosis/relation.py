@@ -50,7 +50,7 @@ class RelationColumns:
         drives = [column.arrays for column in self.drives]
         innovations = _core.innovations(drives, q=noise.q, r=noise.r, prior=run.prior(noise.r))
         rows = innovations[:, settled]
-        size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / rows.shape[1])
+        size = np.sqrt(np.einsum("ik,ik->i", rows, rows) / max(1, rows.shape[1]))
         size = np.where(size > 0.0, size, 1.0)
         rows /= size[:, None]
         return BandRelation(run.t[settled], rows.T, size, band)

@@ -12,6 +12,9 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model
 
+LEAST_SETTLED = 0.1
+"""Share of the readings that the fastest trial filter uses, below which those of a slower one tell nothing of it."""
+
 
 def initial_coefficients(model: Model) -> dict[str, float]:
     """Coefficients before a record is read: where they are held, the mean of their prior, or zero."""
@@ -51,12 +54,14 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     r = run.reading_variance_guess
     rate = 1.0 / run.reading_step
     best: tuple[float, float, float, Noise] | None = None
-    for crossover in np.geomspace(4.0 / (plain.t[-1] - plain.t[0]), 0.15 * rate, 9):
-        noise = Noise((2.0 * np.pi * crossover) ** 4 * r * run.reading_step, r)
+    crossovers = np.geomspace(4.0 / (plain.t[-1] - plain.t[0]), 0.15 * rate, 9)
+    trials = [Noise((2.0 * np.pi * crossover) ** 4 * r * run.reading_step, r) for crossover in crossovers]
+    most = max(np.count_nonzero(encoder.settled(run.wait(noise))) for noise in trials)
+    for noise in trials:
         tracks = [run_filter(run, driven, noise) for driven in (encoder, output, ones)]
         S = tracks[0].series("S")
         counts = encoder.settled(run.wait(noise))
-        if not counts.any():  # a filter this slow settles in no stretch between two holes
+        if np.count_nonzero(counts) <= LEAST_SETTLED * most:  # so slow a filter hardly settles between two holes
             continue
         y, u, unit = ((t.series("e") / np.sqrt(S))[counts] for t in tracks)
         X = np.column_stack([-u, -unit])
