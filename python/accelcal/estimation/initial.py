@@ -56,13 +56,13 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     best: tuple[float, float, float, Noise] | None = None
     crossovers = np.geomspace(4.0 / (plain.t[-1] - plain.t[0]), 0.15 * rate, 9)
     trials = [Noise((2.0 * np.pi * crossover) ** 4 * r * run.reading_step, r) for crossover in crossovers]
-    most = max(np.count_nonzero(encoder.settled(run.wait(noise))) for noise in trials)
-    for noise in trials:
-        tracks = [run_filter(run, driven, noise) for driven in (encoder, output, ones)]
-        S = tracks[0].series("S")
-        counts = encoder.settled(run.wait(noise))
+    settled = [encoder.settled(run.wait(noise)) for noise in trials]
+    most = max(map(np.count_nonzero, settled))
+    for noise, counts in zip(trials, settled, strict=True):
         if np.count_nonzero(counts) <= LEAST_SETTLED * most:  # so slow a filter hardly settles between two holes
             continue
+        tracks = [run_filter(run, driven, noise) for driven in (encoder, output, ones)]
+        S = tracks[0].series("S")
         y, u, unit = ((t.series("e") / np.sqrt(S))[counts] for t in tracks)
         X = np.column_stack([-u, -unit])
         c, *_ = np.linalg.lstsq(X, y, rcond=None)

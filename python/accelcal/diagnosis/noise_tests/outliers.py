@@ -9,7 +9,7 @@ import scipy
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.noise_tests.block_spectra import power_fit
-from accelcal.diagnosis.noise_tests.interpolation_error import REACH
+from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError
 from accelcal.diagnosis.noise_tests.noise_test import OUTPUT_OUTLIERS, READING_OUTLIERS, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import outliers, spread_of
@@ -21,7 +21,7 @@ BESIDE = np.arange(-2, 3)
 """Samples beside one that stands out about which a jump is looked for: wrong samples are tried as far."""
 
 
-def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
+def motion_noise_level(residuals: Residuals, interpolation: InterpolationError) -> Array:
     """Standard deviation of the interpolation errors as a function of the motion, (n,) m/s².
 
     Power of the blocks behind the filter = s² + c1 v² + c2 v⁴ + c3 j², interpolated to every sample; noise that follows
@@ -30,6 +30,7 @@ def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     spectra = residuals.spectra
     if len(spectra.power) < NOISE_TEST_LEAST_BLOCKS:
         return np.ones(residuals.n)
+    gain = interpolation.gain
     f = np.linspace(0.0, 0.5 * residuals.rate, len(gain))
     power = spectra.power @ np.interp(spectra.f, f, gain**2) * (2.0 / len(spectra.window))
     c, _ = power_fit(power, np.column_stack([np.ones(len(power)), *residuals.motion_blocks(spectra)]))
@@ -43,7 +44,7 @@ def motion_noise_level(residuals: Residuals, gain: Array) -> Array:
     behind += v2
     behind += c[0]
     np.maximum(behind, 0.1 * float(np.median(power)) + 1e-300, out=behind)
-    response = scipy.fft.irfft(gain, scipy.fft.next_fast_len(residuals.n, real=True))[: REACH + 1] ** 2
+    response = interpolation.response[: REACH + 1] ** 2
     spread = np.concatenate([response[:0:-1], response])
     behind = scipy.ndimage.convolve1d(behind, spread / spread.sum())  # each error holds noise of its neighbours
     return np.asarray(np.sqrt(behind, out=behind))
@@ -64,16 +65,16 @@ def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
 
 def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     """Test for single samples of the output that its local noise does not allow."""
-    y, gain = residuals.interpolation_errors
+    y, interpolation = residuals.interpolation_errors
     known = np.flatnonzero(residuals.sampled & np.isfinite(y))
-    usual = motion_noise_level(residuals, gain)[known]
+    usual = motion_noise_level(residuals, interpolation)[known]
     y = y[known]
     y /= usual
     spread, dof = spread_of(y)
     spread *= usual
     y *= usual
     del usual
-    np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(gain**2))), out=spread)
+    np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
     kept = ~motion_jumps(residuals, known, np.abs(y) / np.maximum(spread, 1e-300))
     y, t = y[kept], residuals.t[known[kept]]
     found = outliers(y, spread[kept], len(y), dof)

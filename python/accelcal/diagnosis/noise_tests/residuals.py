@@ -100,7 +100,7 @@ class Residuals:
         np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
         return np.asarray(np.cumsum(edges)[:-1] > 0.0)
 
-    @property
+    @cached_property
     def resolved_output(self) -> Array:
         """Output at uniform times without the jumps of the motion, the samples next to each bridged, (n,) m/s².
 
@@ -118,8 +118,7 @@ class Residuals:
         is left is the output beyond the bandwidth of the motion.
         """
         if self.unresolved.any():
-            output = self.resolved_output
-            return output - low_pass(output, self.rate, self.reach)
+            return self.resolved_output - low_pass(self.resolved_output, self.rate, self.reach)
         place = self.place
         model = self.model
         slope = np.gradient(model, self.step)[place]
@@ -141,8 +140,9 @@ class Residuals:
         return high_passed(self.residual - correction, self.rate, self.edge)
 
     def release(self) -> None:
-        """Free `background` once its spectra are computed; reading it again computes it again."""
-        vars(self).pop("background", None)
+        """Free `background` and `resolved_output` once their spectra are computed; reading them computes them again."""
+        for name in ("background", "resolved_output"):
+            vars(self).pop(name, None)
 
     def refilled(self, correction: Array, lost: Places) -> tuple[Array, Places]:
         """Corrections (n,) of lost samples, from the noise left after earlier corrections; outlying samples count as
@@ -200,12 +200,12 @@ class Residuals:
         return replace(spectra, f=spectra.f[passed], power=spectra.power[:, passed])
 
     @property
-    def interpolation_errors(self) -> tuple[Array, Array]:
+    def interpolation_errors(self) -> tuple[Array, InterpolationError]:
         """Interpolation error of each sample of the residual given its neighbours, (n,) m/s², NaN where too few of them
-        are left; gain of the filter."""
+        are left; the filter."""
         interpolation, lost = self.interpolation_filter(self.spectra), self.lost
         errors = interpolation(self.residual - np.mean(self.residual))
-        return interpolation.corrected(errors, interpolation.correction(errors, lost), lost), interpolation.gain
+        return interpolation.corrected(errors, interpolation.correction(errors, lost), lost), interpolation
 
     @cached_property
     def motion(self) -> tuple[Array, Array]:
@@ -221,9 +221,8 @@ class Residuals:
 
     def tail_blocks(self, spectra: BlockSpectra) -> Array:
         """Power of the output over the blocks of some spectra in the band `TAIL`, below that of the tests, (K,)."""
-        output = self.resolved_output
         low, high = (share * self.rate for share in TAIL)
-        output -= low_pass(output, self.rate, 0.5 * low)
+        output = self.resolved_output - low_pass(self.resolved_output, self.rate, 0.5 * low)
         tail = BlockSpectra.of(high_passed(output, self.rate, 0.8 * low), self.sampled, self.rate, low, spectra.window)
         return np.asarray(tail.power[:, tail.f < high].mean(axis=1))
 

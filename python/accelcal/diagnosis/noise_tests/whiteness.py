@@ -35,13 +35,11 @@ def whiteness(residuals: Residuals) -> NoiseTest:
             "declared filters colour the noise; whether it is white is not tested",
         )
     y = residuals.readings
-    least = shortest_scale(residuals)
     scales: dict[int, tuple[float, float]] = {}
-    length = 1
+    length, least = 1, shortest_scale(residuals)
+    while length < least:
+        length *= 4
     while len(y) // length >= 4 * NOISE_TEST_LEAST_BLOCKS:
-        if length < least:
-            length *= 4
-            continue
         K = len(y) // length
         sums = y[: K * length].reshape(K, length).sum(axis=1)
         scales[length] = portmanteau(sums)
