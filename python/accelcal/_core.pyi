@@ -20,6 +20,9 @@ __all__ = [
     "Parts",
     "ReplayTrack",
     "__version__",
+    "corrected",
+    "dead_reckoning_variance",
+    "displaced",
     "drive",
     "empty_call",
     "innovations",
@@ -149,6 +152,17 @@ def run_filter_batch(
     threads: int,
 ) -> tuple[_Array, _Array, _Array, list[str | None]]: ...
 def play(x: _Array, width: float, start: float) -> _Array: ...
+def dead_reckoning_variance(
+    covariances: _Array, steps: _Array, slopes_p: _Array, slopes_v: _Array, lost: _Array, q: float
+) -> _Array: ...
+def corrected(
+    last: _Array,
+    steps: _Array,
+    trial: tuple[_Array, _Array],
+    found: _Array,
+    slopes: tuple[_Array, _Array],
+) -> _Array: ...
+def displaced(last: _Array, steps: _Array, added: _Array) -> tuple[_Array, _Array, _Array]: ...
 def swap_form(form: str, parameters: list[float]) -> tuple[list[float], list[list[float]]]: ...
 def drive(
     t: _Array, u: _Array, at: _Array, *, how: str, tau: float, delay: float, hole: float

@@ -73,8 +73,8 @@ def drift(found: Fit, recordings: list[Recording], horizon: float) -> Consistenc
         t = ahead.run.t
         for begin in np.arange(t[0] + 2.0, t[-1] - horizon - 0.1, horizon + 0.5):
             k, row = np.searchsorted(t, [begin, begin + horizon])
-            frozen, _ = ahead.predict(int(k), np.array([row]))
-            variance = ahead.floor(int(k), t[[row]])[0] ** 2 + ahead.noise.r
+            frozen, _, std = ahead.along(int(k), np.array([row]))
+            variance = std[0] ** 2 + ahead.noise.r
             values.append((ahead.run.z[row] - frozen[0]) ** 2 / variance)
     low, high = chi_square_region(1, len(values), PROBABILITY)
     return Consistency(float(np.mean(values)), 1, len(values), low, high, PROBABILITY)
@@ -110,7 +110,7 @@ def test_comparison_reports_the_same_drift_as_single_coasts() -> None:
     for k in starts[::40]:
         row = int(np.searchsorted(t, t[k] + 1.0))
         single = coast(fitted(False), recording, float(t[k]), 1.1)
-        frozen, rezeroed = ahead.predict(int(k), np.array([row]))
+        frozen, rezeroed, _ = ahead.along(int(k), np.array([row]))
         at = int(np.searchsorted(single.t, t[row]))
         errors.append((single.frozen[at] - frozen[0], single.rezeroed[at] - rezeroed[0]))
     np.testing.assert_allclose(errors, 0.0, atol=1e-9)  # a thousandth of the encoder's step; sums of 1e4 terms

@@ -27,6 +27,9 @@ mod _core {
     use super::replay::columns::Bank;
 
     #[pymodule_export]
+    use super::replay::dead_reckoning::{corrected, dead_reckoning_variance, displaced};
+
+    #[pymodule_export]
     use super::hysteresis::play_operator;
 
     #[pymodule_export]

@@ -60,6 +60,10 @@ class Signals:
     """K0 of the model at hand, m/s²."""
     whole: Signals | None = None
     """What this is a stretch of; spacing, length and widths are those of the whole."""
+    a_corner: float | None = None
+    """`a_width` where it is determined beforehand, m/s²."""
+    v_corner: float | None = None
+    """`v_width` where it is determined beforehand, m/s."""
 
     def part(self, rows: slice) -> Signals:
         """A stretch; effects without memory have the values on it that they have on the whole."""
@@ -154,11 +158,15 @@ class Signals:
     @property
     def a_width(self) -> float:
         """Half-width over which corners at a = 0 are rounded, m/s²."""
+        if self.a_corner is not None:
+            return self.a_corner
         return corner(self.a, self.a_std) if self.whole is None else self.whole.a_width
 
     @property
     def v_width(self) -> float:
         """Half-width over which corners at v = 0 are rounded, m/s."""
+        if self.v_corner is not None:
+            return self.v_corner
         return corner(self.v, self.v_std) if self.whole is None else self.whole.v_width
 
 

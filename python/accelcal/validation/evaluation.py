@@ -122,8 +122,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     rows = np.arange(k + 1, stop)
     if len(rows) == 0 or bool(np.any(ahead.drive.restart[rows])):
         raise ValueError(f"the accelerometer record does not reach {horizon} s beyond {start} s without a hole")
-    frozen, rezeroed = ahead.predict(k, rows)
-    return Coast(float(ahead.run.t[k]), ahead.run.t[rows], frozen, rezeroed, ahead.floor(k, ahead.run.t[rows]))
+    return Coast(float(ahead.run.t[k]), ahead.run.t[rows], *ahead.along(k, rows))
 
 
 def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signals]:

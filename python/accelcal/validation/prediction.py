@@ -10,21 +10,19 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording
-from accelcal.effects import is_local
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.processing import derivative, integral
-from accelcal.signals.signals import CORNER_NOISE, Signals
+from accelcal.signals.processing import integral
+from accelcal.signals.signals import Signals
+from accelcal.validation.dead_reckoning import DeadReckoning, Starts
 
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
-MEMORY = 10.0
-"""Seconds before a start over which effects with memory are evaluated; others need the time from the start on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +81,7 @@ class Prediction:
         since = d.t - d.t[0]
         self.unknown = np.cumsum(np.where(d.restart, 0.0, d.extra_q * h) * since ** np.arange(3.0)[:, None], axis=1)
         self.breaks = np.cumsum(d.restart)
+        self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
@@ -96,16 +95,21 @@ class Prediction:
         t = uniform_times(run)
         motion = np.interp(t, run.t, p), np.interp(t, run.t, v)
         spread = math.sqrt(max(float(np.median(track.series("vv")[:known])), 0.0))
-        signals = replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
-        self.a_std = max(signals.a_std, signals.a_width / CORNER_NOISE)
-        self.v_std = max(signals.v_std, signals.v_width / CORNER_NOISE)
-        acting = [term for port in ("output", "position") for term, _ in self.values.additive(port)]
-        self.memory = 0.0 if all(is_local(term.effect) for term in acting) else MEMORY
-        at = self.values.stamps(signals.t + run.origins.t, run.origins.t)
-        at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
-        self.gain = run.rig.polarity / self.values.scale
-        self.bare: Array = self.gain * at_grid - run.rig.gravity * run.filters.at_rest
-        return signals
+        return replace(output_signals(run, self.values, cutoff, motion), v_std=spread)
+
+    def _dead_reckoning(self, known: Signals, cutoff: float) -> DeadReckoning:
+        """What the effects do to simulated motion; between readings the output drives it as it drives the filter."""
+        run = self.run
+        stamps = self.values.stamps(known.t + run.origins.t, run.origins.t)
+        output = output_at(run, stamps, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
+        bare = run.rig.polarity / self.values.scale * output - run.rig.gravity * run.filters.at_rest
+        t = known.t + run.origins.t
+        v = integral(bare, known.step)
+        v += np.interp(t, run.t, self.travelled - np.interp(run.t, t, v))
+        p = integral(v, known.step)
+        p += np.interp(t, run.t, self.moved - np.interp(run.t, t, p))
+        lost = np.interp(t, run.t, self.unknown[0])
+        return DeadReckoning(self.values, known, bare, (v, p), self.noise.q, lost)
 
     @classmethod
     def of(
@@ -128,65 +132,52 @@ class Prediction:
             return 0.0, math.inf
         return float(self.evidence[k]) / information, information**-0.5
 
-    def predict(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Readings at `rows` predicted from reading `k`: frozen and rezeroed, (n,) m each."""
-        h = self.run.t[rows] - self.run.t[k]
-        driven = self.moved[rows] - self.moved[k] - h * self.travelled[k]
-        frozen = self.p[k] + h * self.v[k] + driven
-        if self.causal is not None:
-            frozen = frozen + self.effects_ahead(self.causal, k, rows)
-        delta, std = self.constant_at(k)
-        if not math.isfinite(std):
-            return frozen, frozen
-        return frozen, frozen + delta * (self.unit_p[k] + h * self.unit_v[k] + h**2 / 2.0)
+    def _constants(self, k: NDArray[np.intp]) -> Array:
+        """Constant acceleration estimated from the innovations up to readings `k`, zero where there are none, m/s²."""
+        information = self.information[k]
+        return np.asarray(np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=information > 0.0))
 
-    def effects_ahead(self, known: Signals, k: int, rows: NDArray[np.intp]) -> Array:
-        """Contribution of the model's effects to the readings at `rows`, from output and simulated motion, (n,) m."""
-        run, origin, step = self.run, self.run.origins, known.step
-        begin = self.run.t[k] - origin.t
-        past = np.searchsorted(known.t, [begin - self.memory, begin], side="right")
-        count = int((self.run.t[rows[-1]] - self.run.t[k]) / step) + 3
-        t = begin + step * np.arange(count)
-        bare = np.interp(t, known.t, self.bare)
-        total = np.zeros(count)
-        history = slice(int(past[0]), int(past[1]))
-        n = history.stop - history.start
+    def along(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Readings at `rows` predicted from reading `k`: frozen, rezeroed and standard deviation, (n,) m each."""
+        frozen, rezeroed, std = self._predict(np.array([k]), rows[None, :])
+        return frozen[0], rezeroed[0], std[0]
 
-        def joined(before: Array, after: Array) -> Array:
-            return np.concatenate([before[history], after])
+    def _predict(self, k: NDArray[np.intp], rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Readings at `rows` (m, n) predicted from the readings `k` (m,): frozen, rezeroed and standard deviation."""
+        t = self.run.t
+        before = k[:, None]
+        h = t[rows] - t[before]
+        driven = self.moved[rows] - self.moved[before] - h * self.travelled[before]
+        frozen = self.p[before] + h * self.v[before] + driven
+        constant = self._constants(k)
+        unit_p, unit_v = self.unit_p[k], self.unit_v[k]
+        rezeroed = frozen + constant[:, None] * (unit_p[:, None] + h * unit_v[:, None] + h**2 / 2.0)
+        std = self._open_floor(k, t[rows])
+        if self.ahead is None or len(k) == 0:
+            return frozen, rezeroed, std
+        origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
+        plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)
+        moved = replace(plain, p=plain.p + constant * unit_p, v=plain.v + constant * unit_v, constant=constant)
+        for batch in self.ahead.batches(len(k), float(np.max(h))):
+            at = t[rows[batch]] - origin.t
+            added, variance = self.ahead.displacement(plain.part(batch), at)
+            frozen[batch] += added
+            if self.ahead.feeds_back:
+                std[batch] = np.sqrt(variance)
+                added, _ = self.ahead.displacement(moved.part(batch), at)
+            rezeroed[batch] += added
+        return frozen, rezeroed, std
 
-        for _ in range(3):  # each round gains the ratio of the effects to the motion
-            a = bare - self.gain * total
-            v = self.v[k] + integral(a, step)
-            p = self.p[k] - origin.p + integral(v, step)
-            sensed = run.rig.polarity * (a + run.rig.gravity)
-            ahead = replace(
-                known,
-                t=joined(known.t, t),
-                p=joined(known.p, p),
-                v=joined(known.v, v),
-                a=joined(known.a, sensed),
-                jerk=joined(known.jerk, derivative(sensed, step)),
-                side={name: joined(y, np.interp(t, known.t, y)) for name, y in known.side.items()},
-                a_std=self.a_std,
-                v_std=self.v_std,
-            )
-            whole = self.values.total("output", ahead)
-            total = total if whole is None else whole[n:]
-        at = self.run.t[rows] - origin.t
-        added = np.interp(at, t, -self.gain * integral(integral(total, step), step))
-        direct = self.values.total("position", ahead)
-        return np.asarray(added if direct is None else added + np.interp(at, t, direct[n:]))
-
-    def floor(self, k: int, t: Array) -> Array:
-        """Standard deviation of the prediction from noise, start state and what the samples do not hold, (n,) m.
+    def _open_floor(self, k: NDArray[np.intp], t: Array) -> Array:
+        """Standard deviation of predictions from readings `k` (m,) to times `t` (m, n) from noise, start state and what
+        the samples do not hold, where no effect depends on simulated motion, (m, n) m.
 
         A velocity that is lost at an instant t_i, of variance w_i, moves the position by sum w_i (t - t_i)² until t.
         """
-        pp, pv, vv = (entry[k] for entry in self.P)
-        h = t - self.run.t[k]
+        pp, pv, vv = (entry[k][:, None] for entry in self.P)
+        h = t - self.run.t[k][:, None]
         rows = np.searchsorted(self.run.t, t, side="right") - 1
-        zeroth, first, second = self.unknown[:, rows] - self.unknown[:, [k]]
+        zeroth, first, second = self.unknown[:, rows] - self.unknown[:, k][:, :, None]
         since = t - self.run.t[0]
         lost = np.maximum(since**2 * zeroth - 2.0 * since * first + second, 0.0)
         return np.asarray(np.sqrt(self.noise.q * h**3 / 3.0 + lost + pp + 2.0 * h * pv + h**2 * vv))
@@ -207,15 +198,10 @@ class Prediction:
         t = self.run.t
         starts = self.starts(horizon)
         ends = np.minimum(np.searchsorted(t, t[starts] + horizon), len(t) - 1)
-        errors = np.empty((len(starts), 3))
-        for i, (k, row) in enumerate(zip(starts, ends, strict=True)):
-            frozen, rezeroed = self.predict(int(k), np.array([row]))
-            errors[i] = (
-                self.run.readings[row] - frozen[0],
-                self.run.readings[row] - rezeroed[0],
-                self.floor(int(k), t[[row]])[0],
-            )
-        return Coasting(starts, ends, *errors.T)
+        rows = ends[:, None]
+        frozen, rezeroed, floor = (y[:, 0] for y in self._predict(starts, rows))
+        reading = self.run.readings[ends]
+        return Coasting(starts, ends, reading - frozen, reading - rezeroed, floor)
 
     def k_step(self, k: int) -> float | None:
         """Rms error of the prediction `k` readings ahead, m; None when the record is too short."""
@@ -226,22 +212,20 @@ class Prediction:
             return float(np.sqrt(np.mean(self.e[self.counts] ** 2)))
         at = np.arange(0, n - k)
         at = at[self.counts[at] & (self.breaks[at + k] == self.breaks[at])]
-        if self.causal is not None:
+        if self.ahead is not None:
             at = at[:: max(1, len(at) // MOST_STARTS)]
-            error = np.array([self.run.readings[i + k] - self.predict(int(i), np.array([i + k]))[0][0] for i in at])
-        else:
-            h = self.run.t[at + k] - self.run.t[at]
-            driven = self.moved[at + k] - self.moved[at] - h * self.travelled[at]
-            error = self.run.readings[at + k] - (self.p[at] + h * self.v[at] + driven)
-        return float(np.sqrt(np.mean(error**2))) if len(error) else None
+        if len(at) == 0:
+            return None
+        error = self.run.readings[at + k] - self._predict(at, (at + k)[:, None])[0][:, 0]
+        return float(np.sqrt(np.mean(error**2)))
 
     def simulate(self) -> tuple[Array, Array, Array, Array]:
         """Run free from the first settled reading to the next hole or the end; position is never looked at again."""
         k = int(np.argmax(self.counts))
         same = np.flatnonzero(self.breaks == self.breaks[k])
         rows = same[same > k]
-        frozen, _ = self.predict(k, rows)
-        return self.run.t[rows], self.run.readings[rows], frozen, self.floor(k, self.run.t[rows])
+        frozen, _, std = self.along(k, rows)
+        return self.run.t[rows], self.run.readings[rows], frozen, std
 
 
 def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:

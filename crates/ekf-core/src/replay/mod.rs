@@ -5,6 +5,7 @@
 //! afterwards; whitened innovations `y` and columns `X` obey `y = X beta + N(0, I)`.
 
 pub mod columns;
+pub mod dead_reckoning;
 pub mod filter;
 pub mod grid;
 pub mod smoother;

@@ -1,0 +1,500 @@
+"""Dead reckoning with effects: motion stepped forward in time from the output alone, from many starts at once.
+
+At nodes t_j the output implies the acceleration a_j = b_j - g E_j: b_j without effects, g = polarity/(1 + k), and
+E_j = sum c_i e_i at the simulated motion itself. The effects move velocity and position by
+
+    dv_j = dv_(j-1) - g h (E_(j-1) + E_j)/2,    dp_j = dp_(j-1) + h dv_(j-1) - g h² (2 E_(j-1) + E_j)/6,
+
+exact for E straight between nodes, implicit in E_j and stable for friction of any slope (derivations 6.7). The nodes of
+a window are solved together by iteration, for all starts at once; a window that does not converge is halved, down to
+one node, where Newton's method solves. So the result is that of one node after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from accelcal import _core
+from accelcal.data.arrays import Array
+from accelcal.effects import BUILT_IN, is_local
+from accelcal.estimation.values import Values
+from accelcal.model import Term, evaluate
+from accelcal.signals.processing import derivative
+from accelcal.signals.signals import Signals
+
+TOLERANCE = 1e-13
+"""Change of the effects, as a share of the largest, below which an iteration has converged."""
+ROUNDS = 12
+"""Iterations of a window before it is halved."""
+FEW = 6
+"""Iterations up to which the next window is twice as long."""
+NEWTON_ROUNDS = 60
+"""Iterations at one node."""
+TOGETHER = 1 << 15
+"""Nodes of all starts that are solved at once: their arrays stay in the cache."""
+HELD = 1 << 22
+"""Nodes of all starts that are held in memory."""
+MEMORY = 10.0
+"""Seconds before a start over which effects with memory are evaluated. They are taken from the whole record; what
+simulated motion changes in them begins at the start."""
+SMALL = 1e-6
+"""Step of a numerical derivative, as a share of the variable."""
+
+CORNER = 1e-9
+"""Least extent of a motion that slopes are taken on, m."""
+EPSILON = 16.0 * float(np.finfo(np.float64).eps)
+"""Rounding of a sum, as a share of its largest term."""
+TINY = 1e-300
+"""Least step of a numerical derivative, m/s²."""
+
+Terms = Sequence[tuple[Term, float]]
+Motion = tuple[Array, Array, Array, Array]
+"""Position, velocity, acceleration and its derivative."""
+
+
+@dataclass(frozen=True, slots=True)
+class Starts:
+    """State from which motion is simulated, one path for each, (n,) each."""
+
+    t: Array
+    """s"""
+    p: Array
+    """m, from the model's origin"""
+    v: Array
+    """m/s"""
+    constant: Array
+    """Acceleration added to that of the output, m/s²."""
+    variances: Array
+    """Variance of position, covariance, variance of velocity, (n, 3) in m², m²/s, m²/s²."""
+
+    def part(self, rows: slice) -> Starts:
+        """Some of them."""
+        return Starts(self.t[rows], self.p[rows], self.v[rows], self.constant[rows], self.variances[rows])
+
+
+@dataclass(slots=True)
+class Paths:
+    """What effects do to the motion along simulated paths; the first node is the start, the others lie on the grid."""
+
+    first: NDArray[np.intp]
+    """Node of the grid that is the second of each path, (n,)."""
+    t: Array
+    """Time of each node, (n, m) s."""
+    effects: Array
+    """Sum of the effects on the output, (n, m) m/s²."""
+    dv: Array
+    """Velocity that they add, (n, m) m/s."""
+    dp: Array
+    """Position that they add, (n, m) m."""
+    variance: Array
+    """Variance of the simulated position from noise and start, (n, m) m²."""
+
+
+class DeadReckoning:
+    """Effects of a model on simulated motion.
+
+    Parameters
+    ----------
+    values : coefficients.
+    known : motion over the whole record as far as it is known: the output's acceleration, effects subtracted.
+    bare : acceleration that the output implies without effects at the times of `known`, (n,) m/s².
+    carried : velocity and position that this acceleration has added since the first time, (n,) m/s and m.
+    density : of the noise on acceleration, (m/s²)²/Hz.
+    lost : variance of the velocity that the samples do not hold, accumulated since the first time, (n,) m²/s².
+    """
+
+    def __init__(
+        self, values: Values, known: Signals, bare: Array, carried: tuple[Array, Array], density: float, lost: Array
+    ) -> None:
+        self.values, self.density, self.lost = values, density, lost
+        self.gain = known.rig.polarity / values.scale
+        self.known = replace(known, a_corner=known.a_width, v_corner=known.v_width)
+        self.bare, self.jerk = bare, derivative(bare, known.step)
+        self.carried_v, self.carried_p = carried
+        self.local, self.lagging = split(values.additive("output"), known)
+        self.local_read, self.lagging_read = split(values.additive("position"), known)
+        acting = (*self.local, *self.lagging)
+        self.on_p = any(follows(term, known, "p") for term, _ in acting)
+        self.on_v = any(follows(term, known, "v") for term, _ in acting)
+        # Differences that an iteration uses for slopes: shares of what position and velocity change over.
+        self.small_p, self.small_v = SMALL * max(float(np.ptp(known.p)), CORNER), 1e-3 * self.known.v_width
+        self.lagged_effects = total(self.lagging, self.known) if self.lagging else np.empty(0)
+        # What the output alone determines, no simulated motion changes; nor does it what looks ahead.
+        self.lagging = [
+            (term, c)
+            for term, c in self.lagging
+            if self.feeds_back
+            and (follows(term, known, "p") or follows(term, known, "v") or not looks_ahead(term, known))
+        ]
+
+    @property
+    def feeds_back(self) -> bool:
+        """Whether the effects depend on simulated position or velocity."""
+        return self.on_p or self.on_v
+
+    def batches(self, count: int, horizon: float) -> list[slice]:
+        """Starts that are simulated together."""
+        nodes = horizon / self.known.step + 3.0
+        size = max(1, int(HELD / nodes))
+        return [slice(begin, begin + size) for begin in range(0, count, size)]
+
+    def displacement(self, starts: Starts, t: Array) -> tuple[Array, Array]:
+        """What the effects add to readings at times `t` (n, k) s behind the starts, and the variance of the simulated
+        position, (n, k) m and m²."""
+        paths = Simulation(self, starts, float(np.max(t - starts.t[:, None]))).run()
+        added, variance = np.empty_like(t), np.empty_like(t)
+        for i in range(len(t)):
+            node = np.clip(np.searchsorted(paths.t[i], t[i], side="right") - 1, 0, paths.t.shape[1] - 2)
+            h = t[i] - paths.t[i, node]
+            step = paths.t[i, node + 1] - paths.t[i, node]
+            here, rise = paths.effects[i, node], paths.effects[i, node + 1] - paths.effects[i, node]
+            added[i] = (
+                paths.dp[i, node] + h * paths.dv[i, node] - self.gain * h**2 * (here / 2.0 + rise * h / (6.0 * step))
+            )
+            variance[i] = np.interp(t[i], paths.t[i], paths.variance[i])
+        if self.local_read or self.lagging_read:
+            added += self._read(starts, paths, t, added)
+        return added, variance
+
+    def _read(self, starts: Starts, paths: Paths, t: Array, dp: Array) -> Array:
+        """What effects add to the readings themselves at times `t` of each path, (n, k) m."""
+        known, read = self.known, np.zeros_like(t)
+        every = total(self.lagging_read, known) if self.lagging_read else None
+        for i in range(len(t)):
+            motion = self._motion_at(starts, paths, i, t[i], dp[i])
+            if self.local_read:
+                read[i] += total(self.local_read, motion)
+            if every is None:
+                continue
+            nodes = slice(int(paths.first[i]), min(int(paths.first[i]) + paths.t.shape[1] - 1, len(known.t)))
+            simulated = self._motion_at(starts, paths, i, known.t[nodes], None)
+            before = history(known, nodes.start)
+            reference = total(self.lagging_read, known.at(slice(before.start, nodes.stop)))
+            change = (total(self.lagging_read, joined(known, before, simulated)) - reference)[
+                nodes.start - before.start :
+            ]
+            read[i] += np.interp(t[i], known.t, every) + np.interp(t[i], known.t[nodes], change)
+        return read
+
+    def _motion_at(self, starts: Starts, paths: Paths, i: int, t: Array, dp: Array | None) -> Signals:
+        """Simulated motion of one path at some times; at its nodes on the grid where `dp` is None."""
+        bare = Carried.of(self, starts.part(slice(i, i + 1)), t[None, :])
+        if dp is None:
+            n = len(t)
+            dp, dv, added = paths.dp[i, 1 : n + 1], paths.dv[i, 1 : n + 1], paths.effects[i, 1 : n + 1]
+        else:
+            dv, added = (np.interp(t, paths.t[i], y[i]) for y in (paths.dv, paths.effects))
+        return self.signals(t, bare.p[0] + dp, bare.v[0] + dv, bare.a[0] - self.gain * added, bare.jerk[0], bare.side)
+
+    def signals(self, t: Array, p: Array, v: Array, a: Array, jerk: Array, side: dict[str, Array]) -> Signals:
+        """Signals of simulated motion, (n,) each; spacing, length and widths are those of the whole record."""
+        polarity, gravity = self.known.rig.polarity, self.known.rig.gravity
+        return replace(
+            self.known,
+            t=t,
+            p=p,
+            v=v,
+            a=polarity * (a + gravity),
+            jerk=polarity * jerk,
+            side={name: y.reshape(-1) for name, y in side.items()},
+            whole=self.known,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """Motion without effects at times of several paths, (n, m) each."""
+
+    p: Array
+    v: Array
+    a: Array
+    jerk: Array
+    side: dict[str, Array]
+
+    @classmethod
+    def of(cls, ahead: DeadReckoning, starts: Starts, t: Array) -> Carried:
+        """At times `t`, (n, m) s: between nodes the acceleration is straight."""
+        known = ahead.known
+        begin_p, begin_v = ahead_at(ahead, starts.t)
+        since = t - starts.t[:, None]
+        position, velocity = ahead_at(ahead, t)
+        constant = starts.constant[:, None]
+        v = velocity - begin_v[:, None] + starts.v[:, None]
+        p = position - begin_p[:, None] + starts.p[:, None] + since * (starts.v - begin_v)[:, None]
+        a = np.interp(t, known.t, ahead.bare)
+        jerk = np.interp(t, known.t, ahead.jerk)
+        side = {name: np.interp(t, known.t, y) for name, y in known.side.items()}
+        return cls(p + 0.5 * constant * since**2, v + constant * since, a + constant, jerk, side)
+
+
+def ahead_at(ahead: DeadReckoning, t: Array) -> tuple[Array, Array]:
+    """Position and velocity that the bare acceleration has added since the first time, at times `t`."""
+    known, step = ahead.known, ahead.known.step
+    node = np.clip(((t - known.t[0]) / step).astype(np.intp), 0, len(known.t) - 2)
+    h = t - known.t[node]
+    b, rise = ahead.bare[node], ahead.bare[node + 1] - ahead.bare[node]
+    v = ahead.carried_v[node] + h * b + h**2 * rise / (2.0 * step)
+    p = ahead.carried_p[node] + h * ahead.carried_v[node] + h**2 * b / 2.0 + h**3 * rise / (6.0 * step)
+    return p, v
+
+
+class Simulation:
+    """Paths of several starts while they are simulated, window by window."""
+
+    def __init__(self, ahead: DeadReckoning, starts: Starts, horizon: float) -> None:
+        self.ahead, self.starts, known = ahead, starts, ahead.known
+        n, m = len(starts.t), int(horizon / known.step) + 3
+        first = np.searchsorted(known.t, starts.t, side="right")
+        grid = known.t[0] + known.step * (first[:, None] + np.arange(m - 1))
+        self.paths = Paths(first, np.column_stack([starts.t, grid]), *(np.zeros((n, m)) for _ in range(4)))
+        self.steps = np.diff(self.paths.t, axis=1)
+        self.variances = starts.variances.copy()
+        self.motion = tuple(np.zeros((n, m)) for _ in range(4)) if ahead.lagging else ()
+        self.reference = [self._reference(i) for i in range(n)] if ahead.lagging else []
+        self.largest = 0.0
+        self.lost = np.interp(self.paths.t, known.t, ahead.lost)
+
+    def run(self) -> Paths:
+        """Simulate to the end."""
+        paths, ahead = self.paths, self.ahead
+        n, m = paths.t.shape
+        most = m if ahead.lagging else max(1, TOGETHER // n)
+        self._advance(slice(0, 1), np.zeros((n, 1)))
+        paths.variance[:, 0] = self.variances[:, 0]
+        begin, width = 1, min(most, m)
+        while begin < m:
+            window = slice(begin, min(begin + width, m))
+            rounds = self._advance(window, np.repeat(paths.effects[:, begin - 1 : begin], window.stop - begin, axis=1))
+            if rounds is None:
+                width = max(1, (window.stop - begin) // 2)
+                continue
+            self._spread(window)
+            begin = window.stop
+            if rounds <= FEW:
+                width = min(2 * width, most)
+        return paths
+
+    def _advance(self, window: slice, effects: Array) -> int | None:
+        """Solve the nodes of a window from a first guess of the effects; None where it does not converge."""
+        bare, guess = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), effects
+        rounding = 0.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            for count in range(ROUNDS):
+                motion, displacement = self._motion(window, bare, effects)
+                found = self._effects(window, bare, motion)
+                change = np.abs(found - effects)
+                largest = max(self.largest, np.max(np.abs(found), initial=0.0))
+                if not np.any(change > TOLERANCE * largest + rounding):
+                    self._keep(window, bare, found)
+                    return count + 1
+                effects, rounding = self._corrected(window, bare, motion, displacement, found)
+            if window.stop - window.start > 1:
+                return None
+            self._keep(window, bare, self._at_node(window, bare, guess))
+        return ROUNDS
+
+    def _corrected(
+        self, window: slice, bare: Carried, motion: Motion, displacement: tuple[Array, Array], found: Array
+    ) -> tuple[Array, float]:
+        """The next iterate of the effects, (n, w) m/s²: linear in position and velocity about the last; and what
+        rounding of these alone makes of the effects."""
+        ahead = self.ahead
+        if window.start == 0 or not ahead.feeds_back:
+            return found, 0.0
+        local = self._local(window, bare, *motion)
+        slopes = []
+        for row, (acts, size) in enumerate(((ahead.on_p, ahead.small_p), (ahead.on_v, ahead.small_v))):
+            other = [*motion]
+            other[row] = motion[row] + size
+            slopes.append((self._local(window, bare, *other) - local) * (ahead.gain / size) if acts else 0.0 * local)
+        before, steps = self._before(window)
+        effects = (
+            _core.corrected(before, steps, displacement, -ahead.gain * found, (slopes[0], slopes[1])) / -ahead.gain
+        )
+        moving = zip(slopes, (bare.p, bare.v), strict=True)
+        return effects, EPSILON * sum(float(np.max(np.abs(slope)) * np.max(np.abs(y))) for slope, y in moving)
+
+    def _at_node(self, window: slice, bare: Carried, effects: Array) -> Array:
+        """Effects at one node, where no iteration of the path converged: Newton's method with halved steps, (n, 1)
+        m/s²."""
+        tried = self._effects(window, bare, self._motion(window, bare, effects)[0])
+        size, missing = np.max(np.abs(tried), initial=0.0), tried - effects
+        share = np.ones_like(effects)
+        for _ in range(NEWTON_ROUNDS):
+            small = np.maximum(SMALL * np.abs(missing), TOLERANCE * size + TINY)
+            slope = (self._missing(window, bare, effects + small) - missing) / small
+            trial = effects - share * missing / np.where(slope == 0.0, -1.0, slope)
+            left = self._missing(window, bare, trial)
+            better = np.abs(left) < np.abs(missing)
+            effects, missing = np.where(better, trial, effects), np.where(better, left, missing)
+            share = np.where(better, 1.0, 0.5 * share)
+            if not np.any(np.abs(missing) > TOLERANCE * size):
+                break
+        return effects
+
+    def _missing(self, window: slice, bare: Carried, effects: Array) -> Array:
+        """What the effects at the motion that follows from given effects exceed these by, (n, w) m/s²."""
+        return self._effects(window, bare, self._motion(window, bare, effects)[0]) - effects
+
+    def _before(self, window: slice) -> tuple[Array, Array]:
+        """What the effects have added up to the node before a window, (n, 3), and the steps to its nodes, (n, w) s."""
+        last, paths = window.start - 1, self.paths
+        before = np.column_stack([-self.ahead.gain * paths.effects[:, last], paths.dv[:, last], paths.dp[:, last]])
+        return before, np.ascontiguousarray(self.steps[:, last : window.stop - 1])
+
+    def _motion(self, window: slice, bare: Carried, effects: Array) -> tuple[Motion, tuple[Array, Array]]:
+        """Simulated motion under given effects, and the velocity and position that they add, (n, w) each."""
+        gain = self.ahead.gain
+        if window.start == 0:
+            zero = np.zeros_like(effects)
+            return (bare.p, bare.v, bare.a - gain * effects, bare.jerk), (zero, zero)
+        dv, dp, rate = _core.displaced(*self._before(window), -gain * effects)
+        return (bare.p + dp, bare.v + dv, bare.a - gain * effects, bare.jerk + rate), (dv, dp)
+
+    def _effects(self, window: slice, bare: Carried, motion: Motion) -> Array:
+        """Effects at given motion, (n, w) m/s²."""
+        found = self._local(window, bare, *motion)
+        if len(self.ahead.lagged_effects):
+            found += np.interp(self.paths.t[:, window], self.ahead.known.t, self.ahead.lagged_effects)
+        if self.ahead.lagging and window.start > 0:
+            found += self._changes(window, motion)
+        return found
+
+    def _local(self, window: slice, bare: Carried, p: Array, v: Array, a: Array, jerk: Array) -> Array:
+        """Sum of the effects without memory at given motion, (n, w) m/s²."""
+        t, shape = self.paths.t[:, window], p.shape
+        t, p, v, a, jerk = (np.ascontiguousarray(y).reshape(-1) for y in (t, p, v, a, jerk))
+        signals = self.ahead.signals(t, p, v, a, jerk, bare.side)
+        return total(self.ahead.local, signals).reshape(shape)
+
+    def _changes(self, window: slice, motion: Motion) -> Array:
+        """What simulated motion has changed in the effects with memory, (n, w) m/s²."""
+        ahead, known = self.ahead, self.ahead.known
+        found = np.zeros_like(motion[0])
+        for i, (first, reference) in enumerate(zip(self.paths.first, self.reference, strict=True)):
+            nodes = slice(int(first), int(first) + window.stop - 1)
+            so_far = (
+                np.concatenate([y[i, 1 : window.start], new[i]]) for y, new in zip(self.motion, motion, strict=True)
+            )
+            inside = known.t[nodes]
+            p, v, a, jerk = (y[: len(inside)] for y in so_far)
+            side = {name: y[nodes] for name, y in known.side.items()}
+            before = history(known, nodes.start)
+            path = joined(known, before, ahead.signals(inside, p, v, a, jerk, side))
+            change = total(ahead.lagging, path)[len(path.t) - len(inside) :] - reference[: len(inside)]
+            row = change[window.start - 1 :]
+            found[i, : len(row)] = row
+        return found
+
+    def _reference(self, i: int) -> Array:
+        """Effects with memory along the known motion from a start on, evaluated like those of simulated motion."""
+        first = int(self.paths.first[i])
+        before = history(self.ahead.known, first)
+        rows = slice(before.start, first + self.paths.t.shape[1] - 1)
+        return total(self.ahead.lagging, self.ahead.known.at(rows))[before.stop - before.start :]
+
+    def _keep(self, window: slice, bare: Carried, effects: Array) -> None:
+        """Take the effects of a window as solved."""
+        paths = self.paths
+        motion, (paths.dv[:, window], paths.dp[:, window]) = self._motion(window, bare, effects)
+        paths.effects[:, window] = effects
+        self.largest = max(self.largest, float(np.max(np.abs(effects), initial=0.0)))
+        for kept, new in zip(self.motion, motion, strict=False):
+            kept[:, window] = new
+
+    def _spread(self, window: slice) -> None:
+        """Variance of the simulated position over a window: noise, and what effects make of errors of the motion.
+
+        Slopes are differences over one standard deviation to either side, which a corner does not dominate.
+        """
+        ahead, paths = self.ahead, self.paths
+        t = np.ascontiguousarray(paths.t[:, window.start - 1 : window.stop])
+        on_p, on_v = np.zeros((2, *t.shape))
+        if ahead.feeds_back:
+            around = slice(window.start - 1, window.stop)
+            bare = Carried.of(ahead, self.starts, t)
+            motion = np.array(self._motion_of(around, bare))
+            for row, (acts, slope) in enumerate(((ahead.on_p, on_p), (ahead.on_v, on_v))):
+                if not acts:
+                    continue
+                size = np.maximum(np.sqrt(np.maximum(self.variances[:, [2 * row]], 0.0)), 1e-12)
+                high, low = motion.copy(), motion.copy()
+                high[row] += size
+                low[row] -= size
+                slope[:] = (self._local(around, bare, *high) - self._local(around, bare, *low)) / (2.0 * size)
+        lost = np.diff(self.lost[:, window.start - 1 : window.stop], axis=1)
+        paths.variance[:, window] = _core.dead_reckoning_variance(
+            self.variances, np.diff(t, axis=1), ahead.gain * on_p, ahead.gain * on_v, lost, ahead.density
+        )
+
+    def _motion_of(self, rows: slice, bare: Carried) -> tuple[Array, Array, Array, Array]:
+        """Simulated motion at nodes that are solved."""
+        paths, gain = self.paths, self.ahead.gain
+        return bare.p + paths.dp[:, rows], bare.v + paths.dv[:, rows], bare.a - gain * paths.effects[:, rows], bare.jerk
+
+
+def total(terms: Terms, s: Signals) -> Array:
+    """Sum of some terms at the times of `s`, (n,)."""
+    found = np.zeros(len(s.t))
+    for (_, c), column in zip(terms, evaluate([term for term, _ in terms], s), strict=True):
+        found += c * column
+    return found
+
+
+def split(
+    terms: Iterable[tuple[Term, float]], known: Signals
+) -> tuple[list[tuple[Term, float]], list[tuple[Term, float]]]:
+    """Terms without memory, and those with."""
+    local: list[tuple[Term, float]] = []
+    lagging: list[tuple[Term, float]] = []
+    for term, c in terms:
+        (local if is_local(term.effect) or seems_local(term, known) else lagging).append((term, c))
+    return local, lagging
+
+
+def seems_local(term: Term, known: Signals) -> bool:
+    """Whether a user's effect has the values on parts of the record that it has on the whole."""
+    if term.effect in BUILT_IN:
+        return False
+    whole, n = term.column(known), len(known.t)
+    parts = [slice(n * k // 7, n * (k + 1) // 7 + 1) for k in range(1, 6)]
+    return all(np.array_equal(term.column(known.part(rows)), whole[rows], equal_nan=True) for rows in parts)
+
+
+def follows(term: Term, known: Signals, letter: str) -> bool:
+    """Whether an effect depends on position ("p") or velocity ("v")."""
+    y = getattr(known, letter)
+    other = replace(known, **{letter: np.mean(y) - 0.7 * (y - np.mean(y)) + 0.1 * np.ptp(y)})
+    return not np.array_equal(term.column(known), term.column(other), equal_nan=True)
+
+
+def looks_ahead(term: Term, known: Signals) -> bool:
+    """Whether an effect depends on later motion, as a difference to either side does."""
+    rows = slice(0, 2 * len(known.t) // 3)
+    return not np.array_equal(term.column(known)[rows], term.column(known.at(rows)), equal_nan=True)
+
+
+def history(known: Signals, node: int) -> slice:
+    """Nodes before one over which effects with memory are evaluated."""
+    return slice(max(0, node - int(MEMORY / known.step)), node)
+
+
+def joined(known: Signals, before: slice, simulated: Signals) -> Signals:
+    """Known motion with simulated motion behind it."""
+
+    def one(y: Array, ahead: Array) -> Array:
+        return np.concatenate([y[before], ahead])
+
+    return replace(
+        simulated,
+        t=one(known.t, simulated.t),
+        p=one(known.p, simulated.p),
+        v=one(known.v, simulated.v),
+        a=one(known.a, simulated.a),
+        jerk=one(known.jerk, simulated.jerk),
+        side={name: one(y, simulated.side[name]) for name, y in known.side.items()},
+    )

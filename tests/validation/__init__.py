@@ -1,0 +1,1 @@
+"""Validation: dead reckoning against integrators of its own and closed forms."""
