@@ -104,7 +104,10 @@ class Prediction:
         at = self.values.stamps(signals.t + run.origins.t, run.origins.t)
         at_grid = output_at(run, at, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
         self.gain = run.rig.polarity / self.values.scale
-        self.bare: Array = self.gain * at_grid - run.rig.gravity * run.filters.at_rest
+        gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
+        if isinstance(gravity, np.ndarray):
+            gravity = np.interp(signals.t + run.origins.t, t, gravity)
+        self.bare: Array = self.gain * at_grid - gravity
         return signals
 
     @classmethod
@@ -148,6 +151,7 @@ class Prediction:
         count = int((self.run.t[rows[-1]] - self.run.t[k]) / step) + 3
         t = begin + step * np.arange(count)
         bare = np.interp(t, known.t, self.bare)
+        gravity = known.gravity if isinstance(known.gravity, float) else np.interp(t, known.t, known.gravity)
         total = np.zeros(count)
         history = slice(int(past[0]), int(past[1]))
         n = history.stop - history.start
@@ -159,7 +163,7 @@ class Prediction:
             a = bare - self.gain * total
             v = self.v[k] + integral(a, step)
             p = self.p[k] - origin.p + integral(v, step)
-            sensed = run.rig.polarity * (a + run.rig.gravity)
+            sensed = run.rig.polarity * (a + gravity)
             ahead = replace(
                 known,
                 t=joined(known.t, t),
