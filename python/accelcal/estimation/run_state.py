@@ -106,7 +106,7 @@ class RunState:
         """Whether the noise that is laid on the output is larger than all that the output shows near the crossover."""
         run, crossover = self.run, self.run.crossover(self.noise)
         y, rate = run.undone.y, 1.0 / run.accel_step
-        segment = min(len(y), 2 ** math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover)))
+        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
         f, density = spectral_density(y, rate, segment)
         near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
         if np.count_nonzero(near) < FEWEST_LINES // 2:
