@@ -56,6 +56,13 @@ KINDS: dict[str, Kind] = {
         "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
         forbids_names=True,
     ),
+    "slow_residual": Kind(
+        "beside",
+        "The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² "
+        "is ordinary. A tilt of {tilt_deg:.2g} degrees rms would explain it, or an effect that the model lacks; "
+        "orientation is not recorded, so bias and scale factor are not the sensor's before `accelcal diagnose` has "
+        "found one",
+    ),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",

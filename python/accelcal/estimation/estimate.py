@@ -65,6 +65,9 @@ class Fit:
     """Sentences a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
+    tilt: float = 0.0
+    """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
+    orientation was recorded."""
 
     def __repr__(self) -> str:
         each = (
@@ -424,8 +427,9 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 def tied_sum(fit: Fit, name: str) -> str:
     """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
     base = CATALOGUE.get(name)
+    turning = ("gravity along a turning axis",) if fit.tilt > 0.0 and name in ("bias", "scale_factor") else ()
     if base is None or base.traits.lumped is None:
         return fit[name].symbol
     members = [find(member) for member in base.traits.lumped.members]
     inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
-    return " + ".join(effect.traits.summand for effect in (base, *inside))
+    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning))

@@ -25,6 +25,9 @@ COLOURED = 0.15
 BEYOND_OUTPUT = 10.0
 """Power of the fitted noise over all that the output shows near the crossover, beyond which it is not the output's: an
 error of the readings that is white as an acceleration passes every test of innovations."""
+STILL_THERE = 0.5
+"""Density of the innovations there, over that of white ones, below which the fitted noise stands for something slower:
+an effect that the model lacks."""
 OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
 NEARLY_NYQUIST = 0.45
@@ -112,7 +115,16 @@ class RunState:
         if np.count_nonzero(near) < FEWEST_LINES // 2:
             return False
         shown = float(np.median(density[near] * (1.0 + (2.0 * np.pi * f[near] * run.tau(self.values)) ** 2)))
-        return 2.0 * self.noise.q * self.values.scale**2 > BEYOND_OUTPUT * shown > 0.0
+        laid = 2.0 * self.noise.q * self.values.scale**2
+        return laid > BEYOND_OUTPUT * shown > 0.0 and self._left_near(crossover) > STILL_THERE
+
+    def _left_near(self, crossover: float) -> float:
+        """Density of the whitened innovations near the crossover over that of white noise of variance 1."""
+        y, rate = self.whitened[self.counts], 1.0 / self.run.reading_step
+        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+        f, density = spectral_density(y, rate, segment)
+        near = density[(f > OCTAVE_BELOW * crossover) & (f <= crossover)]
+        return float(np.median(near)) * 0.5 * rate if len(near) else 0.0
 
     @property
     def coloured(self) -> bool:
