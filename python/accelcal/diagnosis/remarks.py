@@ -58,10 +58,9 @@ KINDS: dict[str, Kind] = {
     ),
     "slow_residual": Kind(
         "beside",
-        "The residual below {band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² "
-        "is ordinary. A tilt of {tilt_deg:.2g} degrees rms would explain it, or an effect that the model lacks; "
-        "orientation is not recorded, so bias and scale factor are not the sensor's before `accelcal diagnose` has "
-        "found one",
+        "A tilt of {tilt_deg:.2g} degrees rms, or an effect that the model lacks, would explain the residual below "
+        "{band:.2g} Hz, {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary; "
+        "orientation is not recorded. Do not take bias and scale factor for the sensor's: run accelcal diagnose",
     ),
     "unresolved_motion": Kind(
         "beside",

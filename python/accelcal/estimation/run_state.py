@@ -133,4 +133,6 @@ class RunState:
         if len(y) < LEAST_COUNT:
             return False
         power = float(np.mean(y**2))
-        return self.beyond_output or any(abs(float(np.mean(y[lag:] * y[:-lag]))) > COLOURED * power for lag in (1, 2, 3))
+        return self.beyond_output or any(
+            abs(float(np.mean(y[lag:] * y[:-lag]))) > COLOURED * power for lag in (1, 2, 3)
+        )

@@ -14,7 +14,6 @@ from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import Table
 
-
 ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
 """Channels that a quaternion is read into."""
 
@@ -71,10 +70,9 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
 
 def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, Source], list[Finding]]:
     """Return a column for each channel; side channels are looked for only when no sidecar lists the channels."""
-    sources = dict(declared.channels) | {
-        name: Source(column, "1", declared.attitude.time)
-        for name, column in (attitude_columns(declared) if declared.attitude else ())
-    }
+    sources = dict(declared.channels)
+    if declared.attitude is not None:
+        sources |= {name: Source(column, "1", declared.attitude.time) for name, column in attitude_columns(declared)}
     mapped = {source.column for source in sources.values()}
     unused = []
     for column, (channel, own_clock) in discover(table).items():

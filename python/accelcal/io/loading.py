@@ -15,7 +15,7 @@ from accelcal.data.rig import Rig
 from accelcal.io.assign import Plan, assign
 from accelcal.io.convert import in_seconds, in_si
 from accelcal.io.formats import open_table
-from accelcal.io.orientation import parts_of_orientation, with_orientation
+from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
 from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
 
@@ -58,7 +58,7 @@ def load(
     needs = {"accel": need_accel, "position": need_position and declared.attitude is None}
     required = tuple(name for name, needed in needs.items() if needed)
     plan, unused = assign(table, declared, required)
-    findings, parts = notes + unused, parts_of_orientation(declared)
+    findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
     for name, samples in _samples(table, plan, declared.rig):
         if not len(samples.t) and name == "accel" and not need_accel:

@@ -16,14 +16,18 @@ from accelcal.data.orientation import (
     HOLE,
     LEVER_PATHS,
     PLACE,
+    QUATERNION,
     QUATERNION_TOLERANCE,
+    rotated,
     turned,
     turning,
 )
 from accelcal.data.recording import Channel, Finding, RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.io import naming
 from accelcal.io.assign import ATTITUDE, attitude_columns
 from accelcal.io.sidecar import Sidecar
+from accelcal.io.table import Table
 
 MOST_GRAVITY = 1.5 * STANDARD_GRAVITY
 """Largest gravity along an axis that is one, m/s²: the acceleration of a turning axis may be part of it."""
@@ -61,11 +65,31 @@ def with_orientation(
     level = channels[GRAVITY]
     if level.unit != "m/s^2" or float(np.max(np.abs(level.y))) > MOST_GRAVITY + _shaken(channels):
         raise RecordingError(
-            f"{file}: {GRAVITY}: between {np.min(level.y):.4g} and {np.max(level.y):.4g} {level.unit}; expected what an "
-            "ideal accelerometer on the axis reads at rest, within ±9.81 m/s^2. Convert an angle by the sine of the "
-            "axis's elevation, and check the unit of the column"
+            f"{file}: {GRAVITY}: between {np.min(level.y):.4g} and {np.max(level.y):.4g} {level.unit}; expected what "
+            "an ideal accelerometer on the axis reads at rest, within ±9.81 m/s^2. Give g times the sine of the axis's "
+            "elevation in place of an angle, and check the unit of the column"
         )
     return dict(channels), replace(declared.rig, gravity_along_axis=float(np.mean(level.y))), []
+
+
+def asked(table: Table, declared: Sidecar) -> list[Finding]:
+    """A note on columns that look like an orientation, where none is declared."""
+    known = declared.attitude is not None or declared.input_axis is not None or GRAVITY in declared.channels
+    found = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    lines = []
+    if not known and set(GYROSCOPE) <= set(found):
+        columns = ", ".join(found[name] for name in GYROSCOPE)
+        lines.append(f'a gyroscope ({columns}): map them as {", ".join(GYROSCOPE)} and write [rig] input_axis = "x"')
+    if not known and set(QUATERNION) <= set(found):
+        columns = ", ".join(f'"{found[name]}"' for name in QUATERNION)
+        lines.append(
+            f'an attitude: map {", ".join(PLACE)} and write [rig] input_axis = "x" and [channels.attitude] '
+            f'columns = [{columns}], maps = "sensor to ENU"'
+        )
+    if not lines:
+        return []
+    text = f"orientation is not declared, though columns look like {'; or like '.join(lines)}, with your own axis"
+    return [Finding("orientation", "", 1, 0.0, text)]
 
 
 def _shaken(channels: Mapping[str, Channel]) -> float:
@@ -131,8 +155,6 @@ def _turning_of(q: Array, axis: Array) -> tuple[float, float]:
 
     The directions of an axis in the other frame are turned by the same angles.
     """
-    from accelcal.data.orientation import rotated
-
     e = rotated(q, axis, "sensor to ENU")
     mean = np.mean(e, axis=0)
     angle = np.degrees(np.arccos(np.clip(e @ (mean / np.linalg.norm(mean)), -1.0, 1.0)))
