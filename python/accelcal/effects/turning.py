@@ -6,7 +6,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import LEVER_PATHS, TURNED
-from accelcal.effects.registry import Traits, effect
+from accelcal.effects.registry import Search, Traits, effect
 from accelcal.signals.signals import Signals
 
 DRIFT_RATE = 1e-3
@@ -23,6 +23,7 @@ DRIFT_RATE = 1e-3
     needs=TURNED,
     parts=("1", "2", "drift"),
     traits=Traits(visible=False),
+    search=Search(includes=("bias",)),
 )
 def gyroscope_tilt(s: Signals) -> Array:
     """Gravity along an axis whose turning a gyroscope records (derivations 7.9).

@@ -39,7 +39,7 @@ TRIAL_BANDS = 9
 """Bands that are tried where the noise is not white."""
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
-WITH_GYROSCOPE = ("gyroscope_tilt",)
+WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)

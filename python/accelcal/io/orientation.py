@@ -193,7 +193,7 @@ def _of_gyroscope(
     reach = [math.degrees(float(np.ptp(angle.y))) for angle in (first, second)]
     text = (
         f"the gyroscope sees the input axis turn by {reach[0]:.3g} and {reach[1]:.3g} degrees in all about two "
-        "directions across it, drift included; fits estimate gravity along it (gyroscope_tilt)"
+        "directions across it, drift included; every fit estimates gravity along it"
     )
     finding = Finding("turning", "gyroscope", len(t), float(t[0]), text)
     return {**channels, first.name: first, second.name: second}, declared.rig, [finding]
