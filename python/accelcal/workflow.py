@@ -17,6 +17,7 @@ from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
+from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs
@@ -137,7 +138,11 @@ def fit(
     )
     if not reject_outliers:
         return every
-    return fit_without_outliers(every, several, start=start, end=end, band=band)
+    kept = fit_without_outliers(every, several, start=start, end=end, band=band)
+    slow = slow_residual(kept, several[0])
+    if slow is None:
+        return kept
+    return replace(kept, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *kept.remarks))
 
 
 def fit_without_outliers(

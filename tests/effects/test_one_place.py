@@ -23,6 +23,7 @@ HOMONYMS = {
     ("cli/data.py", "quadratic"): "option of `simulate`",
     ("cli/data.py", "cubic"): "option of `simulate`",
     ("cli/models.py", "cubic"): "model of `fit`: linear or cubic",
+    ("estimation/axis_gravity.py", "cubic"): "interpolation",
     ("estimation/drive.py", "cubic"): "interpolation",
     ("estimation/recursive.py", "cubic"): "model of a live filter: linear or cubic",
     ("filters/choice.py", "cubic"): "interpolation",

@@ -10,11 +10,14 @@ from pathlib import Path
 import tomlkit
 
 from accelcal import io
+from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io.formats import open_table
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")
+ORIENTATION = (GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
+"""What says how a body turns: gravity along the axis, a gyroscope, or place and attitude."""
 UNKNOWN = "?"
 
 
@@ -24,7 +27,7 @@ class Choice:
 
     column: str
     channel: str
-    """time, accel, position, a name chosen by the user, or `NOT_USED`."""
+    """time, accel, position, a part of an orientation, a name chosen by the user, or `NOT_USED`."""
     unit: str
     """Empty where none is known."""
 
@@ -64,14 +67,31 @@ def choices(path: Path, text: str) -> list[Choice]:
     return found
 
 
-def sidecar_from(text: str, chosen: Sequence[Choice]) -> str:
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """How the sensor sits on a body that turns."""
+
+    input_axis: str = ""
+    """x, y, z, three numbers with commas between them, or empty: what the sidecar says stays."""
+    maps: str = ""
+    """What a quaternion turns into what; empty: what the sidecar says stays."""
+
+
+def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) -> str:
     """The sidecar with its columns as chosen; everything else in it stays, comments included.
+
+    Parameters
+    ----------
+    text : the sidecar.
+    chosen : what each column is.
+    axis : how the sensor sits on a body that turns; None: as the sidecar says.
 
     Raises
     ------
     RecordingError
-        If two columns are the same channel, or the text is no TOML.
+        If two columns are the same channel, a quaternion has not all its columns, or the text is no TOML.
     """
+    axis = axis or Axis()
     used = [c for c in chosen if c.channel != NOT_USED]
     for i, choice in enumerate(used):
         twin = next((c for c in used[:i] if c.channel == choice.channel), None)
@@ -82,7 +102,12 @@ def sidecar_from(text: str, chosen: Sequence[Choice]) -> str:
     except tomlkit.exceptions.ParseError as error:
         raise RecordingError(f"the sidecar is not valid TOML: {error}; correct that line") from None
     table = document.setdefault("channels", tomlkit.table())
-    names = {c.channel for c in used}
+    quaternion = {c.channel: c.column for c in used if c.channel in QUATERNION}
+    if quaternion and len(quaternion) < len(QUATERNION):
+        missing = next(name for name in QUATERNION if name not in quaternion)
+        raise RecordingError(f"no column is {missing}; an attitude needs {', '.join(QUATERNION)}")
+    used = [c for c in used if c.channel not in QUATERNION]
+    names = {c.channel for c in used} | ({"attitude"} if quaternion else set())
     for name in [n for n in table if n not in names and n != "rate"]:
         del table[name]
     if "time" in names and "rate" in table:
@@ -97,7 +122,23 @@ def sidecar_from(text: str, chosen: Sequence[Choice]) -> str:
         for key, value in kept.items():
             entry[key] = value
         table[choice.channel] = entry
+    if quaternion:
+        attitude = table.setdefault("attitude", tomlkit.table())
+        attitude["columns"] = [quaternion[name] for name in QUATERNION]
+        attitude["maps"] = axis.maps or attitude.get("maps", "sensor to ENU")
+    if axis.input_axis.strip():
+        document.setdefault("rig", tomlkit.table())["input_axis"] = _direction(axis.input_axis.strip())
     return tomlkit.dumps(document)
+
+
+def _direction(text: str) -> str | list[float]:
+    """An axis as the sidecar writes it."""
+    if "," not in text:
+        return text
+    try:
+        return [float(part) for part in text.strip("[] ").split(",")]
+    except ValueError:
+        raise RecordingError(f'input axis "{text}": expected x, y, z or three numbers such as 0, 0.6, 0.8') from None
 
 
 def _channels(text: str) -> dict[str, tuple[str, str]]:
@@ -106,8 +147,10 @@ def _channels(text: str) -> dict[str, tuple[str, str]]:
         table = tomllib.loads(text).get("channels", {})
     except tomllib.TOMLDecodeError:
         return {}
+    attitude = table.get("attitude", {})
+    columns = attitude.get("columns", ()) if isinstance(attitude, dict) else ()
     return {
         name: (source["column"], str(source.get("unit", "")))
         for name, source in table.items()
         if isinstance(source, dict) and isinstance(source.get("column"), str)
-    }
+    } | {name: (str(column), "") for name, column in zip(QUATERNION, columns, strict=False)}

@@ -223,6 +223,9 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
 
     console = Console()
     console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
+    first = found.remarks[:1] if found.tilt > 0.0 else ()
+    for text in first:
+        console.print(text, style="bold", highlight=False)
     show_parameters(found)
     for key, one in (electrical(found, recordings[0].rig) or {}).items():
         console.print(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}", highlight=False)
@@ -233,7 +236,7 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
         for finding in recording.findings:
             if finding.severity == "warning":
                 console.print(f"warning: {recording.name}: {finding.text}", style="bold red", highlight=False)
-    for text in (*recordings[0].rig.assumptions, *found.remarks):
+    for text in (*recordings[0].rig.assumptions, *found.remarks[len(first) :]):
         console.print(f"note: {text}", highlight=False)
 
 

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import PLACE
 from accelcal.data.recording import Channel, Finding, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import FEWEST, rounding_std, stamp_grid, uniform_clock
@@ -79,7 +80,7 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
     _require_order(samples)
     t, y, findings = _without_duplicates(samples)
     name, unit = samples.name, samples.unit
-    t, noticed = _unrounded(name, t) if name in ("accel", "position") else (t, [])
+    t, noticed = _unrounded(name, t) if name in ("accel", "position", *PLACE) else (t, [])
     findings += noticed
     if len(t) < 2 and name in ("accel", "position"):
         found = "1 sample" if len(t) else "no sample"

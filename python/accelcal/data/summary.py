@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY, LEVER_PATHS, TURNED
 from accelcal.data.recording import Channel, Recording
 
 STILL_SPAN = 0.1
@@ -26,7 +27,8 @@ def describe(recording: Recording) -> dict[str, Any]:
     -------
     ``name``, ``digest``; ``channels``: by name ``samples``, ``start_s``, ``end_s``, ``rate_hz`` (gaps left out),
     ``longest_interval_s``, ``unit``, ``min``, ``max``; ``range_used`` (share of the declared full scale, or None);
-    ``rest_s``: list of [start, end]; ``findings``; ``assumptions``.
+    ``orientation``: "attitude", "gravity_along_axis", "gyroscope" or None; ``rest_s``: list of [start, end];
+    ``findings``; ``assumptions``.
     """
     channels = [recording.accel, *([recording.position] if len(recording.position) else []), *recording.side.values()]
     full_scale = recording.rig.sensor.range
@@ -35,10 +37,26 @@ def describe(recording: Recording) -> dict[str, Any]:
         "digest": recording.digest,
         "channels": {channel.name: _channel(channel) for channel in channels},
         "range_used": float(np.max(np.abs(recording.accel.y))) / full_scale if full_scale else None,
+        "orientation": orientation(recording),
         "rest_s": [list(stretch) for stretch in rest(recording)],
         "findings": [asdict(finding) for finding in recording.findings],
         "assumptions": list(recording.rig.assumptions),
     }
+
+
+def orientation(recording: Recording) -> str | None:
+    """What says how the axis turns: "attitude", "gravity_along_axis" or "gyroscope"; None where nothing does."""
+    known = {"attitude": LEVER_PATHS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
+    return next((name for name, channel in known.items() if channel in recording.side), None)
+
+
+_ORIENTATIONS = {
+    "attitude": "recorded; the acceleration along the turning axis is used, gravity included",
+    GRAVITY: "gravity along the axis is recorded and used",
+    "gyroscope": "angles from the gyroscope; every fit estimates gravity along the axis with their drift",
+    None: "not recorded; the axis is taken to keep its direction. If the body can turn, declare gravity_along_axis, an "
+    "attitude or a gyroscope",
+}
 
 
 def summarise(recording: Recording) -> str:
@@ -56,6 +74,7 @@ def summarise(recording: Recording) -> str:
     total = sum(end - start for start, end in found["rest_s"])
     stretches = ", ".join(f"{start:.4g} s to {end:.4g} s" for start, end in found["rest_s"][:3])
     more = ", ..." if len(found["rest_s"]) > 3 else ""
+    lines.append(f"  orientation: {_ORIENTATIONS[found['orientation']]}")
     lines.append(
         f"  at rest: {total:.4g} s in {len(found['rest_s'])} stretches ({stretches}{more})"
         if total

@@ -56,6 +56,12 @@ KINDS: dict[str, Kind] = {
         "{band:.2g} Hz is {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary",
         forbids_names=True,
     ),
+    "slow_residual": Kind(
+        "beside",
+        "A tilt of {tilt_deg:.2g} degrees rms, or an effect that the model lacks, would explain the residual below "
+        "{band:.2g} Hz, {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary; "
+        "orientation is not recorded. Do not take bias and scale factor for the sensor's: run accelcal diagnose",
+    ),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.diagnosis.contribution import Size
@@ -23,10 +24,11 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN
-from accelcal.estimation.estimate import result, solve_runs
+from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.model import Model
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.evaluation import compare
+from accelcal.validation.evaluation import accel_residual, compare
+from accelcal.validation.prediction import Prediction
 
 OF_TIME = frozenset(
     {
@@ -77,11 +79,13 @@ def turning_sensor(
     What counts is left by a model with every effect that was found, functions of time alone excepted: a bias that
     follows any function of time follows a tilt as well.
     """
+    if orientation_recorded(fitted.recordings[0]):
+        return None
     rig, accel = fitted.recordings[0].rig, fitted.recordings[0].accel
-    limit = rig.sensor.bias_instability or UNDECLARED_BIAS_INSTABILITY
+    limit = ordinary(rig)
     floor = output_noise(rig, accel.t, accel.y)
     following = [n for n in model.effects if n in OF_TIME and n in sizes and sizes[n].value > limit]
-    if not following and excess(where, floor) <= limit:
+    if not following and excess(where.accel_residual, where.band, floor) <= limit:
         return None
     reference = model.drop(*following) if following else model
     for finding in found:
@@ -93,7 +97,7 @@ def turning_sensor(
         except ValueError:
             if following:
                 return None
-    rms = excess(where, floor)
+    rms = excess(where.accel_residual, where.band, floor)
     degrees = tilt(rms, rig)
     if rms <= limit or degrees > TURNING_MOST_DEGREES:
         return None
@@ -101,18 +105,49 @@ def turning_sensor(
     return remark("turning_sensor", tilt_deg=degrees, rms=rms, band=band, bias_instability=limit)
 
 
-def excess(where: Comparison, floor: float) -> float:
+def slow_residual(fit: Fit, recording: Recording) -> Remark | None:
+    """What is said beside a fit of which nobody asked what it lacks; None where its slow residual is within the bias
+    instability, or orientation was recorded."""
+    if orientation_recorded(recording):
+        return None
+    run, limit = fit.runs[0], ordinary(fit.rig)
+    try:
+        ahead = Prediction.of(fit, recording, start=run.start, end=run.end)
+    except ValueError:
+        return None
+    band = min(ahead.crossover, 0.2 / ahead.run.reading_step)
+    t, residual, _ = accel_residual(ahead, band)
+    rms = excess((t, residual), band, output_noise(fit.rig, recording.accel.t, recording.accel.y))
+    degrees = tilt(rms, fit.rig)
+    if rms <= limit or degrees > TURNING_MOST_DEGREES:
+        return None
+    band = min(TURNING_BAND, band)
+    return remark("slow_residual", tilt_deg=degrees, rms=rms, band=band, bias_instability=limit)
+
+
+def orientation_recorded(recording: Recording) -> bool:
+    """Whether a channel says how the axis turns."""
+    return any(name in recording.side for name in DERIVED)
+
+
+def ordinary(rig: Rig) -> float:
+    """Slow change of the bias that is ordinary for a sensor, rms, m/s²."""
+    return rig.sensor.bias_instability or UNDECLARED_BIAS_INSTABILITY
+
+
+def excess(residual_at: tuple[Array, Array], highest: float, floor: float) -> float:
     """Slow residual beyond the noise, m/s² rms about its mean; 0 where the record is too short for one.
 
     Parameters
     ----------
-    where : comparison with its residual.
+    residual_at : times (n,) s and residual (n,) m/s².
+    highest : its bandwidth, Hz.
     floor : one-sided noise density of the output, (m/s²)/sqrt(Hz).
     """
-    t, residual = where.accel_residual
+    t, residual = residual_at
     if len(t) < 16:
         return 0.0
-    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, where.band)
+    step, band = float(np.median(np.diff(t))), min(TURNING_BAND, highest)
     if len(t) * step * band < TURNING_LEAST_PERIODS:
         return 0.0
     f = np.fft.rfftfreq(len(residual), step)

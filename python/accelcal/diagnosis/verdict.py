@@ -210,7 +210,7 @@ def verdict_on(
         classes=tuple(groups),
         inseparable=inseparable_groups(model),
         scan=found,
-        fit=profiled,
+        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values["tilt_deg"])),
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=significant,
         where=where,

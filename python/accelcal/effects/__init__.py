@@ -11,6 +11,7 @@ from accelcal.effects import (  # noqa: F401, I001  (importing a file enters its
     nonlinear,
     stage,
     thermal,
+    turning,
     interactions,
 )
 from accelcal.effects.cards import card, cards, spelled

@@ -169,5 +169,5 @@ def encoder_lag(s: Signals, tau: float) -> Array:
     Separate by: a common trigger on both channels and a sweep up to a third of 1/tau, where a lag levels off and a
     resonance rises; a second position sensor of known bandwidth.
     """
-    stage = s.rig.polarity * s.a - s.rig.gravity
+    stage = s.rig.polarity * s.a - s.gravity
     return tau * (tau * lagged_at(s.t, stage, tau, float(stage[0])) - s.v)

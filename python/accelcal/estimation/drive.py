@@ -92,9 +92,9 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     restart[0] = True
     restart[np.searchsorted(run.t, run.restarts)] = True
     first *= gain  # in place, as all of it: what is kept lies below what is not, and memory is given back
-    first -= run.rig.gravity * filters.at_rest * h
+    first -= run.gravity_integrals[0]
     second *= gain
-    second -= run.rig.gravity * filters.at_rest * h**2 / 2.0
+    second -= run.gravity_integrals[1]
     first[restart] = second[restart] = 0.0
     return DriveIntegrals(run.t, z, first, second, restart, run.extra_q)
 

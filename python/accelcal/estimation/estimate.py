@@ -12,6 +12,7 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
+from accelcal.data.orientation import DERIVED, TURNED
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
@@ -38,6 +39,7 @@ TRIAL_BANDS = 9
 """Bands that are tried where the noise is not white."""
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
+WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
@@ -63,6 +65,9 @@ class Fit:
     """Sentences a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
+    tilt: float = 0.0
+    """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
+    orientation was recorded."""
 
     def __repr__(self) -> str:
         each = (
@@ -270,7 +275,8 @@ def name_of(run: PreparedRun) -> str:
 
 
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
-    """The model with the effects that turning or rolling the sensor separates, and the error of the low-pass.
+    """The model with the effects that turning or rolling the sensor separates, the tilt that a gyroscope shows, and the
+    error of the low-pass.
 
     Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
     for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
@@ -284,6 +290,8 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
         extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
     if {"normal", "rolled"} <= mounts:
         extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
+    if all(name in r.side for r in recordings for name in TURNED):
+        extra += [n for n in WITH_GYROSCOPE if n not in model.effects]
     unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
@@ -410,7 +418,7 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
         for key, y in (("a", s.a), ("v", s.v), ("p", s.p + origins.p)):
             widen(key, float(np.min(y)), float(np.max(y)))
         widen("frequency", 0.0, s.cutoff)
-        for key, y in s.side.items():
+        for key, y in ((name, y) for name, y in s.side.items() if name not in DERIVED):
             offset = origins.temperature if key == "temperature" else 0.0
             widen(key, float(np.min(y)) + offset, float(np.max(y)) + offset)
     return {key: (low, high) for key, (low, high) in ranges.items()}
@@ -419,8 +427,9 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 def tied_sum(fit: Fit, name: str) -> str:
     """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
     base = CATALOGUE.get(name)
+    turning = ("gravity along a turning axis",) if fit.tilt > 0.0 and name in ("bias", "scale_factor") else ()
     if base is None or base.traits.lumped is None:
         return fit[name].symbol
     members = [find(member) for member in base.traits.lumped.members]
     inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
-    return " + ".join(effect.traits.summand for effect in (base, *inside))
+    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning))

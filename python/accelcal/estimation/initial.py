@@ -48,9 +48,10 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     zero = np.zeros_like(h)
     polarity = run.rig.polarity
     once, twice = np.where(plain.restart, 0, h), np.where(plain.restart, 0, h**2 / 2)
+    gained, moved = (np.where(plain.restart, 0.0, known[rows]) for known in run.gravity_integrals)
     ones = DriveIntegrals(plain.t, zero, once, twice, plain.restart, plain.extra_q)
-    encoder = DriveIntegrals(plain.t, plain.z, zero, zero, plain.restart, plain.extra_q)
-    output = DriveIntegrals(plain.t, zero, plain.first, plain.second, plain.restart, plain.extra_q)
+    encoder = DriveIntegrals(plain.t, plain.z, -gained, -moved, plain.restart, plain.extra_q)
+    output = DriveIntegrals(plain.t, zero, plain.first + gained, plain.second + moved, plain.restart, plain.extra_q)
     r = run.reading_variance_guess
     rate = 1.0 / run.reading_step
     best: tuple[float, float, float, Noise] | None = None
@@ -79,7 +80,6 @@ def regressed(run: PreparedRun, time_offset: float) -> tuple[float, float, Noise
     _, slope, constant, likely = best
     if not math.isfinite(slope) or abs(slope) < 1e-9:
         slope = 1e-9
-    # p'' = pol (u - K0)/s - g was driven as pol u - g: slope multiplies (pol u - g).
-    scale = 1.0 / slope
-    bias = -polarity * (constant + run.rig.gravity * (1.0 - slope)) * scale
+    scale = 1.0 / slope  # p'' + g = pol (u - K0)/s
+    bias = -polarity * constant * scale
     return scale, bias, likely

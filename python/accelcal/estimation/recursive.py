@@ -9,6 +9,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import unsupported
+from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.effects import find, polynomial
 from accelcal.estimation.estimate import Fit, estimate
@@ -55,6 +56,12 @@ def fit_recursive(
     refused = unsupported(recording.rig.filters, "a fit by a live filter")
     if refused:
         raise RecordingError(f"{recording.name or 'recording'}: {refused}")
+    turning = next((name for name in DERIVED if name in recording.side), None)
+    if turning:
+        raise RecordingError(
+            f"{recording.name or 'recording'}: {turning}: a fit by a live filter takes gravity along the axis as "
+            "constant; use the replay"
+        )
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = estimate(model, recording, start=start, end=end)
     offset = replayed["time_offset"]

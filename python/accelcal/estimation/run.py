@@ -9,9 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY, LEVER_PATHS, holes
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
+from accelcal.estimation.axis_gravity import AxisGravity
 from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
 from accelcal.estimation.glitches import MIN_READINGS, spikes
@@ -98,6 +100,16 @@ class PreparedRun:
     def filters(self) -> ChannelFilters:
         """Declared filters beside the one RC that the drive inverts itself."""
         return ChannelFilters(self.rig, 1.0 / self.accel_step, 1.0 / self.reading_step)
+
+    @cached_property
+    def gravity(self) -> AxisGravity:
+        """Specific force at rest along the axis."""
+        return AxisGravity(self.rig.gravity, self.recording.side.get(GRAVITY), self.filters)
+
+    @cached_property
+    def gravity_integrals(self) -> tuple[Array, Array]:
+        """Velocity (m/s) and position (m) that it takes from the interval before each reading, (n,)."""
+        return self.gravity.integrals(self.t)
 
     @cached_property
     def undone(self) -> Channel:
@@ -232,10 +244,18 @@ def prepare(
         accel_step=usual_step(part.t),
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
-        restarts=tuple(step.time for step in recording.position_steps if t[0] < step.time <= min(t[-1], withheld)),
+        restarts=tuple(time for time in new_starts(recording, t) if t[0] < time <= min(t[-1], withheld)),
         every=every,
     )
     return run if every_reading else without_repeated_counts(run)
+
+
+def new_starts(recording: Recording, t: Array) -> list[float]:
+    """Instants from which the position counts from another zero, s: its steps, and the ends of holes on a turning body,
+    whose acceleration within them nothing tells."""
+    turning = any(name in recording.side for name in LEVER_PATHS)
+    ends = [float(t[k]) for k in holes(t)] if turning else []
+    return sorted({*(step.time for step in recording.position_steps), *ends})
 
 
 def without_repeated_counts(run: PreparedRun) -> PreparedRun:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,10 +17,23 @@ from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Model
+from accelcal.signals.processing import spectral_density
 from accelcal.signals.signals import Signals
 
 COLOURED = 0.15
 """Autocorrelation of innovations beyond which the noise is not the white noise of the model."""
+BEYOND_OUTPUT = 10.0
+"""Power of the fitted noise over all that the output shows near the crossover, beyond which it is not the output's: an
+error of the readings that is white as an acceleration passes every test of innovations."""
+STILL_THERE = 0.5
+"""Density of the innovations there, over that of white ones, below which the fitted noise stands for something slower:
+an effect that the model lacks."""
+OCTAVE_BELOW = 0.5
+"""That power is taken from this share of the crossover on."""
+NEARLY_NYQUIST = 0.45
+"""And up to this share of the output's rate at most."""
+FEWEST_LINES = 16
+"""Frequencies in that range, on average over segments, below which it is not known."""
 
 
 @dataclass(slots=True, eq=False)
@@ -91,10 +105,34 @@ class RunState:
         return float(-0.5 * np.sum(y**2 + np.log(2.0 * np.pi * S)))
 
     @property
+    def beyond_output(self) -> bool:
+        """Whether the noise that is laid on the output is larger than all that the output shows near the crossover."""
+        run, crossover = self.run, self.run.crossover(self.noise)
+        y, rate = run.undone.y, 1.0 / run.accel_step
+        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+        f, density = spectral_density(y, rate, segment)
+        near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
+        if np.count_nonzero(near) < FEWEST_LINES // 2:
+            return False
+        shown = float(np.median(density[near] * (1.0 + (2.0 * np.pi * f[near] * run.tau(self.values)) ** 2)))
+        laid = 2.0 * self.noise.q * self.values.scale**2
+        return laid > BEYOND_OUTPUT * shown > 0.0 and self._left_near(crossover) > STILL_THERE
+
+    def _left_near(self, crossover: float) -> float:
+        """Density of the whitened innovations near the crossover over that of white noise of variance 1."""
+        y, rate = self.whitened[self.counts], 1.0 / self.run.reading_step
+        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+        f, density = spectral_density(y, rate, segment)
+        near = density[(f > OCTAVE_BELOW * crossover) & (f <= crossover)]
+        return float(np.median(near)) * 0.5 * rate if len(near) else 0.0
+
+    @property
     def coloured(self) -> bool:
         """Whether innovations at the likelihood's own noise are far from white."""
         y = self.whitened[self.counts]
         if len(y) < LEAST_COUNT:
             return False
         power = float(np.mean(y**2))
-        return any(abs(float(np.mean(y[lag:] * y[:-lag]))) > COLOURED * power for lag in (1, 2, 3))
+        return self.beyond_output or any(
+            abs(float(np.mean(y[lag:] * y[:-lag]))) > COLOURED * power for lag in (1, 2, 3)
+        )

@@ -9,6 +9,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
@@ -76,15 +77,15 @@ def smoothed_signals(
     subtract_effects(output, run, t, values, before)
     wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
     gain, filters = run.rig.polarity / values.scale, run.filters
-    gravity = run.rig.gravity * filters.at_rest
     crossover = run.crossover(noise)
     if cutoff is None:
-        rough = gain * output - gravity + wanted
+        rough = gain * output - run.rig.gravity * filters.at_rest + wanted
         density = noise.r * run.reading_step
         cutoff, reach = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
         del rough
     else:
         reach = cutoff
+    gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
     output = low_pass(output, rate, cutoff)
     tau = run.tau(values)
     if tau > 0.0:
@@ -196,11 +197,12 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     plain = output_at(run, values.stamps(t, run.origins.t), cutoff, run.tau(values))
     grid = Thinning.of(t, run.accel_step, cutoff)
     p, v = (grid.thin(y) for y in motion)
+    gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
 
     def corrected(signals: Signals | None) -> Signals:
         output = plain.copy()
         subtract_effects(output, run, t, values, signals)
-        a = run.rig.polarity / values.scale * output - run.rig.gravity * run.filters.at_rest
+        a = run.rig.polarity / values.scale * output - gravity
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
 
@@ -218,16 +220,22 @@ def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
     """Motion of the stage as the sensor feels it, with side channels."""
-    polarity = run.rig.polarity
+    polarity, side = run.rig.polarity, side_channels_at(run, t_grid)
+    gravity: Array | float = run.rig.gravity
+    change: Array | float = 0.0
+    if GRAVITY in side:
+        full = uniform_times(run)
+        gravity = side[GRAVITY] = np.interp(t_grid, full, run.gravity.within(full, run.accel_step, cutoff))
+        change = derivative(gravity, float(t_grid[1] - t_grid[0]))
     return Signals(
         t=t_grid - run.origins.t,
         p=motion.p - run.origins.p,
         v=motion.v,
-        a=polarity * (motion.a + run.rig.gravity),
-        jerk=polarity * motion.jerk,
+        a=polarity * (motion.a + gravity),
+        jerk=polarity * (motion.jerk + change),
         scale=values.scale,
         bias=values.bias,
         rig=run.rig,
         cutoff=cutoff,
-        side=side_channels_at(run, t_grid),
+        side=side,
     )

@@ -11,6 +11,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import unsupported
+from accelcal.data.orientation import GRAVITY
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, is_local
 from accelcal.effects.building_blocks import lag_weights
@@ -145,6 +146,10 @@ class LiveModel:
         FilterError
             If the step fails; the filter is then as it was before it.
         """
+        if GRAVITY in side:
+            raise ValueError(
+                f"{GRAVITY}: a live filter takes gravity along the axis as constant; give the rig's, and fit a record"
+            )
         self._side.update(side)
         self._require_side()
         self._filter.read(self._x, self._variances)

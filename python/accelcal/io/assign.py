@@ -8,10 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from accelcal.data import units
+from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import Finding, RecordingError
 from accelcal.io import naming
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import Table
+
+ATTITUDE = tuple(f"attitude.{name}" for name in QUATERNION)
+"""Channels that a quaternion is read into."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,10 +71,12 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
 def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, Source], list[Finding]]:
     """Return a column for each channel; side channels are looked for only when no sidecar lists the channels."""
     sources = dict(declared.channels)
+    if declared.attitude is not None:
+        sources |= {name: Source(column, "1", declared.attitude.time) for name, column in attitude_columns(declared)}
     mapped = {source.column for source in sources.values()}
     unused = []
     for column, (channel, own_clock) in discover(table).items():
-        essential = channel in ("accel", "position")
+        essential = channel == "accel" or (channel == "position" and declared.attitude is None)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
         if essential or (not declared.channels and _has_unit(table, column)):
@@ -84,6 +90,11 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
             unused.append(column)
     text = f"columns without a known unit are not used: {', '.join(unused)}; declare them in [channels] to use them"
     return sources, [Finding("unused_columns", "", len(unused), 0.0, text)] if unused else []
+
+
+def attitude_columns(declared: Sidecar) -> list[tuple[str, str]]:
+    """The channels that an attitude is read into, each with its column."""
+    return list(zip(ATTITUDE, declared.attitude.columns, strict=True)) if declared.attitude else []
 
 
 def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:

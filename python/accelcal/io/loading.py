@@ -15,6 +15,7 @@ from accelcal.data.rig import Rig
 from accelcal.io.assign import Plan, assign
 from accelcal.io.convert import in_seconds, in_si
 from accelcal.io.formats import open_table
+from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
 from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
 
@@ -54,10 +55,10 @@ def load(
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
-    needs = {"accel": need_accel, "position": need_position}
+    needs = {"accel": need_accel, "position": need_position and declared.attitude is None}
     required = tuple(name for name, needed in needs.items() if needed)
     plan, unused = assign(table, declared, required)
-    findings = notes + unused
+    findings, parts = notes + unused + asked(table, declared), parts_of_orientation(declared)
     channels = {}
     for name, samples in _samples(table, plan, declared.rig):
         if not len(samples.t) and name == "accel" and not need_accel:
@@ -69,7 +70,9 @@ def load(
             findings.append(Finding("empty", name, 0, 0.0, f"{name}: every cell is empty; the channel is left out"))
             continue
         channels[name], noticed = quality.clean(samples, declared.rig)
-        findings += noticed
+        findings += [] if name in parts else noticed
+    channels, rig, noticed = with_orientation(str(path), channels, declared)
+    findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
     if len(accel) and len(position):
@@ -77,7 +80,7 @@ def load(
     return Recording(
         accel=accel,
         position=position,
-        rig=declared.rig,
+        rig=rig,
         side=channels,
         name=path.name,
         digest=_digest(path),

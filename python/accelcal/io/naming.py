@@ -15,6 +15,14 @@ ROLES = {
 }
 """Names, without unit and in lower case, by which a column is recognised when no sidecar maps it."""
 
+_ORIENTATION = (
+    (re.compile(r"(?:gyr|gyro|gyroscope|omega|angular_velocity|angular_rate)_?(?P<axis>[xyz])"), "gyr_{axis}"),
+    (re.compile(r"(?:q|quat|quaternion)_?(?P<axis>[wxyz])"), "q_{axis}"),
+    (re.compile(r"pos(?:ition)?_?(?P<axis>[enu])"), "position_{axis}"),
+    (re.compile(r"pos(?:ition)?_(?P<axis>east|north|up)"), "position_{axis}"),
+)
+"""Names by which columns of an orientation are recognised, and what a sidecar calls them."""
+
 SUFFIXES = {
     "m_per_s2": "m/s^2",
     "mm_per_s2": "mm/s^2",
@@ -79,6 +87,21 @@ def take_apart(column: str) -> Named:
 def role(base: str) -> str | None:
     """Return the role that a quantity called `base` plays: time, accel, position, temperature, or None."""
     return next((role for role, names in ROLES.items() if base.lower() in names), None)
+
+
+def orientation_role(base: str) -> str | None:
+    """Return what a sidecar calls a quantity of an orientation: gyr_x, q_w, position_e, ...; None if it is none.
+
+    Examples
+    --------
+    >>> orientation_role("quat_w"), orientation_role("gyro_x"), orientation_role("pos_u"), orientation_role("speed")
+    ('q_w', 'gyr_x', 'position_u', None)
+    """
+    for pattern, name in _ORIENTATION:
+        match = pattern.fullmatch(base.lower())
+        if match:
+            return name.format(axis=match["axis"][0])
+    return None
 
 
 def column_name(channel: str, unit: str) -> str:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from accelcal.data import units
 from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
+from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sense
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 
@@ -49,6 +50,17 @@ class Source:
 
 
 @dataclass(frozen=True, slots=True)
+class Attitude:
+    """Where the orientation of a body comes from."""
+
+    columns: tuple[str, str, str, str]
+    """w, x, y, z of the quaternion."""
+    maps: Sense
+    time: Clock | None = None
+    """None = the common time column."""
+
+
+@dataclass(frozen=True, slots=True)
 class Sidecar:
     """Everything that one sidecar declares."""
 
@@ -58,6 +70,9 @@ class Sidecar:
     time: Clock | None = None
     channels: Mapping[str, Source] = field(default_factory=dict)
     """By channel name; without time."""
+    attitude: Attitude | None = None
+    input_axis: tuple[float, float, float] | None = None
+    """Direction of the input axis in axes of the sensor, of length 1."""
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -149,6 +164,25 @@ def _numbers(found: object) -> tuple[float, ...]:
     return tuple(float(x) for x in found)
 
 
+def _input_axis(found: object) -> tuple[float, float, float]:
+    """A letter, or a direction of length 1."""
+    letters = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+    if isinstance(found, str) and found in letters:
+        return letters[found]
+    if not isinstance(found, list) or len(found) != 3:
+        raise ValueError(f'found {found!r}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]')
+    x, y, z = _numbers(found)
+    length = math.sqrt(x**2 + y**2 + z**2)
+    if not abs(length - 1.0) < UNIT_LENGTH:
+        raise ValueError(
+            f"found {found!r}, of length {length:.4g}, expected a unit vector"
+            + (f"; the same direction is [{x / length:.6g}, {y / length:.6g}, {z / length:.6g}]" if length else "")
+        )
+    return x / length, y / length, z / length
+
+
+UNIT_LENGTH = 1e-3
+"""Difference of the length of a unit vector from 1 that rounding explains."""
 _ANY_OTHER = "*"
 
 
@@ -193,6 +227,29 @@ def _clock(found: object) -> Clock:
     if ("column" in values) == ("rate" in values):
         raise ValueError('expected either column = "..." with its unit, or rate = "1667 Hz"')
     return Clock(**values)
+
+
+def _four_columns(found: object) -> tuple[str, ...]:
+    if not isinstance(found, list) or len(found) != 4 or not all(isinstance(name, str) for name in found):
+        raise ValueError(f"found {found!r}, expected four columns such as {list(QUATERNION)}".replace("'", '"'))
+    if len(set(found)) != 4:
+        raise ValueError(f"found {found!r}, expected four different columns, w, x, y, z of the quaternion")
+    return tuple(found)
+
+
+_ATTITUDE: dict[str, _Check] = {
+    "columns": _four_columns,
+    "maps": _one_of("sensor to ENU", "ENU to sensor"),
+    "time": _clock,
+}
+
+
+def _attitude(found: object) -> Attitude:
+    values = _table(found, "", _ATTITUDE)
+    for key, example in (("columns", f"{list(QUATERNION)}".replace("'", '"')), ("maps", '"sensor to ENU"')):
+        if key not in values:
+            raise ValueError(f"{key} is missing; expected e.g. {key} = {example}")
+    return Attitude(**values)
 
 
 _SOURCE: dict[str, _Check] = {"column": _text, "unit": _text, "time": _clock}
@@ -305,6 +362,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "axis": _one_of("level", "up", "down"),
         "mount": _one_of("normal", "reversed", "rolled"),
         "gravity_along_axis": _amount("acceleration"),
+        "input_axis": _input_axis,
     },
     "clock": {"offset_tolerance": _amount("time", "not negative")},
     "channels": {
@@ -312,6 +370,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "rate": _amount("frequency", "positive"),
         "accel": _source(**_FILTERED),
         "position": _source(resolution=_amount("length", "positive"), **_FILTERED),
+        "attitude": _attitude,
         _ANY_OTHER: _source(),
     },
     "uncertainty": {
@@ -334,24 +393,71 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
         time, rate = channels.pop("time", None), channels.pop("rate", None)
         if time is not None and rate is not None:
             raise _KeyError("channels.rate", "there is a time as well; keep one of the two")
+        _require_one_orientation(tables)
+        attitude, input_axis = channels.pop("attitude", None), tables["rig"].pop("input_axis", None)
         return Sidecar(
             path=path,
-            rig=_rig(tables),
+            rig=_rig(tables, turning=attitude is not None),
             time=Clock(rate=rate) if rate is not None else time,
             channels={name: source for name, (source, _) in channels.items()},
+            attitude=attitude,
+            input_axis=input_axis,
         )
     except _KeyError as error:
         raise RecordingError(f"{path}: {error.where}: {error.text}") from None
 
 
-def _rig(tables: Mapping[str, dict[str, Any]]) -> Rig:
+def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
+    """Refuse an orientation that is declared twice, or in part."""
+    rig, channels = tables["rig"], tables["channels"]
+    attitude, level = "attitude" in channels, GRAVITY in channels
+    for other in ("rig" if GRAVITY in rig else "", "channels" if attitude and level else ""):
+        if other and (attitude or level):
+            given = "[channels.attitude] gives" if attitude else "channels.gravity_along_axis gives"
+            raise _KeyError(f"{other}.{GRAVITY}", f"{given} gravity along the axis already; keep one of the two")
+    rates = [name for name in GYROSCOPE if name in channels]
+    if "input_axis" in rig:
+        if not attitude and (level or not rates):
+            raise _KeyError(
+                "rig.input_axis",
+                "is the direction of the axis in a body whose turning is recorded; declare [channels.attitude] with "
+                f"{', '.join(PLACE)}, or a gyroscope as {', '.join(GYROSCOPE)}, or leave it out",
+            )
+        if not attitude and len(rates) < len(GYROSCOPE):
+            lost = next(name for name in GYROSCOPE if name not in rates)
+            raise _KeyError(f"channels.{lost}", f"is missing; a gyroscope is {', '.join(GYROSCOPE)}, in rad/s")
+    if not attitude:
+        return
+    if "input_axis" not in rig:
+        raise _KeyError(
+            "rig.input_axis", 'is missing beside [channels.attitude]; write input_axis = "x", "y", "z" or a unit vector'
+        )
+    missing = [name for name in PLACE if name not in channels]
+    if missing:
+        raise _KeyError(
+            f"channels.{missing[0]}",
+            "is missing beside [channels.attitude]; the acceleration along a turning axis is made from "
+            f'{", ".join(PLACE)}, each as {{ column = "...", unit = "m" }}',
+        )
+    if "position" in channels:
+        raise _KeyError(
+            "channels.position",
+            f"beside [channels.attitude] the position along the axis is made from {', '.join(PLACE)}; leave it out",
+        )
+    if rig.get("mount", "normal") != "normal":
+        raise _KeyError(
+            "rig.mount", "beside [channels.attitude] input_axis says how the sensor points; leave mount out"
+        )
+
+
+def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
     rig, channels = tables["rig"], tables["channels"]
     lowpass, output_filters = _of_output(channels)
     resolution = channels["position"][1].get("resolution") if "position" in channels else None
     sensor = _sensor(tables["sensor"])
     assumptions = {
-        ASSUMED_AXIS: "axis" in rig or "gravity_along_axis" in rig,
-        ASSUMED_MOUNT: "mount" in rig,
+        ASSUMED_AXIS: "axis" in rig or GRAVITY in rig or GRAVITY in channels or turning,
+        ASSUMED_MOUNT: "mount" in rig or turning,
         ASSUMED_LOWPASS: lowpass is not None or bool(output_filters),
         ASSUMED_LOWPASS_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
         ASSUMED_RESOLUTION: resolution is not None,

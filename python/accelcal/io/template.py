@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from accelcal.data import units
+from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io import naming
 from accelcal.io.assign import discover
@@ -47,13 +48,20 @@ def template(path: str | Path) -> str:
     table = open_table(path)
     by_name = {column: channel for column, (channel, _) in discover(table).items()}
     columns = {name: _column_for(name, by_name) for name in ("time", "accel", "position")}
+    roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
+    turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
     others = [column for column in table.columns if column not in columns.values()]
+    others = [column for column in others if turning.get(column) not in QUATERNION]
     channels = [_required(table, name, column) for name, column in columns.items()]
+    quaternion = ", ".join(toml_text(roles.get(name, name)) for name in QUATERNION)
+    attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
+    lines = [_optional(table, column, turning.get(column) or by_name[column]) for column in others]
     electrical = _dimension(table, columns["accel"]) in ("V", "count")
     return (
         _TEXT.replace("NAME", path.name)
         .replace("SCALE", _SCALE_NEEDED if electrical else _SCALE_OPTIONAL)
-        .replace("CHANNELS", "\n".join(channels + [_optional(table, column, by_name[column]) for column in others]))
+        .replace("ATTITUDE", attitude)
+        .replace("CHANNELS", "\n".join(channels + lines))
     )
 
 
@@ -72,6 +80,7 @@ SCALE
 # axis = "level"                # level | up | down
 # mount = "normal"              # normal | reversed | rolled
 # gravity_along_axis = "0 m/s^2"
+# input_axis = "x"              # of a body that turns: x | y | z | [0.0, 0.6, 0.8], in axes of attitude or gyroscope
 
 [clock]
 # offset_tolerance = "0 us"     # how far the clocks of accel and position may disagree
@@ -79,6 +88,14 @@ SCALE
 [channels]                      # accel may add: lowpass = { kind = "RC", fc = "159 Hz", tolerance = 0.0 }
                                 # position may add: resolution = "1 um", its own time = { column = "...", unit = "s" }
 CHANNELS
+
+# Can the body turn? Then gravity along the axis changes. Declare one of three, or the scale factor is not the sensor's:
+# what an ideal accelerometer on the axis reads at rest, in [channels]:
+#   gravity_along_axis = { column = "...", unit = "m/s^2" }
+# a gyroscope, in [channels], right-handed, in the axes that [rig] input_axis means:
+#   gyr_x = { column = "...", unit = "rad/s" }, and gyr_y and gyr_z
+# a reference that tracks place and attitude: position_e, position_n and position_u in [channels], no position, and
+#ATTITUDE
 
 [uncertainty]                   # standard uncertainties, for the budget
 # encoder_scale = 1e-5

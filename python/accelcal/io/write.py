@@ -14,6 +14,7 @@ import numpy as np
 
 from accelcal.data import units
 from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
+from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.io import naming, sidecar
@@ -114,7 +115,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
     """
     tables = {
         "sensor": _sensor(rig),
-        "rig": _rig(rig),
+        "rig": _rig(rig, turning=GRAVITY in channels),
         "clock": _clock(rig),
         "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
@@ -216,13 +217,14 @@ def _sensor(rig: Rig) -> dict[str, str]:
     )
 
 
-def _rig(rig: Rig) -> dict[str, str]:
+def _rig(rig: Rig, *, turning: bool) -> dict[str, str]:
+    """Return what is declared of the rig; gravity along an axis that a channel holds is not declared twice."""
     assumed = rig.assumptions
     return _declared(
         {
             "axis": None if sidecar.ASSUMED_AXIS in assumed else toml_text(rig.axis),
             "mount": None if sidecar.ASSUMED_MOUNT in assumed else toml_text(rig.mount),
-            "gravity_along_axis": _amount(rig.gravity_along_axis, "m/s^2"),
+            GRAVITY: None if turning else _amount(rig.gravity_along_axis, "m/s^2"),
         }
     )
 

@@ -87,6 +87,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         "origins": asdict(fit.origins),
         "validity": {key: list(span) for key, span in fit.validity.items()},
         "remarks": list(fit.remarks),
+        "tilt_deg": fit.tilt,
         "seed": seed,
     }
 
@@ -214,6 +215,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         method=content["method"],
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
+        tilt=float(content.get("tilt_deg", 0.0)),
     )
     stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
     if stored != known:

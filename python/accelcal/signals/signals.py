@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY
 from accelcal.data.rig import Rig
 
 
@@ -114,11 +115,18 @@ class Signals:
             )
 
         made.p[:] = between(self.p, lambda i: self.v[i])
-        made.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - self.rig.gravity)
+        gravity = self.gravity
+        level = (lambda i: gravity) if isinstance(gravity, float) else (lambda i: gravity[i])
+        made.v[:] = between(self.v, lambda i: self.rig.polarity * self.a[i] - level(i))
         made.a[:] = between(self.a, lambda i: self.jerk[i])
         made.jerk[:] = self.jerk[k] + f * (self.jerk[end] - self.jerk[k])
         for name, y in self.side.items():
             made.side[name][:] = y[k] + f * (y[end] - y[k])
+
+    @property
+    def gravity(self) -> Array | float:
+        """Specific force at rest along the axis, with the sign of the stage, m/s²: (n,) where it was recorded."""
+        return self.side.get(GRAVITY, self.rig.gravity)
 
     @property
     def temperature(self) -> Array:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from accelcal import _core
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY
 from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.values import Values
 from accelcal.model import Term, evaluate
@@ -113,7 +114,9 @@ class DeadReckoning:
         self.values, self.density, self.lost = values, density, lost
         self.gain = known.rig.polarity / values.scale
         self.known = replace(known, a_corner=known.a_width, v_corner=known.v_width)
-        self.bare, self.jerk = bare, derivative(bare, known.step)
+        gravity = known.gravity
+        self.bare = bare
+        self.jerk = derivative(bare if isinstance(gravity, float) else bare + gravity, known.step)
         self.carried_v, self.carried_p = carried
         self.local, self.lagging = split(values.additive("output"), known)
         self.local_read, self.lagging_read = split(values.additive("position"), known)
@@ -192,7 +195,8 @@ class DeadReckoning:
 
     def signals(self, t: Array, p: Array, v: Array, a: Array, jerk: Array, side: dict[str, Array]) -> Signals:
         """Signals of simulated motion, (n,) each; spacing, length and widths are those of the whole record."""
-        polarity, gravity = self.known.rig.polarity, self.known.rig.gravity
+        side = {name: y.reshape(-1) for name, y in side.items()}
+        polarity, gravity = self.known.rig.polarity, side.get(GRAVITY, self.known.rig.gravity)
         return replace(
             self.known,
             t=t,
@@ -200,7 +204,7 @@ class DeadReckoning:
             v=v,
             a=polarity * (a + gravity),
             jerk=polarity * jerk,
-            side={name: y.reshape(-1) for name, y in side.items()},
+            side=side,
             whole=self.known,
         )
 

@@ -9,6 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, require_band
 from accelcal.estimation.run import PreparedRun
@@ -150,7 +151,10 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     del missed
     p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
-    sensed = rig.polarity * (a + rig.gravity)
+    sensed = rig.polarity * (a + run.gravity.within(t, step, band))
+    side = side_channels_at(run, t)
+    if GRAVITY in side:
+        side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
     motion = Signals(
         t=t - run.origins.t,
         p=p - run.origins.p + np.interp(t, run.t, run.z - without_steps(run.z, run)),
@@ -161,7 +165,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         bias=values.bias,
         rig=rig,
         cutoff=band,
-        side=side_channels_at(run, t),
+        side=side,
     )
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)

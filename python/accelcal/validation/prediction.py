@@ -102,8 +102,10 @@ class Prediction:
         run = self.run
         stamps = self.values.stamps(known.t + run.origins.t, run.origins.t)
         output = output_at(run, stamps, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
-        bare = run.rig.polarity / self.values.scale * output - run.rig.gravity * run.filters.at_rest
-        t = known.t + run.origins.t
+        t, full = known.t + run.origins.t, uniform_times(run)
+        gravity = run.gravity.behind_high_passes(full, run.accel_step, cutoff)
+        bare = run.rig.polarity / self.values.scale * output
+        bare -= gravity if isinstance(gravity, float) else np.interp(t, full, gravity)
         v = integral(bare, known.step)
         v += np.interp(t, run.t, self.travelled - np.interp(run.t, t, v))
         p = integral(v, known.step)

@@ -165,10 +165,11 @@ def columns(page: Page) -> None:
     roles, names, units = [], [], []
     rows: list[list[widgets.Cell]] = []
     for one in found:
-        known = one.channel if one.channel in (*mapping.ESSENTIAL, mapping.NOT_USED) else "other"
+        named = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
+        known = one.channel if one.channel in named else "other"
 
         def role(one: mapping.Choice = one, known: str = known) -> None:
-            made = ui.select([*mapping.ESSENTIAL, "other", mapping.NOT_USED], value=known)
+            made = ui.select([*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION], value=known)
             roles.append(made.props(f'dense outlined aria-label="Role of {widgets.attribute(one.column)}"'))
 
         def name(one: mapping.Choice = one, known: str = known) -> None:
@@ -181,6 +182,16 @@ def columns(page: Page) -> None:
 
         rows.append([one.column, role, name, unit])
     widgets.table(["column", "channel", "name (if other)", "unit"], rows, "Columns")
+    ui.label(
+        "Can the body turn? Then gravity along the axis changes: map what that axis would read at rest "
+        "(gravity_along_axis), a gyroscope (gyr_x, gyr_y, gyr_z), or place and attitude (position_e, position_n, "
+        "position_u, no position, and q_w to q_z), and say which axis of them the sensor measures."
+    ).classes("note")
+    with ui.row().classes("line"):
+        direction = ui.input("Input axis of a body that turns", placeholder="x, y, z or 0, 0.6, 0.8")
+        direction.props("dense outlined")
+        sense = ui.select(["", "sensor to ENU", "ENU to sensor"], value="", label="The quaternion maps")
+        sense.props("dense outlined")
     sheet = ui.textarea("Sidecar: sensor, rig and columns", value=text).props("outlined autogrow").classes("code full")
 
     async def use_columns() -> None:
@@ -193,7 +204,8 @@ def columns(page: Page) -> None:
             for i, one in enumerate(found)
         ]
         try:
-            made = mapping.sidecar_from(str(sheet.value), chosen)
+            axis = mapping.Axis(str(direction.value or ""), str(sense.value or ""))
+            made = mapping.sidecar_from(str(sheet.value), chosen, axis)
         except RecordingError as error:
             bench.refuse(str(error))
             return

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from accelcal.data.orientation import DERIVED
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
@@ -54,7 +55,7 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     """
     s = state.signals
-    recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items()]
+    recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
     time_functions = {name for e in BUILT_IN if e.function_of == "t" for name in e.covers} if random_bias else set()

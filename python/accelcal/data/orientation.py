@@ -1,0 +1,197 @@
+"""A body that turns: path along the axis of a sensor, gravity along it, and angles from a gyroscope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel
+from accelcal.data.rig import STANDARD_GRAVITY
+
+GRAVITY = "gravity_along_axis"
+"""Side channel: what an ideal accelerometer on the axis reads while the position does not accelerate, m/s²."""
+LEVER_PATHS = ("lever_path_x", "lever_path_y", "lever_path_z")
+"""Side channels: path along the axis of a point 1 m from the tracked one, per axis of the sensor, m/m."""
+TURNED = ("turned_1", "turned_2")
+"""Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
+GYROSCOPE = ("gyr_x", "gyr_y", "gyr_z")
+"""Side channels: angular rate about the axes of the sensor, right-handed, rad/s."""
+PLACE = ("position_e", "position_n", "position_u")
+"""Channels: place to the east, to the north and up, m."""
+QUATERNION = ("q_w", "q_x", "q_y", "q_z")
+"""Columns of an attitude, in this order."""
+DERIVED = (GRAVITY, *LEVER_PATHS, *TURNED)
+"""Side channels that are part of the model of a turning body, and no effects by themselves."""
+HOLE = 8.0
+"""Spacing of readings beyond this many usual ones across which the path of a turning body is unknown."""
+KNOT_READINGS = 8
+"""Readings from one knot to the next of the spline that divides motion between path and gravity; the sum of both does
+not depend on it."""
+QUATERNION_TOLERANCE = 0.02
+"""Difference of a quaternion's norm from 1 that rounding of its columns explains."""
+
+Sense = Literal["sensor to ENU", "ENU to sensor"]
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """What place and attitude of a body say of one axis of it."""
+
+    path: Channel
+    """Place along the mean direction of the axis, but for what changes within a few readings; n readings, m."""
+    gravity: Channel
+    """What the acceleration along the turning axis, gravity included, exceeds that of the path by, m/s²."""
+    levers: tuple[Channel, Channel, Channel]
+
+    @property
+    def side(self) -> dict[str, Channel]:
+        """The side channels, by name."""
+        return {channel.name: channel for channel in (self.gravity, *self.levers)}
+
+
+def rotated(q: Array, v: Array, sense: Sense) -> Array:
+    """Directions v, given in axes of the sensor, in ENU.
+
+    Parameters
+    ----------
+    q : (n, 4) unit quaternions w, x, y, z.
+    v : (3,).
+    sense : what the quaternion turns into what.
+
+    Returns
+    -------
+    (n, 3)
+
+    Examples
+    --------
+    >>> half = np.sqrt(0.5)  # a quarter turn about up takes the sensor's x to north
+    >>> rotated(np.array([[half, 0.0, 0.0, half]]), np.array([1.0, 0.0, 0.0]), "sensor to ENU").round(9) + 0.0
+    array([[0., 1., 0.]])
+    """
+    w, u = q[:, :1], q[:, 1:] if sense == "sensor to ENU" else -q[:, 1:]
+    across = 2.0 * np.cross(u, v)
+    return np.asarray(v + w * across + np.cross(u, across))
+
+
+def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, sense: Sense) -> Turning:
+    """Path and gravity along an axis of a body that turns (derivations 7.9).
+
+    Parameters
+    ----------
+    t : (n,) s, times of the places.
+    place : (n, 3) m, east, north, up.
+    attitude : times (m,) s and unit quaternions (m, 4).
+    axis : (3,) input axis in axes of the sensor, of length 1.
+    sense : what the quaternions turn into what.
+    """
+    stamps, q = attitude
+
+    def at(v: Array) -> Array:
+        directions = rotated(q, v, sense)
+        if len(stamps) == len(t) and np.array_equal(stamps, t):
+            return directions
+        found = np.column_stack([np.interp(t, stamps, directions[:, i]) for i in range(3)])
+        return np.asarray(found / np.linalg.norm(found, axis=1)[:, None])
+
+    e, body = at(axis), [at(v) for v in np.eye(3)]
+    mean = np.mean(e, axis=0)
+    along_mean = place @ (mean / np.linalg.norm(mean))
+    path, gravity = np.empty(len(t)), STANDARD_GRAVITY * e[:, 2]
+    levers = [np.empty(len(t)) for _ in body]
+    for rows in unbroken(t):
+        turned_path = path_along(t[rows], place[rows], e[rows])
+        offset, curvature = smoothed(t[rows], along_mean[rows] - turned_path)
+        path[rows] = turned_path + offset
+        gravity[rows] -= curvature
+        for lever, direction in zip(levers, body, strict=True):
+            lever[rows] = without_line(t[rows], path_along(t[rows], direction[rows], e[rows]))
+    x, y, z = (Channel(name, t, lever, "1") for name, lever in zip(LEVER_PATHS, levers, strict=True))
+    return Turning(
+        path=Channel("position", t, path, "m"), gravity=Channel(GRAVITY, t, gravity, "m/s^2"), levers=(x, y, z)
+    )
+
+
+def path_along(t: Array, r: Array, e: Array) -> Array:
+    """The path s with s'' = e . r'', from 0 at rest at the first time on, (n,).
+
+    Each change of velocity is projected on the axis at its instant, and the projections are summed up twice. Summed by
+    parts this is e . r less terms in e' and e'': white noise of r stays white noise of the same size, and what it adds
+    at low frequencies is smaller than itself by the turning of e between samples.
+
+    Parameters
+    ----------
+    t : (n,) s, rising.
+    r : (n, 3) place.
+    e : (n, 3) direction of the axis.
+    """
+    h = np.diff(t)
+    v = np.diff(r, axis=0) / h[:, None]
+    along = np.concatenate([[e[0] @ v[0]], np.einsum("ki,ki->k", e[1:-1], np.diff(v, axis=0))]) if len(h) else h
+    return np.concatenate([[0.0], np.cumsum(h * np.cumsum(along))])
+
+
+def without_line(t: Array, y: Array) -> Array:
+    """A series less its straight line, (n,): the path has no origin and no mean velocity of its own."""
+    since = t - np.mean(t)
+    square = float(since @ since)
+    return np.asarray(y - np.mean(y) - (float(since @ y) / square * since if square > 0.0 else 0.0))
+
+
+def smoothed(t: Array, y: Array) -> tuple[Array, Array]:
+    """A spline of degree 5 through a series, a knot every few readings: values and second derivatives, (n,) each."""
+    degree = min(5, len(t) - 1)
+    if degree < 1:
+        return y.copy(), np.zeros_like(y)
+    inner = t[KNOT_READINGS : len(t) - KNOT_READINGS : KNOT_READINGS] if len(t) > 3 * KNOT_READINGS else t[:0]
+    knots = np.concatenate([np.full(degree + 1, t[0]), inner, np.full(degree + 1, t[-1])])
+    spline = scipy.interpolate.make_lsq_spline(t, y, knots, k=degree)
+    return np.asarray(spline(t)), np.asarray(spline.derivative(2)(t) if degree > 1 else np.zeros_like(y))
+
+
+def unbroken(t: Array) -> list[slice]:
+    """Stretches of times without a hole."""
+    edges = [0, *holes(t), len(t)]
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def holes(t: Array) -> list[int]:
+    """Indices of the times that end a hole."""
+    spacing = np.diff(t)
+    return [] if len(spacing) < 2 else [int(k) + 1 for k in np.flatnonzero(spacing > HOLE * np.median(spacing))]
+
+
+def across(axis: Array) -> tuple[Array, Array]:
+    """Two directions across an axis that make a right-handed set with it, (3,) each.
+
+    Examples
+    --------
+    >>> [direction.tolist() for direction in across(np.array([1.0, 0.0, 0.0]))]
+    [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    """
+    start = np.eye(3)[(int(np.argmax(np.abs(axis))) + 1) % 3]
+    first = start - (start @ axis) * axis
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first) + 0.0
+
+
+def turned(t: Array, rates: Array, axis: Array) -> tuple[Channel, Channel]:
+    """Angles about the two directions across an axis, integrated from a gyroscope, (n,) rad each.
+
+    Parameters
+    ----------
+    t : (n,) s.
+    rates : (n, 3) rad/s about the axes of the sensor.
+    axis : (3,) input axis, of length 1.
+    """
+    h = np.diff(t)
+    found = []
+    for name, direction in zip(TURNED, across(axis), strict=True):
+        rate = rates @ direction
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * h * (rate[1:] + rate[:-1]))])
+        found.append(Channel(name, t, angle, "rad"))
+    return found[0], found[1]
