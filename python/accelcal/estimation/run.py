@@ -31,6 +31,10 @@ SAMPLES_BETWEEN = 16
 """Samples of the output between two readings that are kept then."""
 NOISE_SAMPLES = 20_000
 """Samples of a channel from which its noise is estimated in advance."""
+MOST_CROSSOVER = 2.0
+"""Crossover in rates of the readings beyond which a smaller variance of a reading changes nothing: gains are 1."""
+LEAST_PRIOR_SHARE = 1e-12
+"""Variance of a reading over that which the diffuse start adds in one step, least: the filter subtracts the two."""
 FAR_FROM_ZERO = 3.0
 """An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
 
@@ -163,9 +167,14 @@ class PreparedRun:
         rounding = self.least_step**2 / 12.0
         return max(min(rounding, self.third_difference_variance), rounding / 20.0, 1e-30)
 
+    def reading_variance_floor(self, q: float) -> float:
+        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other."""
+        return max(self.least_reading_variance, q * self.reading_step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
+
     def prior(self, r: float) -> tuple[float, float, float, float]:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
-        return 0.0, 1e4 * r, 0.0, self.speed**2 + r / self.reading_step**2
+        resolved = r / self.reading_step**2
+        return 0.0, 1e4 * r, 0.0, min(self.speed**2, resolved / LEAST_PRIOR_SHARE) + resolved
 
     def crossover(self, noise: Noise) -> float:
         """Frequency at which both channels determine the acceleration equally well, Hz (derivations 3.4)."""
