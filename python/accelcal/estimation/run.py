@@ -27,8 +27,11 @@ SETTLE = 5.0
 TOO_GOOD = 0.2
 """Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
 that of the same samples, interpolated, and no longer white from reading to reading."""
-SAMPLES_BETWEEN = 16
-"""Samples of the output between two readings that are kept then."""
+SAMPLES_BETWEEN = 8, 16
+"""Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
+interpolation between samples into every other reading."""
+MOTION_SHARE = 0.9
+"""Share of the power of the output, noise left out, below the frequency that the kept readings should resolve."""
 NOISE_SAMPLES = 20_000
 """Samples of a channel from which its noise is estimated in advance."""
 MOST_CROSSOVER = 2.0
@@ -260,7 +263,8 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
 
 
 def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int:
-    """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good.
+    """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good, the
+    fewer, the faster the motion.
 
     The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left;
     readings are no better than their `resolution`, m.
@@ -272,10 +276,19 @@ def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int
     if reading <= 0.0 or sample <= 0.0:  # nothing to compare
         return 1
     crossover = (sample**2 * step / (reading**2 * between)) ** 0.25 / (2.0 * np.pi)
-    wanted = math.ceil(SAMPLES_BETWEEN * step / between)
-    if crossover * step < TOO_GOOD or len(t) // wanted < MIN_READINGS:
+    if crossover * step < TOO_GOOD:
         return 1
-    return max(1, wanted)
+    apart = min(max(0.5 / (motion_bound(accel.y, sample) + 1e-12), SAMPLES_BETWEEN[0]), SAMPLES_BETWEEN[1])
+    wanted = math.ceil(apart * step / between)
+    return 1 if len(t) // wanted < MIN_READINGS else max(1, wanted)
+
+
+def motion_bound(y: Array, noise: float) -> float:
+    """Frequency in sampling rates below which most of the power of an output lies beyond white noise of this
+    standard deviation."""
+    power = np.abs(np.fft.rfft(y - np.mean(y))) ** 2
+    below = np.cumsum(np.maximum(power - 2.0 * noise**2 * len(y), 0.0))
+    return float(np.searchsorted(below, MOTION_SHARE * below[-1])) / len(y)
 
 
 def natural_origins(recording: Recording) -> Origins:
