@@ -217,7 +217,8 @@ def prepare(
     first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
     last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
     inside = slice(*np.searchsorted(position.t, [first, np.nextafter(last, np.inf)]))
-    kept = ~spikes(position.t[inside], np.where(position.t[inside] > withheld, np.nan, position.y[inside]))
+    known = np.where(position.t[inside] > withheld, np.nan, position.y[inside])
+    kept = ~spikes(position.t[inside], known, accel)
     left_out = int(np.sum(~kept))
     rows = kept if left_out else slice(None)  # a view where there is nothing to leave out
     t: Array = np.ascontiguousarray(position.t[inside][rows])
