@@ -54,7 +54,7 @@ def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
 
 
 def effective_number(squares: Array) -> Array:
-    """Sum squared over sum of squares of the blocks of each column (K, m): K where all are alike, 1 where one counts."""
+    """Sum squared over sum of squares of the blocks of each column (K, m): K where all are alike, else fewer."""
     total = squares.sum(axis=0)
     return np.asarray(total**2 / np.maximum((squares**2).sum(axis=0), 1e-300))
 
