@@ -10,7 +10,7 @@ from accelcal.data.recording import Channel
 from accelcal.estimation.glitches import spikes
 
 RATE = 50.0
-QUIET = 1e-8
+GROUND_NOISE = 1e-8
 """Motion of the ground before an earthquake, m."""
 
 
@@ -26,7 +26,7 @@ def test_the_onset_of_an_earthquake_is_no_glitch(seed: int, delay: float) -> Non
     rng = np.random.default_rng(seed)
     t: Array = np.arange(0.0, 300.0, 1.0 / RATE)
     f, onset = rng.uniform(3.0, 9.0), rng.uniform(150.0, 151.0)
-    position = burst(t - onset, f) + QUIET * rng.standard_normal(len(t))
+    position = burst(t - onset, f) + GROUND_NOISE * rng.standard_normal(len(t))
     fine: Array = np.arange(0.0, 300.0, 1e-3)
     acceleration = np.gradient(np.gradient(burst(fine - onset - delay, f), 1e-3), 1e-3)
     output = Channel("accel", t, np.interp(t, fine, acceleration) + 1e-6 * rng.standard_normal(len(t)), "m/s^2")
