@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import special
 
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
@@ -16,17 +15,15 @@ from accelcal.data.channel_filter import high_passes
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
+from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.gauss_newton import (
     MAX_ROUNDS,
     Layout,
     NotIdentifiable,
     Solution,
-    estimated,
-    initial_states,
     iterate,
 )
-from accelcal.estimation.normal_equations import LEAST_BLOCKS, normal_equations
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
@@ -35,14 +32,6 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
 
-TRIAL_BANDS = 9
-"""Bands that are tried where the noise is not white."""
-THINNED_TOP = 0.45
-"""Highest of them in rates of the readings, where those were thinned."""
-JUDGED_PERIODS = 40.0
-"""Periods of a band in a record below which no verdict is possible: twenty blocks of two periods."""
-LEAST_SIGNAL = 1.0
-"""Power of the motion over that of the residual below which a band holds no signal."""
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 SCALE_STD_LIMIT = 0.5
@@ -174,9 +163,11 @@ def solve_runs(
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
-        bands = [choose_band(model, state) if needs_band(state) else None for state in solution.states]
+        trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
+        bands = [best_band(each) for each in trials]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
+        solution = replace(solution, by_band=tuple(trials))
     return refine_shapes(solution)
 
 
@@ -223,6 +214,8 @@ def result(solution: Solution) -> Fit:
         for run, b in zip(runs, solution.chosen, strict=False)
         if b is not None
     ]
+    for run, tried in zip(runs, solution.by_band, strict=False):
+        remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
     remarks += judge(layout, x, covariance, runs)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
@@ -243,57 +236,6 @@ def result(solution: Solution) -> Fit:
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
     )
-
-
-def choose_band(model: Model, state: RunState) -> float | None:
-    """Band in which this run determines the scale factor best by the scatter of its own blocks; None where no band
-    holds more signal than noise.
-
-    Where the noise is not white, a crossover from the likelihood follows the strongest part of the spectrum. Each
-    trial band is fitted on its own; one that leaves too few periods for a verdict is taken only where no other holds
-    the motion; the relative uncertainty of 1 + k decides, measured, not modelled: the standard
-    deviation times the quantile of Student's distribution for the blocks that hold the motion.
-    """
-    run = state.run
-    span = float(run.t[-1] - run.t[0])
-    least = LEAST_BLOCKS / span
-    top = min(run.crossover(state.noise), 0.2 / run.reading_step)
-    if run.every > 1:  # the readings that are left are better than the output at any of their frequencies
-        top = THINNED_TOP / run.reading_step
-    if least >= top:
-        return None
-    trials: list[tuple[bool, float, float]] = []
-    for band in np.geomspace(least, top, TRIAL_BANDS):
-        try:
-            trial = estimated(model, initial_states(model, [run], [float(band)]))
-        except (NotIdentifiable, ValueError):
-            continue
-        uncertainty = scale_uncertainty(trial)
-        if uncertainty is not None:
-            trials.append((band * span < JUDGED_PERIODS, uncertainty, float(band)))
-    return min(trials)[2] if trials else None
-
-
-def needs_band(state: RunState) -> bool:
-    """Whether the crossover of the likelihood misleads: innovations are not white, or, of readings that were thinned
-    because they are better than the output at every frequency, the likelihood leaves too few periods to judge."""
-    run = state.run
-    few = run.crossover(state.noise) * float(run.t[-1] - run.t[0]) < JUDGED_PERIODS
-    return state.coloured or (run.every > 1 and few)
-
-
-def scale_uncertainty(trial: Solution) -> float | None:
-    """Half a 95 % interval of 1 + k over 1 + k, from the blocks of one run; None where they hold no signal."""
-    slot = next((i for i, (term, _) in enumerate(trial.layout.slots) if term.name == "scale_factor"), None)
-    if slot is None or not trial.converged:
-        return None
-    (state,) = trial.states
-    normal, y = normal_equations(state, trial.model.free), state.whitened[state.counts]
-    scale = 1.0 + float(trial.x[slot])
-    if scale**2 * normal.gram[slot, slot] < LEAST_SIGNAL * float(y @ y) or normal.blocks is None:
-        return None
-    quantile = float(special.stdtrit(max(1.0, normal.blocks[slot] - 1.0), 0.975))
-    return quantile * math.sqrt(trial.covariance[slot, slot]) / abs(scale)
 
 
 def name_of(run: PreparedRun) -> str:

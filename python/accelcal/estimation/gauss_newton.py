@@ -36,6 +36,22 @@ class NotIdentifiable(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
+class BandTrial:
+    """Scale and delay of one run in one band; half 95 % intervals by the scatter of its blocks."""
+
+    band: float
+    """Hz"""
+    periods: float
+    """Of the band in the run."""
+    scale: float
+    """1 + k"""
+    scale_interval: float
+    delay: float | None
+    """s; None where it is not estimated."""
+    delay_interval: float
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """Estimates at the end of the iteration, and the states of the runs there."""
 
@@ -50,6 +66,8 @@ class Solution:
     """Band of each run that was chosen because its noise is not white, Hz."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated."""
+    by_band: tuple[tuple[BandTrial, ...], ...] = ()
+    """Of each run whose noise is not white: what single bands say."""
 
     @property
     def log_likelihood(self) -> float:
