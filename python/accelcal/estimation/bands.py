@@ -22,6 +22,8 @@ JUDGED_PERIODS = 40.0
 """Periods of a band in a record below which no verdict is possible: twenty blocks of two periods."""
 LEAST_SIGNAL = 1.0
 """Power of the motion over that of the residual below which a band holds no signal."""
+ALIKE = 2.0
+"""Ratio of two uncertainties, each from the scatter of a few blocks, up to which neither band is the better one."""
 DIFFERENT = 1.5
 """Half 95 % intervals, added in squares, by which scale or delay must differ to change with the band: three standard
 deviations, for the few pairs that are compared."""
@@ -36,7 +38,7 @@ def needs_band(state: RunState) -> bool:
 
 
 def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
-    """Scale and delay of a run in each of nine bands that hold a signal.
+    """Scale and delay of a run in each of nine bands.
 
     Where the noise is not white, a crossover from the likelihood follows the strongest part of the spectrum. Each
     trial band is fitted on its own; its uncertainty is measured, not modelled.
@@ -62,7 +64,7 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
 
 
 def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
-    """What a solution of one run in one band says; None where the band holds no signal.
+    """What a solution of one run in one band says; None where it did not settle, or its scale is held.
 
     The standard deviation is multiplied by the quantile of Student's distribution for the blocks that hold the motion.
     """
@@ -72,23 +74,28 @@ def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
     (state,), k = trial.states, slots["scale_factor"]
     normal, y = normal_equations(state, trial.model.free), state.whitened[state.counts]
     scale = 1.0 + float(trial.x[k])
-    if scale**2 * normal.gram[k, k] < LEAST_SIGNAL * float(y @ y) or normal.blocks is None:
+    if normal.blocks is None:
         return None
+    signal = scale**2 * float(normal.gram[k, k]) / max(float(y @ y), 1e-300)
     quantile = special.stdtrit(np.maximum(1.0, normal.blocks - 1.0), 0.975)
     half = quantile * np.sqrt(np.diag(trial.covariance))
     late = slots.get("time_offset")
     delay = (None, 0.0) if late is None else (float(trial.x[late]), float(half[late]))
-    return BandTrial(band, band * span, scale, float(half[k]), *delay)
+    return BandTrial(band, band * span, signal, scale, float(half[k]), *delay)
 
 
 def best_band(trials: Sequence[BandTrial]) -> float | None:
-    """The band with the least relative uncertainty of the scale factor, Hz; None where none holds a signal.
+    """The band that determines the scale factor best, Hz; None where there is no trial.
 
-    One that leaves too few periods for a verdict is taken only where no other holds the motion.
+    One that holds no signal, or leaves too few periods for a verdict, is taken only where there is no other. Of those
+    whose relative uncertainties a few blocks do not tell apart, the one with most motion above its residual is taken.
     """
     if not trials:
         return None
-    return min(trials, key=lambda one: (one.periods < JUDGED_PERIODS, one.scale_interval / abs(one.scale))).band
+    grade = {one: (one.signal < LEAST_SIGNAL, one.periods < JUDGED_PERIODS) for one in trials}
+    level = [one for one in trials if grade[one] == min(grade.values())]
+    least = min(one.relative for one in level)
+    return max((one for one in level if one.relative <= ALIKE * least), key=lambda one: one.signal).band
 
 
 def change_with_band(trials: Sequence[BandTrial]) -> str | None:
@@ -97,6 +104,7 @@ def change_with_band(trials: Sequence[BandTrial]) -> str | None:
     What changes with the band is no constant of the sensor: a lag, a high-pass or a resonance of either channel, or
     noise of the position that the output does not share.
     """
+    trials = [one for one in trials if one.signal >= LEAST_SIGNAL]
     if len(trials) < 3:
         return None
     three = (trials[0], trials[len(trials) // 2], trials[-1])
