@@ -12,6 +12,7 @@ from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording, listed
 from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.rest import require_motion_above_noise
@@ -69,6 +70,7 @@ def diagnose(
     several = listed(recordings)
     if "scale_factor" not in fit.model.fixed:
         require_motion_above_noise(several, start=start, end=end)
+        require_one_axis(several, start=start, end=end)
     several = with_known_steps(several)
     stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
@@ -131,6 +133,7 @@ def fit(
     several = listed(recordings)
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
+        require_one_axis(several, start=start, end=end)
     several = with_known_steps(several)
     share = 0.8 if reject_outliers else 1.0
     every = estimate(
@@ -287,6 +290,7 @@ def improve(
     original = listed(recordings)
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
+    require_one_axis(original, start=start, end=end)
     original = with_known_steps(original)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)

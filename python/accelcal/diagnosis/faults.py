@@ -137,7 +137,7 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     t, z = recording.position.t, recording.position.y
     inside = (t >= run.t[0]) & (t <= run.t[-1])
     t, z = t[inside], z[inside]
-    skipped = spikes(t, z)
+    skipped = spikes(t, z, recording.accel)
     begins = np.flatnonzero(skipped & ~np.concatenate([[False], skipped[:-1]]))
     ends = np.flatnonzero(skipped & ~np.concatenate([skipped[1:], [False]]))
     found = []

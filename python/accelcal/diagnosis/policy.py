@@ -240,6 +240,27 @@ TURNING_LEAST_PERIODS = 12.0
 TURNING_MOST_DEGREES = 45.0
 """Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
 tests/diagnosis/test_turning.py]"""
+EXPECTED_COHERENCE = 0.8
+"""Squared coherence that the noise of both channels leaves, above which a segment must show the relation. Below it
+chance and noise decide. [coherence; benches/unrelated.py]"""
+RELATED_COHERENCE = 0.5
+"""Squared coherence of a band above which output and position are related, however badly. Hysteresis, tilt and
+resonance leave more in some band, channels of other axes less. [coherence; benches/unrelated.py]"""
+COHERENCE_ALPHA = 1e-3
+"""Chance, over all bands, with which one axis is below the least coherence, and with which unrelated channels pass for
+related. Both must happen at once. [probability; benches/unrelated.py]"""
+RELATION_LEAST_SEGMENTS = 3.0
+"""Independent segments with motion below which a missing coherence says nothing. The estimate of unrelated channels
+exceeds a third with fewer. [segments; benches/unrelated.py]"""
+MISSING_POWER_SHARE = 0.1
+"""Share of the output's power that bands without the expected coherence must hold. A barometer errs at frequencies at
+which the flight has next to no power. [share; benches/unrelated.py]"""
+RELATED_SHARE = 0.9
+"""Share of the position's power in a band that a relation of a part of a record must explain to count. Four
+coefficients explain less of another axis, however slow the motion. [share; benches/unrelated.py]"""
+RELATED_LOG_LIKELIHOOD = 30.0
+"""Log-likelihood that a relation of a part of a record must gain to count, in any of a hundred parts and bands. Four
+coefficients gain as much by chance once in a million million parts. [nat; benches/unrelated.py]"""
 REST_NOISE_RATIO = 10.0
 """Departure of the readings from a steady drift, over their own noise, up to which a record may be at rest. Coloured
 noise of a position wanders by several times its white part. [ratio; tests/diagnosis/test_rest.py]"""

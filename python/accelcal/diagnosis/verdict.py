@@ -254,7 +254,9 @@ def verdict_and_sentence(
     if not found.enough:
         return (
             "too_short",
-            f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed.",
+            f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed, so the "
+            "search for missing effects is withheld. Trials that are fitted together add up their blocks: "
+            f"{pooled(found)} like this one are enough.",
         )
     if cause is not None and cause.forbids_names:
         return "unexplained", (
@@ -291,6 +293,11 @@ def verdict_and_sentence(
         "adequate",
         f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
     )
+
+
+def pooled(found: Scan) -> str:
+    """How many trials of this length a verdict needs, in words."""
+    return f"{math.ceil(VERDICT_LEAST_BLOCKS / found.blocks)}" if found.blocks else f"{VERDICT_LEAST_BLOCKS} or more"
 
 
 def noise_ratio(profiled: Fit) -> float:

@@ -16,17 +16,15 @@ from accelcal.data.orientation import DERIVED, TURNED
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
+from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.gauss_newton import (
     MAX_ROUNDS,
     Layout,
     NotIdentifiable,
     Solution,
-    estimated,
-    initial_states,
     iterate,
 )
-from accelcal.estimation.normal_equations import LEAST_BLOCKS
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
@@ -35,8 +33,6 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
 
-TRIAL_BANDS = 9
-"""Bands that are tried where the noise is not white."""
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
@@ -172,9 +168,11 @@ def solve_runs(
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
-        bands = [choose_band(model, state) if state.coloured else None for state in solution.states]
+        trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
+        bands = [best_band(each) for each in trials]
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
+        solution = replace(solution, by_band=tuple(trials))
     return refine_shapes(solution)
 
 
@@ -221,6 +219,8 @@ def result(solution: Solution) -> Fit:
         for run, b in zip(runs, solution.chosen, strict=False)
         if b is not None
     ]
+    for run, tried in zip(runs, solution.by_band, strict=False):
+        remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
     remarks += judge(layout, x, covariance, runs)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
@@ -241,32 +241,6 @@ def result(solution: Solution) -> Fit:
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
     )
-
-
-def choose_band(model: Model, state: RunState) -> float | None:
-    """Band in which this run determines the scale factor best by the scatter of its own blocks.
-
-    Where the noise is not white, a crossover from the likelihood follows the strongest part of the spectrum. Each
-    trial band is fitted on its own; the relative standard deviation of 1 + k decides, measured, not modelled.
-    """
-    run = state.run
-    least = LEAST_BLOCKS / float(run.t[-1] - run.t[0])
-    top = min(run.crossover(state.noise), 0.2 / run.reading_step)
-    if least >= top:
-        return None
-    best: tuple[float, float] | None = None
-    for band in np.geomspace(least, top, TRIAL_BANDS):
-        try:
-            trial = estimated(model, initial_states(model, [run], [float(band)]))
-        except (NotIdentifiable, ValueError):
-            continue
-        slot = next((i for i, (e, _) in enumerate(trial.layout.slots) if e.name == "scale_factor"), None)
-        if slot is None or not trial.converged:
-            continue
-        relative = math.sqrt(trial.covariance[slot, slot]) / abs(1.0 + float(trial.x[slot]))
-        if best is None or relative < best[0]:
-            best = (relative, float(band))
-    return None if best is None else best[1]
 
 
 def name_of(run: PreparedRun) -> str:

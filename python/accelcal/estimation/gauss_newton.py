@@ -36,6 +36,29 @@ class NotIdentifiable(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
+class BandTrial:
+    """Scale and delay of one run in one band; half 95 % intervals by the scatter of its blocks."""
+
+    band: float
+    """Hz"""
+    periods: float
+    """Of the band in the run."""
+    signal: float
+    """Power of the motion over that of the residual."""
+    scale: float
+    """1 + k"""
+    scale_interval: float
+    delay: float | None
+    """s; None where it is not estimated."""
+    delay_interval: float
+
+    @property
+    def relative(self) -> float:
+        """Half a 95 % interval of 1 + k over 1 + k."""
+        return self.scale_interval / max(abs(self.scale), 1e-300)
+
+
+@dataclass(frozen=True, slots=True)
 class Solution:
     """Estimates at the end of the iteration, and the states of the runs there."""
 
@@ -50,6 +73,8 @@ class Solution:
     """Band of each run that was chosen because its noise is not white, Hz."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated."""
+    by_band: tuple[tuple[BandTrial, ...], ...] = ()
+    """Of each run whose noise is not white: what single bands say."""
 
     @property
     def log_likelihood(self) -> float:
@@ -108,6 +133,12 @@ def estimated(
     NotIdentifiable
         If the information matrix is singular.
     """
+    with np.errstate(over="ignore", invalid="ignore"):  # a step too far is told by an information that is not finite
+        return _estimated(model, states, report, least)
+
+
+def _estimated(model: Model, states: list[RunState], report: Callable[[float], None], least: int) -> Solution:
+    """The iteration of `estimated`."""
     layout = Layout.of(model, len(states))
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)

@@ -1,10 +1,12 @@
-"""Glitches of the encoder: readings that jump away and come back."""
+"""Glitches of the encoder: readings that jump away and come back while the output sees no motion."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.recording import Channel
 
 MIN_READINGS = 16
 """A record has at least this many encoder readings."""
@@ -18,10 +20,21 @@ SPIKE_JUMP = 0.25
 """A spike covers at least this share of its height in one step; motion takes many."""
 SPIKE_SHARE = 0.01
 """A spike longer than this share of the record is not a spike."""
+AROUND = 8
+"""Least number of readings on either side of a spike that are compared with the output."""
+SEEN = 0.8
+"""Share of the power of its fast steps that the output explains where it saw an excursion. What the output holds is
+smooth, so it explains next to nothing of a jump."""
 
 
-def spikes(t: Array, z: Array) -> Flags:
-    """Readings that jump away and come back: glitches of the encoder, not motion, (n,)."""
+def spikes(t: Array, z: Array, output: Channel) -> Flags:
+    """Readings that jump away and come back: glitches of the encoder, not motion, (n,).
+
+    Parameters
+    ----------
+    t, z : instants (n,) s and readings (n,) m; readings that are not known are NaN, at the end.
+    output : of the accelerometer, m/s²; an excursion that it saw is motion, however rare.
+    """
     found = np.zeros(len(z), dtype=np.bool_)
     known = int(np.sum(np.isfinite(z)))
     t, z = t[:known], z[:known]
@@ -34,6 +47,7 @@ def spikes(t: Array, z: Array) -> Flags:
     longest = min(max(1, int(SPIKE_SHARE * len(z))), SPIKE_READINGS)
     if len(fast) > 0.02 * len(z):
         return found
+    constant = float(np.median(output.y)) if len(fast) else 0.0
     k = 0
     while k < len(fast):
         out = fast[k]
@@ -42,7 +56,11 @@ def spikes(t: Array, z: Array) -> Flags:
         if not back:
             k += 1
             continue
-        found[out + 1 : back[-1] + 1] = True
+        around = max(AROUND, back[-1] - int(out))
+        rows = slice(max(0, out - around), back[-1] + 2 + around)
+        jumps = fast[(fast >= out) & (fast <= back[-1])] - rows.start
+        if not _seen(t[rows], z[rows], jumps, output, constant):
+            found[out + 1 : back[-1] + 1] = True
         k = int(np.searchsorted(fast, back[-1], side="right"))
     return found
 
@@ -51,3 +69,30 @@ def _jumps_back(z: Array) -> bool:
     """Whether readings leave their first value in few steps and return to it with the last."""
     height = float(np.max(np.abs(z - z[0])))
     return bool(abs(z[-1] - z[0]) < 0.2 * height and np.max(np.abs(np.diff(z))) > SPIKE_JUMP * height)
+
+
+def _seen(t: Array, z: Array, jumps: NDArray[np.intp], output: Channel, constant: float) -> bool:
+    """Whether the output, integrated twice, explains the steps of the readings at `jumps`.
+
+    Its scale is free, and its first integral stands for a delay; `constant` is its value at rest.
+    """
+    covered = slice(*np.searchsorted(output.t, [t[0], t[-1]]))
+    at, u = output.t[covered], output.y[covered] - constant
+    if len(at) < AROUND:
+        return False
+    step = np.diff(at)
+    velocity = np.concatenate([[0.0], np.cumsum(0.5 * step * (u[1:] + u[:-1]))])
+    position = np.concatenate([[0.0], np.cumsum(step * (velocity[:-1] + step * (2.0 * u[:-1] + u[1:]) / 6.0))])
+    x = (t - t[0]) / (t[-1] - t[0])
+    line = np.column_stack([np.ones_like(x), x])
+    motion = np.column_stack([np.interp(t, at, position), np.interp(t, at, velocity)])
+    beyond, motion = _without(line, z), _without(line, motion)
+    size = np.sqrt(np.einsum("ik,ik->k", motion, motion))
+    left = _without(motion / np.where(size > 0.0, size, 1.0), beyond)
+    unexplained, step_before = np.diff(left)[jumps], np.diff(beyond)[jumps]
+    return bool(unexplained @ unexplained < (1.0 - SEEN) * (step_before @ step_before))
+
+
+def _without(columns: Array, y: Array) -> Array:
+    """What columns do not explain, by least squares."""
+    return np.asarray(y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0])

@@ -119,7 +119,7 @@ def estimate_noise(
     Returns
     -------
     Noise
-        Intensities; `r` is never below `run.least_reading_variance`.
+        Intensities; `r` is never below `run.reading_variance_floor(q)`.
 
     Raises
     ------
@@ -127,13 +127,16 @@ def estimate_noise(
         From the core, if the record is unusable.
     """
     likelihood = Likelihood(run, integrals, start, counts)
-    floor = math.log(run.least_reading_variance)
+
+    def floor(log_q: float) -> float:
+        return math.log(run.reading_variance_floor(math.exp(log_q)))
 
     def cost(x: Array) -> float:
         log_q, log_r = float(x[0]), float(x[1])
-        return -likelihood(log_q, max(log_r, floor)) + 1e3 * max(0.0, floor - log_r)
+        least = floor(log_q)
+        return -likelihood(log_q, max(log_r, least)) + 1e3 * max(0.0, least - log_r)
 
-    x0 = np.log([start.q, max(start.r, math.exp(floor) * 1.01)])
+    x0 = np.log([start.q, max(start.r, run.reading_variance_floor(start.q) * 1.01)])
     simplex = x0 + width * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     best = scipy.optimize.minimize(
         cost,
@@ -141,7 +144,7 @@ def estimate_noise(
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
     )
-    return Noise(float(np.exp(best.x[0])), float(np.exp(max(best.x[1], floor))))
+    return Noise(float(np.exp(best.x[0])), float(np.exp(max(best.x[1], floor(float(best.x[0]))))))
 
 
 class Likelihood:

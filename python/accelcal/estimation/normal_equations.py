@@ -29,6 +29,9 @@ class NormalEquations:
     """X'y, (m,)."""
     spread: Array | None
     """Sum of outer products of block scores, (m, m); None without a band, or when there are fewer than 8 blocks."""
+    blocks: Array | None = None
+    """Number of equal blocks that would hold the information on each coefficient as unevenly, (m,); None without a
+    band."""
 
 
 def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
@@ -37,6 +40,7 @@ def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
     gram, score = np.zeros((m, m)), np.zeros(m)
     block = block_of_readings(state) if state.band is not None else None
     sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
+    squares = np.zeros_like(sums)
     for readings, columns in whitened_columns(state, terms):
         kept = state.counts[readings]
         gram += columns.T @ columns
@@ -44,7 +48,15 @@ def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
         score += parts.sum(axis=0)
         if block is not None:
             np.add.at(sums, block[readings][kept], parts)
-    return NormalEquations(gram, score, sums.T @ sums if len(sums) >= LEAST_BLOCKS else None)
+            np.add.at(squares, block[readings][kept], columns**2)
+    spread = sums.T @ sums if len(sums) >= LEAST_BLOCKS else None
+    return NormalEquations(gram, score, spread, None if block is None else effective_number(squares))
+
+
+def effective_number(squares: Array) -> Array:
+    """Sum squared over sum of squares of the blocks of each column (K, m): K where all are alike, else fewer."""
+    total = squares.sum(axis=0)
+    return np.asarray(total**2 / np.maximum((squares**2).sum(axis=0), 1e-300))
 
 
 def information(state: RunState, term: Term) -> float:

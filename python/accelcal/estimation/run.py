@@ -29,10 +29,17 @@ SETTLE = 5.0
 TOO_GOOD = 0.2
 """Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
 that of the same samples, interpolated, and no longer white from reading to reading."""
-SAMPLES_BETWEEN = 16
-"""Samples of the output between two readings that are kept then."""
+SAMPLES_BETWEEN = 8, 16
+"""Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
+interpolation between samples into every other reading."""
+MOTION_SHARE = 0.9
+"""Share of the power of the output, noise left out, below the frequency that the kept readings should resolve."""
 NOISE_SAMPLES = 20_000
 """Samples of a channel from which its noise is estimated in advance."""
+MOST_CROSSOVER = 2.0
+"""Crossover in rates of the readings beyond which a smaller variance of a reading changes nothing: gains are 1."""
+LEAST_PRIOR_SHARE = 1e-12
+"""Variance of a reading over that which the diffuse start adds in one step, least: the filter subtracts the two."""
 FAR_FROM_ZERO = 3.0
 """An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
 
@@ -175,9 +182,14 @@ class PreparedRun:
         rounding = self.least_step**2 / 12.0
         return max(min(rounding, self.third_difference_variance), rounding / 20.0, 1e-30)
 
+    def reading_variance_floor(self, q: float) -> float:
+        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other."""
+        return max(self.least_reading_variance, q * self.reading_step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
+
     def prior(self, r: float) -> tuple[float, float, float, float]:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
-        return 0.0, 1e4 * r, 0.0, self.speed**2 + r / self.reading_step**2
+        resolved = r / self.reading_step**2
+        return 0.0, 1e4 * r, 0.0, min(self.speed**2, resolved / LEAST_PRIOR_SHARE) + resolved
 
     def crossover(self, noise: Noise) -> float:
         """Frequency at which both channels determine the acceleration equally well, Hz (derivations 3.4)."""
@@ -217,7 +229,8 @@ def prepare(
     first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
     last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
     inside = slice(*np.searchsorted(position.t, [first, np.nextafter(last, np.inf)]))
-    kept = ~spikes(position.t[inside], np.where(position.t[inside] > withheld, np.nan, position.y[inside]))
+    known = np.where(position.t[inside] > withheld, np.nan, position.y[inside])
+    kept = ~spikes(position.t[inside], known, accel)
     left_out = int(np.sum(~kept))
     rows = kept if left_out else slice(None)  # a view where there is nothing to leave out
     t: Array = np.ascontiguousarray(position.t[inside][rows])
@@ -271,7 +284,8 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
 
 
 def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int:
-    """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good.
+    """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good, the
+    fewer, the faster the motion.
 
     The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left;
     readings are no better than their `resolution`, m.
@@ -283,10 +297,19 @@ def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int
     if reading <= 0.0 or sample <= 0.0:  # nothing to compare
         return 1
     crossover = (sample**2 * step / (reading**2 * between)) ** 0.25 / (2.0 * np.pi)
-    wanted = math.ceil(SAMPLES_BETWEEN * step / between)
-    if crossover * step < TOO_GOOD or len(t) // wanted < MIN_READINGS:
+    if crossover * step < TOO_GOOD:
         return 1
-    return max(1, wanted)
+    apart = min(max(0.5 / (motion_bound(accel.y, sample) + 1e-12), SAMPLES_BETWEEN[0]), SAMPLES_BETWEEN[1])
+    wanted = math.ceil(apart * step / between)
+    return 1 if len(t) // wanted < MIN_READINGS else max(1, wanted)
+
+
+def motion_bound(y: Array, noise: float) -> float:
+    """Frequency in sampling rates below which most of the power of an output lies beyond white noise of this
+    standard deviation."""
+    power = np.abs(np.fft.rfft(y - np.mean(y))) ** 2
+    below = np.cumsum(np.maximum(power - 2.0 * noise**2 * len(y), 0.0))
+    return float(np.searchsorted(below, MOTION_SHARE * below[-1])) / len(y)
 
 
 def natural_origins(recording: Recording) -> Origins:

@@ -236,14 +236,15 @@ class StepwiseSelection:
         return JudgedModel(fitted, verdict_on(fitted, self.stretch, self.extra, self.alpha))
 
     def with_next(self) -> tuple[DetectedEffect, JudgedModel] | None:
-        """The judged fit with the effect that comes first; None where no fit is possible.
+        """The judged fit with the effect that comes first, or the next of its set where no fit with it is possible;
+        None where there is none.
 
         A nonparametric curve gives way to a named effect of its class if the fit with that effect leaves nothing to
         explain for the curve and for all that is confounded with it.
         """
         found = self.current.verdict.scan
         first = found.found[0]
-        for finding in (*found.named[:NAMED_ALTERNATIVES], first):
+        for finding in (*found.named[:NAMED_ALTERNATIVES], *found.found):
             if not self.budget.allows_another():
                 return None
             try:
@@ -251,7 +252,7 @@ class StepwiseSelection:
                 judged = self.judge(self.refit(finding.enter(self.current.model), anew="instant" in finding.shape))
             except (NotIdentifiable, ValueError):
                 continue
-            if finding is first or not any(
+            if finding in found.found or not any(
                 first.effect in remaining.members for remaining in judged.verdict.scan.found
             ):
                 return finding, judged

@@ -130,7 +130,9 @@ def motion_bandwidth(a: Array, rate: float, *, q: float, reading_density: float,
     confirmed = above / (1.0 + (f / (2.0 * crossover)) ** 8)
     if confirmed.sum() <= 0.0:
         return Bandwidth(min(lowest, HIGHEST * rate), min(lowest, HIGHEST * rate))
-    reach = continued(f, density / np.maximum(noise, 1e-300), nearly_all(f, confirmed))
+    with np.errstate(over="ignore"):
+        ratio = density / np.maximum(noise, 1e-300)
+    reach = continued(f, ratio, nearly_all(f, confirmed))
     edge = max(nearly_all(f, np.where(f <= reach, above, 0.0)), nearly_all(f, confirmed))
     return Bandwidth(*(min(1.4 * max(end, float(f[2])), HIGHEST * rate) for end in (edge, reach)))
 

@@ -5,7 +5,7 @@ E_j = sum c_i e_i at the simulated motion itself. The effects move velocity and 
 
     dv_j = dv_(j-1) - g h (E_(j-1) + E_j)/2,    dp_j = dp_(j-1) + h dv_(j-1) - g h² (2 E_(j-1) + E_j)/6,
 
-exact for E straight between nodes, implicit in E_j and stable for friction of any slope (derivations 6.7). The nodes of
+exact for E straight between nodes, implicit in E_j and stable for friction of any slope (derivations 6.9). The nodes of
 a window are solved together by iteration, for all starts at once; a window that does not converge is halved, down to
 one node, where Newton's method solves. So the result is that of one node after the other.
 """

@@ -16,6 +16,15 @@ from accelcal.diagnosis.noise_tests.noise_test import HELD_SAMPLES, ROUNDED_STAM
 from accelcal.diagnosis.noise_tests.residuals import Residuals, sample_noise
 from accelcal.diagnosis.policy import HELD_SHARE, NOISE_TEST_ALPHA
 
+CHANCE_LAGS = 8, 12, 16
+"""Samples by which readings lie apart that are equal by chance: further than any logger holds one."""
+
+
+def repeated_share(u: Array) -> float:
+    """Share of the samples that repeat the one before, beyond those that equal a sample further before by chance."""
+    by_chance = float(np.mean([np.mean(u[lag:] == u[:-lag]) for lag in CHANCE_LAGS]))
+    return max(0.0, float(np.mean(u[1:] == u[:-1])) - by_chance)
+
 
 def rounded_stamps(residuals: Residuals) -> NoiseTest:
     """Test of stamps that lie on a grid.
@@ -56,10 +65,11 @@ def gain_of_noise(ratio: Array, count: int) -> float:
 def held_samples(residuals: Residuals) -> NoiseTest:
     """Test of samples that repeat the one before, left out when the record was read or still in it.
 
-    Readings off a grid hardly ever repeat by chance, so that the share of repeats decides.
+    Readings off a grid hardly ever repeat by chance, so that the share of repeats decides. Readings on a grid that was
+    lost in a conversion of units repeat those some samples before as often; such repeats are not counted.
     """
     u = residuals.u
-    repeats = float(np.mean(np.diff(u) == 0.0)) if residuals.lsb == 0.0 and len(u) > 1 else 0.0
+    repeats = repeated_share(u) if residuals.lsb == 0.0 and len(u) > CHANCE_LAGS[-1] else 0.0
     left_out = next((f for f in findings_of(residuals, HELD) if f.channel == residuals.run.accel.name), None)
     tick = left_out.size if left_out else residuals.step / (1.0 - min(repeats, 0.99))
     found = left_out is not None or repeats > HELD_SHARE

@@ -1,0 +1,129 @@
+"""Bands of a run whose noise is not white: which determines the scale best, and whether they agree."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from scipy import special
+
+from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solution, estimated, initial_states
+from accelcal.estimation.normal_equations import LEAST_BLOCKS, normal_equations
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model
+
+TRIAL_BANDS = 9
+"""Bands that are tried where the noise is not white."""
+THINNED_TOP = 0.45
+"""Highest of them in rates of the readings, where those were thinned."""
+JUDGED_PERIODS = 40.0
+"""Periods of a band in a record below which no verdict is possible: twenty blocks of two periods."""
+LEAST_SIGNAL = 1.0
+"""Power of the motion over that of the residual below which a band holds no signal."""
+ALIKE = 2.0
+"""Ratio of two uncertainties, each from the scatter of a few blocks, up to which neither band is the better one."""
+DIFFERENT = 1.5
+"""Half 95 % intervals, added in squares, by which scale or delay must differ to change with the band: three standard
+deviations, for the few pairs that are compared."""
+
+
+def needs_band(state: RunState) -> bool:
+    """Whether the crossover of the likelihood misleads: innovations are not white, or, of readings that were thinned
+    because they are better than the output at every frequency, the likelihood leaves too few periods to judge."""
+    run = state.run
+    few = run.crossover(state.noise) * float(run.t[-1] - run.t[0]) < JUDGED_PERIODS
+    return state.coloured or (run.every > 1 and few)
+
+
+def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
+    """Scale and delay of a run in each of nine bands.
+
+    Where the noise is not white, a crossover from the likelihood follows the strongest part of the spectrum. Each
+    trial band is fitted on its own; its uncertainty is measured, not modelled.
+    """
+    run = state.run
+    span = float(run.t[-1] - run.t[0])
+    least = LEAST_BLOCKS / span
+    top = min(run.crossover(state.noise), 0.2 / run.reading_step)
+    if run.every > 1:  # the readings that are left are better than the output at any of their frequencies
+        top = THINNED_TOP / run.reading_step
+    if least >= top:
+        return ()
+    found: list[BandTrial] = []
+    for band in np.geomspace(least, top, TRIAL_BANDS):
+        try:
+            trial = estimated(model, initial_states(model, [run], [float(band)]))
+        except (NotIdentifiable, ValueError):
+            continue
+        answer = answer_of(trial, float(band), span)
+        if answer is not None:
+            found.append(answer)
+    return tuple(found)
+
+
+def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
+    """What a solution of one run in one band says; None where it did not settle, or its scale is held.
+
+    The standard deviation is multiplied by the quantile of Student's distribution for the blocks that hold the motion.
+    """
+    slots = {term.name: i for i, (term, _) in enumerate(trial.layout.slots)}
+    if "scale_factor" not in slots or not trial.converged:
+        return None
+    (state,), k = trial.states, slots["scale_factor"]
+    normal, y = normal_equations(state, trial.model.free), state.whitened[state.counts]
+    scale = 1.0 + float(trial.x[k])
+    if normal.blocks is None:
+        return None
+    signal = scale**2 * float(normal.gram[k, k]) / max(float(y @ y), 1e-300)
+    quantile = special.stdtrit(np.maximum(1.0, normal.blocks - 1.0), 0.975)
+    half = quantile * np.sqrt(np.diag(trial.covariance))
+    late = slots.get("time_offset")
+    delay = (None, 0.0) if late is None else (float(trial.x[late]), float(half[late]))
+    return BandTrial(band, band * span, signal, scale, float(half[k]), *delay)
+
+
+def best_band(trials: Sequence[BandTrial]) -> float | None:
+    """The band that determines the scale factor best, Hz; None where there is no trial.
+
+    One that holds no signal, or leaves too few periods for a verdict, is taken only where there is no other. Of those
+    whose relative uncertainties a few blocks do not tell apart, the one with most motion above its residual is taken.
+    """
+    if not trials:
+        return None
+    grade = {one: (one.signal < LEAST_SIGNAL, one.periods < JUDGED_PERIODS) for one in trials}
+    level = [one for one in trials if grade[one] == min(grade.values())]
+    least = min(one.relative for one in level)
+    return max((one for one in level if one.relative <= ALIKE * least), key=lambda one: one.signal).band
+
+
+def change_with_band(trials: Sequence[BandTrial]) -> str | None:
+    """The sentence on scale and delay in three bands, where they differ by more than their uncertainty.
+
+    What changes with the band is no constant of the sensor: a lag, a high-pass or a resonance of either channel, or
+    noise of the position that the output does not share.
+    """
+    trials = [one for one in trials if one.signal >= LEAST_SIGNAL]
+    if len(trials) < 3:
+        return None
+    three = (trials[0], trials[len(trials) // 2], trials[-1])
+    pairs = list(combinations(three, 2))
+    scales = any(abs(a.scale - b.scale) > DIFFERENT * math.hypot(a.scale_interval, b.scale_interval) for a, b in pairs)
+    delays = any(
+        abs(a.delay - b.delay) > DIFFERENT * math.hypot(a.delay_interval, b.delay_interval)
+        for a, b in pairs
+        if a.delay is not None and b.delay is not None
+    )
+    if not (scales or delays):
+        return None
+    each = "; ".join(
+        f"{one.band:.3g} Hz: 1 + k = {one.scale:.4g} ± {one.scale_interval:.2g}"
+        + (f", delay {1e3 * one.delay:.3g} ± {1e3 * one.delay_interval:.2g} ms" if one.delay is not None else "")
+        for one in three
+    )
+    which = " and ".join(name for name, differs in (("the scale", scales), ("the delay", delays)) if differs)
+    return (
+        f"{which} change{'' if scales and delays else 's'} with the band ({each}): a lag, a high-pass or a resonance "
+        "of either channel does that, not a constant of the sensor"
+    )
