@@ -127,6 +127,8 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     for text, style in lines:
         console.print(text, style=style, highlight=False)
     for text in by_place.get("beside", ()):
+        if text in content["sentence"]:
+            continue
         console.print(f"note: {text}", highlight=False)
     if content.get("candidates"):
         rows = [

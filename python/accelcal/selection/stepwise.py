@@ -11,14 +11,14 @@ from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_sig
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
 from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
-from accelcal.diagnosis.remarks import remark
+from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.model import Model
+from accelcal.model import Model, Term
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.collinearity import (
     Replacement,
@@ -30,6 +30,8 @@ from accelcal.selection.collinearity import (
     random_bias_replacing,
     sum_families,
 )
+from accelcal.selection.cross_validation import belongs_to_its_time, cross_validate
+from accelcal.selection.plausibility import implausible
 
 
 @dataclass(slots=True)
@@ -108,6 +110,8 @@ class StepwiseSelection:
     """Every model so far, by the effects that it has."""
     budget: SearchBudget
     history: SelectionHistory = field(default_factory=SelectionHistory)
+    refused: dict[str, Remark] = field(default_factory=dict)
+    """Effects that cross-validation or plausibility kept out of the model, each with the remark that says so."""
 
     @classmethod
     def begin(
@@ -189,7 +193,8 @@ class StepwiseSelection:
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
         found_by_tests = {test.effect for test in verdict.channels} - set(self.history.effects)
-        self.history.classes += [group for group in verdict.classes if group.effect in found_by_tests]
+        tested = {group.effect: group for group in verdict.classes if group.effect in found_by_tests}
+        self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
     def final_verdict(self, reason: str) -> Diagnosis:
@@ -200,6 +205,8 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
+        kept_out = tuple(note for name, note in self.refused.items() if name not in self.history.effects)
+        verdict = replace(verdict, remarks=(*verdict.remarks, *kept_out))
         if self.budget.stopped:
             reason = "the search was stopped"
             stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
@@ -208,6 +215,8 @@ class StepwiseSelection:
             return verdict
         missing = verdict.scan.found[0].effect
         sigma = next((c.snr for c in verdict.scan.candidates if c.effect == missing), 0.0)
+        if missing in self.refused:
+            reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
         left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
         return replace(
@@ -242,19 +251,45 @@ class StepwiseSelection:
         explain for the curve and for all that is confounded with it.
         """
         found = self.current.verdict.scan
-        first = found.found[0]
-        for finding in (*found.named[:NAMED_ALTERNATIVES], first):
+        first, *others = found.found
+        for finding in (*found.named[:NAMED_ALTERNATIVES], first, *others):
+            if finding.effect in self.refused:
+                continue
+            if finding in others and first.effect not in self.refused:
+                return None
             if not self.budget.allows_another():
                 return None
             try:
                 # readings next to a jump that the model lacks pass for outliers: with the jump they are tested anew
-                judged = self.judge(self.refit(finding.enter(self.current.model), anew="instant" in finding.shape))
+                judged = self.admitted(
+                    self.refit(finding.enter(self.current.model), anew="instant" in finding.shape), finding.effect
+                )
             except (NotIdentifiable, ValueError):
+                continue
+            if judged is None:
                 continue
             if finding is first or not any(
                 first.effect in remaining.members for remaining in judged.verdict.scan.found
             ):
                 return finding, judged
+        return None
+
+    def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
+        """The judged fit with an effect that entered; None where cross-validation or plausibility refuses the effect.
+
+        The held-out data take no part. An effect of one instant, or of time alone, cannot be predicted from other
+        blocks and is judged by its plausibility only.
+        """
+        note = None
+        if not belongs_to_its_time(find(name)):
+            terms = tuple(term for term in self.current.model.free if term.effect.name in leaving)
+            note = validation_rises(fitted.solution, name, terms)
+        if note is None:
+            judged = self.judge(fitted)
+            note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            if note is None:
+                return judged
+        self.refused[name] = note
         return None
 
     def substitute(self, replacement: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
@@ -268,8 +303,12 @@ class StepwiseSelection:
             requested = scan(self.refit(model).solution.states, model, extra=self.extra, only=(replacement.effect,))
             if not requested.entered:
                 return None
-            judged = self.judge(self.refit(requested.entered[0].enter(model)))
+            judged = self.admitted(
+                self.refit(requested.entered[0].enter(model)), replacement.effect.name, replacement.replaced
+            )
         except (NotIdentifiable, ValueError):
+            return None
+        if judged is None:
             return None
         left = {finding.effect for finding in judged.verdict.scan.found}
         if left & {*replacement.effect.covers, *replacement.replaced} or (
@@ -296,6 +335,29 @@ class StepwiseSelection:
             return effect.family is not None
         verdict = self.current.verdict
         return log_significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
+
+
+REASONS = {
+    "validation_rises": "the error on left-out blocks rises with it",
+    "implausible": "it would be larger than is physically possible",
+}
+"""Why an effect was kept out of the model, by the code of its remark."""
+
+
+def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()) -> Remark | None:
+    """The remark on an effect with which the error on left-out blocks rises significantly; None where it does not."""
+    rising = [change for change in cross_validate(solution, (name,), leaving) if change.rises]
+    if not rising:
+        return None
+    worst = max(rising, key=lambda change: change.sigma)
+    return remark(
+        "validation_rises",
+        effect=name,
+        measure=worst.measure,
+        percent=100.0 * (worst.ratio - 1.0),
+        sigma=worst.sigma,
+        blocks=worst.blocks,
+    )
 
 
 def solve(model: Model, recordings: Sequence[Recording], start: float, end: float) -> Solution:
