@@ -390,13 +390,7 @@ def compare(
     else:
         recording = with_position_steps(recording)
     seen = evaluation.compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler)
-    if not broken:
-        return seen
-    return replace(
-        seen,
-        breaks=tuple(float(note.values["time"]) for note in broken),
-        remarks=(*(note.sentence for note in broken), *seen.remarks),
-    )
+    return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
 
 
 def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:

@@ -87,7 +87,11 @@ KINDS: dict[str, Kind] = {
         "({sigma:.1f} paired standard errors over {blocks} blocks)",
     ),
     "implausible": Kind(
-        "beside", "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}"
+        "beside",
+        "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}",
+    ),
+    "too_short_with": Kind(
+        "beside", "{effect} was not added: {blocks} blocks are left with it, {least} are needed for a verdict"
     ),
     "heldout_rises": Kind(
         "beside",

@@ -207,7 +207,7 @@ def verdict_on(
         inside = (in_model(profiled, delay, sizes), *inside)
     return Diagnosis(
         verdict=verdict,
-        sentence=with_findings(inside, left),
+        sentence=with_findings(inside, left, profiled.rig.tolerance),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
         inseparable=inseparable_groups(model),

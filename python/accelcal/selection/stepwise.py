@@ -10,7 +10,7 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
-from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
+from accelcal.diagnosis.policy import NAMED_ALTERNATIVES, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
@@ -222,7 +222,7 @@ class StepwiseSelection:
         return replace(
             verdict,
             verdict="unexplained",
-            sentence=with_findings(verdict.present, left),
+            sentence=with_findings(verdict.present, left, verdict.fit.rig.tolerance),
             left=left,
             remarks=(*verdict.remarks, note),
         )
@@ -286,7 +286,10 @@ class StepwiseSelection:
             note = validation_rises(fitted.solution, name, terms)
         if note is None:
             judged = self.judge(fitted)
+            found = judged.verdict.scan
             note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            if not found.enough:
+                note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
             if note is None:
                 return judged
         self.refused[name] = note
@@ -340,6 +343,7 @@ class StepwiseSelection:
 REASONS = {
     "validation_rises": "the error on left-out blocks rises with it",
     "implausible": "it would be larger than is physically possible",
+    "too_short_with": "the record is too short for a verdict on the model with it",
 }
 """Why an effect was kept out of the model, by the code of its remark."""
 
