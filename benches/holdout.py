@@ -18,22 +18,22 @@ import traceback
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from tests.regimes.regimes import TABLE
+from tests.regimes.slow import HONEST, KINDS, build
+from tests.worlds import MOTIONS, Hidden, Nuisances, World, at_d
 
 from accelcal import workflow
 from accelcal.data.recording import Recording
-from accelcal.effects import find
 from accelcal.io import load
 from accelcal.validation.paired import heldout_change
 from accelcal.validation.ruler import Ruler
-from tests.regimes.regimes import TABLE
-from tests.regimes.slow import HONEST, KINDS, build
-from tests.worlds import CATALOGUE, MOTIONS, Hidden, Nuisances, World, at_d
 
 SECONDS = 120.0
 """Length of a simulated record; a third is fitted."""
@@ -44,6 +44,13 @@ LONGEST = 300.0
 """Processor time after which a trial is stopped, s."""
 REGIMES = ("a-seg7-cxl02", "a-smooth-adxl105", "a-random-cxl02", "a-hand-adxl105", "a-trap-adxl105", "c-phone-100")
 PLANTED = ("quadratic", "cubic", "velocity", "coulomb", "hysteresis", "rail_wave", "encoder_cyclic", "sensor_lag")
+
+PLAIN_SIDECAR = """[channels]
+time = { column = "t", unit = "s" }
+position = { column = "position", unit = "m" }
+accel = { column = "accel", unit = "m/s^2" }
+"""
+"""Of a real recording that has none."""
 
 Outcome = dict[str, Any]
 
@@ -86,7 +93,10 @@ def recording_of(trial: Trial, folder: str) -> tuple[Recording, frozenset[str]]:
     if trial.group == "real":
         path = Path(trial.name)
         rig = Path("tests/real") / f"{path.stem}.toml"
-        return load(path, rig if rig.exists() else None), frozenset()
+        if not rig.exists():
+            rig = Path(folder) / rig.name
+            rig.write_text(PLAIN_SIDECAR, encoding="utf-8")
+        return load(path, rig), frozenset()
     if trial.group == "slow":
         return load(build(trial.name, trial.record_seed, SECONDS).write(folder)), HONEST[trial.name]
     if trial.group == "regime":
@@ -95,8 +105,14 @@ def recording_of(trial: Trial, folder: str) -> tuple[Recording, frozenset[str]]:
     rng = np.random.default_rng([trial.record_seed, 3])
     nuisances = Nuisances(missing=float(rng.choice([0.0, 0.1])))
     motion = str(rng.choice(list(MOTIONS)))
-    world = World(motion, str(rng.choice(["ADXL105", "CXL02"])), (Hidden(trial.name, 1.0),), SECONDS,
-                  seed=trial.record_seed, nuisances=nuisances)
+    world = World(
+        motion,
+        str(rng.choice(["ADXL105", "CXL02"])),
+        (Hidden(trial.name, 1.0),),
+        SECONDS,
+        seed=trial.record_seed,
+        nuisances=nuisances,
+    )
     return load(at_d(world, 30.0).record().write(folder)), frozenset({trial.name})
 
 
@@ -111,12 +127,14 @@ def run(trial: Trial) -> Outcome:
             recording, honest = recording_of(trial, folder)
             t = max(recording.accel.t[0], recording.position.t[0]), min(recording.accel.t[-1], recording.position.t[-1])
             cuts = np.linspace(*t, 4)
-            fitted, held, untouched = (recording.part(a, b) for a, b in zip(cuts[:-1], cuts[1:], strict=True))
+            fitted, held, untouched = (recording.part(a, b) for a, b in pairwise(cuts))
             found = workflow.improve(fitted, holdout=held)
             outcome |= scored(found, untouched)
-            outcome["false"] = [
-                group.effect for group in found.classes if not honest & {group.effect, *group.members}
-            ] if trial.group != "real" else []
+            outcome["false"] = (
+                [group.effect for group in found.classes if not honest & {group.effect, *group.members}]
+                if trial.group != "real"
+                else []
+            )
     except Exception as error:
         outcome |= {"error": type(error).__name__, "text": str(error)[:300], "trace": traceback.format_exc(limit=-3)}
     finally:
@@ -188,7 +206,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file.write(json.dumps(outcome) + "\n")
             file.flush()
     outcomes = [known[trial.key] for trial in trials]
-    return 0 if all([report(f"{g}: ", [o for o in outcomes if g in ("all", o["group"])]) for g in groups(outcomes)]) else 1
+    hold = [report(f"{g}: ", [o for o in outcomes if g in ("all", o["group"])]) for g in groups(outcomes)]
+    return 0 if all(hold) else 1
 
 
 def groups(outcomes: Sequence[Outcome]) -> list[str]:
@@ -202,9 +221,11 @@ def report(title: str, outcomes: Sequence[Outcome]) -> bool:
     bad = [outcome for outcome in done if worse(outcome)]
     wrong = [outcome for outcome in done if outcome["false"]]
     count = max(1, len(done))
-    print(f"{title}last step worse than the best: {len(bad)} of {len(done)} (threshold {100 * MOST_WORSE:g} %); "
-          f"false names: {len(wrong)} of {len(done)} (threshold {100 * MOST_FALSE:g} %); "
-          f"not fitted: {len(outcomes) - len(done)}")
+    print(
+        f"{title}last step worse than the best: {len(bad)} of {len(done)} (threshold {100 * MOST_WORSE:g} %); "
+        f"false names: {len(wrong)} of {len(done)} (threshold {100 * MOST_FALSE:g} %); "
+        f"not fitted: {len(outcomes) - len(done)}"
+    )
     for outcome in {id(o): o for o in (*bad, *wrong)}.values():
         rises = {h: (round(r["percent"], 1), r["sigma"] and round(r["sigma"], 1)) for h, r in outcome["rises"].items()}
         print(f"    {outcome['key']}: {outcome['effects']} false {outcome['false']} {rises}")

@@ -10,9 +10,8 @@ import numpy as np
 from tests.worlds.numerics import stream
 
 from .noise import coupled, ornstein_uhlenbeck, power_law
-from .regimes import ADXL105, CXL02
+from .regimes import ADXL105, CXL02, Regime
 from .rig import NOTHING, Clocks, Planted, Record, Reference, Rig, measure
-from .regimes import Regime
 
 PROFILES = ("mixed", "smooth", "hand", "s_curve", "random")
 RIGS = (

@@ -109,6 +109,13 @@ tests/selection/test_cross_validation.py]"""
 VALIDATION_SIGMA = 2.0
 """Rise of the error on left-out blocks, in paired standard errors, above which an effect does not enter. A true effect
 lets it fall. [sigma; tests/selection/test_cross_validation.py]"""
+VALIDATION_LEAST_FALL = 0.5
+"""Fall of one of the errors on left-out blocks, in paired standard errors, without which an effect that is spread over
+several blocks does not enter. Of what slow noise alone explains, half has no fall at all. [sigma;
+tests/selection/test_cross_validation.py]"""
+VALIDATION_SPREAD = 4.0
+"""Blocks of equal power over which an effect must be spread for that. One that lives in a few is not predicted there
+from the others. [blocks; tests/selection/test_cross_validation.py]"""
 VALIDATION_RISE = 0.05
 """Rise of the rms drift on left-out blocks, as a share, below which it does not matter. An effect of high frequencies
 leaves the drift as it is, up to chance. [share; tests/selection/test_cross_validation.py]"""

@@ -86,6 +86,11 @@ KINDS: dict[str, Kind] = {
         "{effect} was not added: with it the {measure} on left-out blocks of the fitted data rises by {percent:.2g} % "
         "({sigma:.1f} paired standard errors over {blocks} blocks)",
     ),
+    "validation_not_better": Kind(
+        "beside",
+        "{effect} was not added: it fits the data but predicts no left-out block: the {measure} there changes by "
+        "{percent:+.2g} % ({sigma:+.1f} paired standard errors over {blocks} blocks)",
+    ),
     "implausible": Kind(
         "beside",
         "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}",

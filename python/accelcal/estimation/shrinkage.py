@@ -72,7 +72,7 @@ class Shrinkage:
         edge = int((END_PERIODS / cutoff + abs(delay)) * rate)
         jerk = jerk[edge : len(jerk) - edge]
         segment = int(min(len(jerk) // SEGMENTS, LONGEST * rate))
-        if left < NEGLIGIBLE * float(np.mean(jerk**2)) or segment < FEWEST:
+        if segment < FEWEST or left < NEGLIGIBLE * float(np.mean(jerk**2)):
             return None
         mean, largest = periodograms(jerk, rate, segment)
         f: Array = np.arange(len(mean), dtype=np.float64) * (rate / segment)

@@ -19,8 +19,10 @@ from accelcal.diagnosis.policy import (
     VALIDATION_BLOCKS,
     VALIDATION_HORIZON,
     VALIDATION_LEAST_BLOCKS,
+    VALIDATION_LEAST_FALL,
     VALIDATION_RISE,
     VALIDATION_SIGMA,
+    VALIDATION_SPREAD,
 )
 from accelcal.effects import BUILT_IN, Effect
 from accelcal.estimation.columns import evaluated, whitened_columns
@@ -53,6 +55,8 @@ class PairedChange:
     blocks: int
     least: float = 0.0
     """Rise, as a share of the error without the effect, below which it does not matter."""
+    spread: float = 0.0
+    """Blocks over which the effect is spread: those of equal power that would scatter as much."""
 
     @property
     def sigma(self) -> float:
@@ -68,6 +72,18 @@ class PairedChange:
     def rises(self) -> bool:
         """Whether the error rises by more than the comparison is uncertain."""
         return self.sigma > VALIDATION_SIGMA and self.ratio > 1.0 + self.least
+
+
+def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
+    """The change for which an effect does not enter; None where it may.
+
+    An error that rises significantly refuses it. So does an effect that is spread over several blocks, and yet lets
+    neither error fall by one standard error; one that a few blocks hold cannot be predicted there from the others.
+    """
+    rising = [change for change in changes if change.rises]
+    if not rising and changes and changes[0].spread >= VALIDATION_SPREAD:
+        rising = [change for change in changes if all(one.sigma > -VALIDATION_LEAST_FALL for one in changes)]
+    return max(rising, key=lambda change: change.sigma, default=None)
 
 
 def belongs_to_its_time(effect: Effect) -> bool:
@@ -104,10 +120,13 @@ def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequenc
     belief, mean = (np.concatenate([each, np.zeros(len(leaving))]) for each in (belief, mean))
     with_them = np.array([*(True for _ in range(width)), *(False for _ in leaving)])
     without = np.array([*(not one for one in new), *(True for _ in leaving)])
+    entered = np.array([*new, *(False for _ in leaving)], dtype=np.bool_)
+    energy = powers(whitened, belief, entered, reference)
+    spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
     errors = [left_out(whitened, drifts, kept, belief, mean) for kept in (without, with_them)]
     changes = [
-        paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, 0.0),
-        paired("drift", errors[0][1], errors[1][1], drifts[:, -1, -1] > 0.0, VALIDATION_RISE),
+        paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, 0.0, spread),
+        paired("drift", errors[0][1], errors[1][1], drifts[:, -1, -1] > 0.0, VALIDATION_RISE, spread),
     ]
     return [change for change in changes if change.blocks >= VALIDATION_LEAST_BLOCKS]
 
@@ -118,14 +137,14 @@ def rows_of(solution: Solution, index: int, leaving: int) -> list[int]:
     return [*solution.layout.rows(index), *range(width, width + leaving + 1)]
 
 
-def paired(measure: str, before: Array, after: Array, known: Array, least: float) -> PairedChange:
+def paired(measure: str, before: Array, after: Array, known: Array, least: float, spread: float) -> PairedChange:
     """The change of an error over the blocks where it is known, (blocks,)."""
     before, after = before[known], after[known]
     count = len(before)
     std = float(np.std(after - before, ddof=1)) / math.sqrt(count) if count > 1 else math.inf
     if not count:
-        return PairedChange(measure, 0.0, 0.0, math.inf, 0, least)
-    return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least)
+        return PairedChange(measure, 0.0, 0.0, math.inf, 0, least, spread)
+    return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least, spread)
 
 
 def left_out(whitened: Array, drifts: Array, kept: Array, belief: Array, mean: Array) -> tuple[Array, Array]:
@@ -152,6 +171,18 @@ def left_out(whitened: Array, drifts: Array, kept: Array, belief: Array, mean: A
     return found[0], found[1]
 
 
+def powers(whitened: Array, belief: Array, new: Array, reference: Array) -> Array:
+    """Power of the part of an effect that all other coefficients leave of it, block by block, (blocks,)."""
+    total = whitened.sum(axis=0)
+    own, others = np.flatnonzero(new), np.flatnonzero(~new)
+    contribution = np.zeros(len(reference))
+    contribution[own] = reference[own]
+    information = total[np.ix_(others, others)] + np.diag(belief[others])
+    cross = total[np.ix_(others, own)] @ reference[own]
+    contribution[others] = -np.linalg.lstsq(information, cross, rcond=SINGULAR)[0]
+    return np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0)
+
+
 def with_reference(grams: Array, reference: Array) -> Array:
     """Gram matrices of [X y] with y + X c in place of y, (blocks, m + 1, m + 1)."""
     turned = grams.copy()
@@ -161,9 +192,7 @@ def with_reference(grams: Array, reference: Array) -> Array:
     return turned
 
 
-def blocked(
-    state: RunState, terms: Sequence[Term], rows: Sequence[int], width: int, runs: int
-) -> tuple[Array, Array]:
+def blocked(state: RunState, terms: Sequence[Term], rows: Sequence[int], width: int, runs: int) -> tuple[Array, Array]:
     """Gram matrices of [X y] of a run block by block, per row: of whitened readings and of drifts.
 
     Parameters
@@ -213,9 +242,10 @@ def drift_rows(state: RunState, terms: Sequence[Term], horizon: float) -> tuple[
         return np.empty(0), np.empty((0, len(terms) + 1))
     around = [centres - horizon, centres, centres + horizon]
     breaks = np.cumsum(drive.restart)
-    whole = breaks[np.searchsorted(run.t, around[0], side="right") - 1] == breaks[
-        np.minimum(np.searchsorted(run.t, around[2]), len(run.t) - 1)
-    ]
+    whole = (
+        breaks[np.searchsorted(run.t, around[0], side="right") - 1]
+        == breaks[np.minimum(np.searchsorted(run.t, around[2]), len(run.t) - 1)]
+    )
 
     def second_difference(t: Array, y: Array) -> Array:
         before, at, after = (np.interp(instants, t, y) for instants in around)

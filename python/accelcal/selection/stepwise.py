@@ -30,7 +30,7 @@ from accelcal.selection.collinearity import (
     random_bias_replacing,
     sum_families,
 )
-from accelcal.selection.cross_validation import belongs_to_its_time, cross_validate
+from accelcal.selection.cross_validation import belongs_to_its_time, cross_validate, refusing
 from accelcal.selection.plausibility import implausible
 
 
@@ -342,6 +342,7 @@ class StepwiseSelection:
 
 REASONS = {
     "validation_rises": "the error on left-out blocks rises with it",
+    "validation_not_better": "the error on left-out blocks does not fall with it",
     "implausible": "it would be larger than is physically possible",
     "too_short_with": "the record is too short for a verdict on the model with it",
 }
@@ -349,13 +350,12 @@ REASONS = {
 
 
 def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()) -> Remark | None:
-    """The remark on an effect with which the error on left-out blocks rises significantly; None where it does not."""
-    rising = [change for change in cross_validate(solution, (name,), leaving) if change.rises]
-    if not rising:
+    """The remark on an effect that cross-validation refuses; None where it may enter."""
+    worst = refusing(cross_validate(solution, (name,), leaving))
+    if worst is None:
         return None
-    worst = max(rising, key=lambda change: change.sigma)
     return remark(
-        "validation_rises",
+        "validation_rises" if worst.rises else "validation_not_better",
         effect=name,
         measure=worst.measure,
         percent=100.0 * (worst.ratio - 1.0),

@@ -52,9 +52,7 @@ class HeldOutChange:
         return 100.0 * self.std / both if both > 0.0 else math.inf
 
 
-def paired_change(
-    measure: str, t: Array, before: Array, after: Array, stretch: float
-) -> HeldOutChange | None:
+def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: float) -> HeldOutChange | None:
     """Change of the mean square of errors that are paired in time; None where there are too few independent ones.
 
     Parameters
