@@ -311,7 +311,7 @@ def improve(
     rejected = fitted.rejected(original)
     test, test_begin, test_end = original[0], split, finish
     if holdout is not None:
-        test, test_begin, test_end, broken_test = whole_part(holdout)
+        test, test_begin, test_end, broken_test = whole_part(holdout, "held out, ")
         broken = [*broken, *broken_test]
     if rejected:
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
@@ -409,16 +409,16 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     return evaluation.coast(fit, with_position_steps(recording), start, horizon)
 
 
-def whole_part(recording: Recording) -> tuple[Recording, float | None, float | None, list[Remark]]:
+def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
     """A recording with the jumps of its position, the end of the part before a break, and the remark on the break.
 
-    Start and end are None where nothing breaks.
+    Start and end are None where nothing breaks; `place` stands before the name of the recording.
     """
     recording = with_position_steps(recording)
     found = usable(recording)
     if not found.breaks:
         return recording, None, None, []
-    name = recording.name or "recording"
+    name = f"{place}{recording.name or 'recording'}"
     return recording, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
 
 
