@@ -309,7 +309,9 @@ def improve(
     verdict = selection.final_verdict("no fit with it is possible" if room else f"at most {most} effects are added")
     fitted = selection.current.fitted
     rejected = fitted.rejected(original)
-    test, test_begin, test_end = original[0], split, finish
+    test = original[0]
+    test_begin: float | None = split
+    test_end: float | None = finish
     if holdout is not None:
         test, test_begin, test_end, broken_test = whole_part(holdout, "held out, ")
         broken = [*broken, *broken_test]

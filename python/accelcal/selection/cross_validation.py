@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.policy import (
     VALIDATION_BLOCKS,
     VALIDATION_HORIZON,
@@ -137,7 +137,7 @@ def rows_of(solution: Solution, index: int, leaving: int) -> list[int]:
     return [*solution.layout.rows(index), *range(width, width + leaving + 1)]
 
 
-def paired(measure: str, before: Array, after: Array, known: Array, least: float, spread: float) -> PairedChange:
+def paired(measure: str, before: Array, after: Array, known: Flags, least: float, spread: float) -> PairedChange:
     """The change of an error over the blocks where it is known, (blocks,)."""
     before, after = before[known], after[known]
     count = len(before)
@@ -147,7 +147,7 @@ def paired(measure: str, before: Array, after: Array, known: Array, least: float
     return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least, spread)
 
 
-def left_out(whitened: Array, drifts: Array, kept: Array, belief: Array, mean: Array) -> tuple[Array, Array]:
+def left_out(whitened: Array, drifts: Array, kept: Flags, belief: Array, mean: Array) -> tuple[Array, Array]:
     """Mean square errors of each block under coefficients that all other blocks determine, (blocks,) each.
 
     A direction that the other blocks do not determine stays where it was without the effect.
@@ -171,7 +171,7 @@ def left_out(whitened: Array, drifts: Array, kept: Array, belief: Array, mean: A
     return found[0], found[1]
 
 
-def powers(whitened: Array, belief: Array, new: Array, reference: Array) -> Array:
+def powers(whitened: Array, belief: Array, new: Flags, reference: Array) -> Array:
     """Power of the part of an effect that all other coefficients leave of it, block by block, (blocks,)."""
     total = whitened.sum(axis=0)
     own, others = np.flatnonzero(new), np.flatnonzero(~new)
@@ -180,7 +180,7 @@ def powers(whitened: Array, belief: Array, new: Array, reference: Array) -> Arra
     information = total[np.ix_(others, others)] + np.diag(belief[others])
     cross = total[np.ix_(others, own)] @ reference[own]
     contribution[others] = -np.linalg.lstsq(information, cross, rcond=SINGULAR)[0]
-    return np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0)
+    return np.asarray(np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0))
 
 
 def with_reference(grams: Array, reference: Array) -> Array:
