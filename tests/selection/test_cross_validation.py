@@ -23,18 +23,18 @@ from accelcal.selection.cross_validation import (
 BASE = {"bias": 0.05, "scale_factor": 0.01}
 
 
-def record(seed, motion="interleaved", walk=0.0, coulomb=0.0, **truth):
-    """A record of 40 s; `walk` is the density of a random walk of the bias, (m/s²)/sqrt(s)."""
+def record(seed, motion="interleaved", random_walk=0.0, coulomb=0.0, **truth):
+    """A record of 40 s; `random_walk` is the density of a random walk of the bias, (m/s²)/sqrt(s)."""
     rng = np.random.default_rng(seed)
     simulated = ac.simulate(motion, seconds=40.0, rig=ac.CXL02_RIG, parameters={**BASE, **truth}, rng=rng)
     made, t = simulated.recording, simulated.recording.accel.t
     if coulomb:
         friction = coulomb * np.sign(simulated.truth.motion.velocity(t))
         made = dataclasses.replace(made, accel=Channel("accel", t, made.accel.y + friction, "m/s²"))
-    if not walk:
+    if not random_walk:
         return made
-    wander = walk * np.cumsum(rng.standard_normal(len(t))) * np.sqrt(np.median(np.diff(t)))
-    return dataclasses.replace(made, accel=Channel("accel", t, made.accel.y + wander, "m/s²"))
+    added = random_walk * np.cumsum(rng.standard_normal(len(t))) * np.sqrt(np.median(np.diff(t)))
+    return dataclasses.replace(made, accel=Channel("accel", t, made.accel.y + added, "m/s²"))
 
 
 def fitted(recordings, *names, **shapes):
@@ -61,7 +61,7 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
 @pytest.mark.parametrize("name", ["velocity", "quadratic"])
 def test_what_follows_slow_noise_only_predicts_no_other_block_and_is_refused(name):
     # Four of six seeds refuse all of four such effects; the seed is fixed.
-    changes = cross_validate(fitted([record(2, walk=3e-3)], name), (name,))
+    changes = cross_validate(fitted([record(2, random_walk=3e-3)], name), (name,))
     assert refusing(changes) is not None
     assert all(change.sigma > 0.0 for change in changes)
 

@@ -1,4 +1,4 @@
-"""Blocked cross-validation of an effect that is to enter a model, within the fitted runs (derivations 12).
+"""Blocked cross-validation of an effect that is to enter a model, within the fitted runs (derivations D8).
 
 Every run is cut into blocks of time. The coefficients of both models, with the effect and without it, are estimated
 from all blocks but one, by linear algebra on Gram matrices that are summed block by block, and the block that was left
