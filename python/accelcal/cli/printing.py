@@ -246,7 +246,10 @@ def ruler_line(ruler: dict[str, float]) -> str:
 
 def broken_lines(seen: dict[str, Any]) -> list[str]:
     """A sentence for each instant at which a comparison ends before its recording does."""
-    return [f"from t = {at:.6g} s on no relation of output and position holds; cut there" for at in seen["breaks"]]
+    return [
+        f"from t = {at:.6g} s on no relation of output and position holds; only the part before is used"
+        for at in seen["breaks"]
+    ]
 
 
 def show_fit(found: Fit, *recordings: Recording) -> None:

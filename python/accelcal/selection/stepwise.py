@@ -218,7 +218,9 @@ class StepwiseSelection:
         if missing in self.refused:
             reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
+        causes = [one.sentence for one in verdict.remarks if one.place == "verdict"]
         left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
+        left = " ".join([left, *(f"{cause}." for cause in causes)])
         return replace(
             verdict,
             verdict="unexplained",
