@@ -46,7 +46,9 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
     (state,) = solution.states
     terms = solution.model.free
     grams, drifts = blocked(state, terms, rows_of(solution, 0, 0), len(terms), 1)
-    found, _ = left_out(grams, drifts, np.ones(len(terms), dtype=bool), np.zeros(len(terms)), np.zeros(len(terms)))
+    found, _ = left_out(
+        grams, (grams, drifts), np.ones(len(terms), dtype=bool), np.zeros(len(terms)), np.zeros(len(terms))
+    )
     X = np.concatenate([columns for _, columns in whitened_columns(state, terms)])
     y, t = state.whitened[state.counts], state.run.t[state.counts]
     edges = np.quantile(t, np.linspace(0.0, 1.0, len(grams) + 1))
@@ -92,8 +94,8 @@ def test_an_effect_of_one_block_is_not_refused_for_that():
     y = X @ np.array([0.0, 0.5]) + rng.standard_normal((blocks, rows))
     whole = np.concatenate([X, y[:, :, None]], axis=2)
     grams = np.einsum("bri,brj->bij", whole, whole)
-    with_it, _ = left_out(grams, grams, np.array([True, True]), np.zeros(2), np.zeros(2))
-    without, _ = left_out(grams, grams, np.array([True, False]), np.zeros(2), np.zeros(2))
+    with_it, _ = left_out(grams, (grams, grams), np.array([True, True]), np.zeros(2), np.zeros(2))
+    without, _ = left_out(grams, (grams, grams), np.array([True, False]), np.zeros(2), np.zeros(2))
     assert with_it[3] == pytest.approx(without[3])  # an undetermined coefficient stays at zero
     assert np.allclose(np.delete(with_it, 3), np.delete(without, 3), rtol=0.2)
 
@@ -111,7 +113,17 @@ def test_a_rise_is_refused_and_a_fall_or_a_scatter_is_not():
     assert refusing([]) is None
 
 
-def test_effects_of_one_instant_or_of_time_are_exempt():
+@pytest.mark.parametrize(
+    ("name", "shapes"), [("bias_step", {"instant": 17.0}), ("scale_step", {"instant": 17.0}), ("warm_up", {"tau": 5.0})]
+)
+def test_what_belongs_to_its_time_is_fitted_anew_in_each_block(name, shapes):
+    # It predicts no other block; what it does to all other coefficients counts, and nothing becomes worse by it here.
+    changes = cross_validate(fitted([record(6, random_walk=3e-4)], name, **{name: shapes}), (name,))
+    assert all(change.ratio < 1.02 for change in changes)
+    assert refusing(changes) is None
+
+
+def test_effects_of_one_instant_or_of_time_are_recognised():
     exempt = {"bias_step", "warm_up", "bias_drift", "bias_gauss_markov", "time_offset_step", "shape_of_time", "creep"}
     judged = {"cubic", "coulomb", "rail_wave", "encoder_nonlinearity", "shape_of_position", "hysteresis", "sensor_lag"}
     assert all(belongs_to_its_time(find(name)) for name in exempt)

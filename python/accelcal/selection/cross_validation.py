@@ -24,7 +24,7 @@ from accelcal.diagnosis.policy import (
     VALIDATION_SIGMA,
     VALIDATION_SPREAD,
 )
-from accelcal.effects import BUILT_IN, Effect
+from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.columns import evaluated, whitened_columns
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run_state import RunState
@@ -87,7 +87,10 @@ def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
 
 
 def belongs_to_its_time(effect: Effect) -> bool:
-    """Whether an effect lives at one instant or follows a function of time, which other blocks cannot predict."""
+    """Whether an effect lives at one instant or follows a function of time, which other blocks cannot predict.
+
+    Such an effect is fitted anew in each block; it is refused only where the others become worse by it.
+    """
     return effect.port == "process" or effect.name in OF_TIME or bool({"instant", "start"} & set(effect.shapes))
 
 
@@ -123,9 +126,15 @@ def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequenc
     entered = np.array([*new, *(False for _ in leaving)], dtype=np.bool_)
     energy = powers(whitened, belief, entered, reference)
     spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
-    errors = [left_out(whitened, drifts, kept, belief, mean) for kept in (without, with_them)]
+    of_time = all(belongs_to_its_time(find(name)) for name in entering)
+    scored = whitened, drifts
+    if of_time:  # as on another recording: its own part is fitted anew there, what it does to all others counts
+        scored = profiled(whitened, entered, belief), profiled(drifts, entered, np.zeros_like(belief))
+        spread = 0.0
+    errors = [left_out(whitened, scored, kept, belief, mean) for kept in (without, with_them)]
+    least = VALIDATION_RISE if of_time else 0.0
     changes = [
-        paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, 0.0, spread),
+        paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, least, spread),
         paired("drift", errors[0][1], errors[1][1], drifts[:, -1, -1] > 0.0, VALIDATION_RISE, spread),
     ]
     return [change for change in changes if change.blocks >= VALIDATION_LEAST_BLOCKS]
@@ -147,8 +156,23 @@ def paired(measure: str, before: Array, after: Array, known: Flags, least: float
     return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least, spread)
 
 
-def left_out(whitened: Array, drifts: Array, kept: Flags, belief: Array, mean: Array) -> tuple[Array, Array]:
+def profiled(grams: Array, own: Flags, belief: Array) -> Array:
+    """Gram matrices of [X y] after the columns of an effect were fitted within each block, (blocks, m + 1, m + 1)."""
+    rows = np.flatnonzero(own)
+    found = np.empty_like(grams)
+    for number, gram in enumerate(grams):
+        inside = gram[np.ix_(rows, rows)] + np.diag(belief[rows])
+        fitted = np.linalg.lstsq(inside, gram[rows], rcond=SINGULAR)[0]
+        found[number] = gram - gram[:, rows] @ fitted
+    return found
+
+
+def left_out(
+    whitened: Array, scored: tuple[Array, Array], kept: Flags, belief: Array, mean: Array
+) -> tuple[Array, Array]:
     """Mean square errors of each block under coefficients that all other blocks determine, (blocks,) each.
+
+    `whitened` holds the Gram matrices that determine them, `scored` those of whitened readings and drifts.
 
     A direction that the other blocks do not determine stays where it was without the effect.
     """
@@ -156,7 +180,7 @@ def left_out(whitened: Array, drifts: Array, kept: Flags, belief: Array, mean: A
     wide = np.append(own, len(kept))
     total = whitened.sum(axis=0)[np.ix_(wide, wide)]
     found = np.zeros((2, len(whitened)))
-    for number, (block, drift) in enumerate(zip(whitened, drifts, strict=True)):
+    for number, block in enumerate(whitened):
         rest = total - block[np.ix_(wide, wide)]
         information = rest[:-1, :-1] + np.diag(belief[own])
         score = rest[:-1, -1] + belief[own] * mean[own]
@@ -166,8 +190,8 @@ def left_out(whitened: Array, drifts: Array, kept: Flags, belief: Array, mean: A
         certain = values > SINGULAR * values[-1]
         inverse = np.divide(1.0, values, out=np.zeros_like(values), where=certain)
         x = np.append(-(vectors * inverse) @ (vectors.T @ (score / size)) / size, 1.0)
-        for kind, gram in enumerate((block, drift)):
-            found[kind, number] = max(0.0, float(x @ gram[np.ix_(wide, wide)] @ x))
+        for kind, grams in enumerate(scored):
+            found[kind, number] = max(0.0, float(x @ grams[number][np.ix_(wide, wide)] @ x))
     return found[0], found[1]
 
 

@@ -30,7 +30,7 @@ from accelcal.selection.collinearity import (
     random_bias_replacing,
     sum_families,
 )
-from accelcal.selection.cross_validation import belongs_to_its_time, cross_validate, refusing
+from accelcal.selection.cross_validation import cross_validate, refusing
 from accelcal.selection.plausibility import implausible
 
 
@@ -279,13 +279,10 @@ class StepwiseSelection:
     def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
         """The judged fit with an effect that entered; None where cross-validation or plausibility refuses the effect.
 
-        The held-out data take no part. An effect of one instant, or of time alone, cannot be predicted from other
-        blocks and is judged by its plausibility only.
+        The held-out data take no part.
         """
-        note = None
-        if not belongs_to_its_time(find(name)):
-            terms = tuple(term for term in self.current.model.free if term.effect.name in leaving)
-            note = validation_rises(fitted.solution, name, terms)
+        terms = tuple(term for term in self.current.model.free if term.effect.name in leaving)
+        note = validation_rises(fitted.solution, name, terms)
         if note is None:
             judged = self.judge(fitted)
             found = judged.verdict.scan
