@@ -10,11 +10,13 @@ from dataclasses import replace
 
 from accelcal._support.threads import one_thread
 from accelcal.data.recording import Recording, listed
+from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
+from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
@@ -30,6 +32,8 @@ from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
+from accelcal.validation.paired import best_step
+from accelcal.validation.ruler import Ruler
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
@@ -71,7 +75,8 @@ def diagnose(
     if "scale_factor" not in fit.model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
-    several = with_known_steps(several)
+    chosen = start is not None or end is not None
+    several, broken = usable_recordings(several, chosen, skip_first=True)
     stretch = TimeSpan.of(several[0], start, end)
     report(0.1)
 
@@ -82,7 +87,7 @@ def diagnose(
 
     fitted = clean_fit(several, solve)
     judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
-    return replace(judged, dropped=fitted.rejected(several))
+    return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
 
 
 @one_thread
@@ -111,7 +116,8 @@ def fit(
 
     Returns
     -------
-    Estimates with their covariance. Its remarks say how many samples of each channel were rejected.
+    Estimates with their covariance. Its remarks say how many samples of each channel were rejected, and where the
+    relation of the channels breaks: only what lies before is fitted, unless `start` or `end` is given.
 
     Raises
     ------
@@ -134,18 +140,19 @@ def fit(
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
-    several = with_known_steps(several)
+    several, broken = usable_recordings(several, start is not None or end is not None)
     share = 0.8 if reject_outliers else 1.0
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
     )
-    if not reject_outliers:
-        return every
-    kept = fit_without_outliers(every, several, start=start, end=end, band=band)
-    slow = slow_residual(kept, several[0])
-    if slow is None:
-        return kept
-    return replace(kept, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *kept.remarks))
+    found = every
+    if reject_outliers:
+        found = fit_without_outliers(every, several, start=start, end=end, band=band)
+        slow = slow_residual(found, several[0])
+        if slow is not None:
+            tilt = float(slow.values["tilt_deg"])
+            found = replace(found, tilt=tilt, remarks=(f"{slow.sentence}.", *found.remarks))
+    return replace(found, remarks=(*(f"{note.sentence}." for note in broken), *found.remarks)) if broken else found
 
 
 def fit_without_outliers(
@@ -195,7 +202,7 @@ def add(
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
-    several = with_known_steps(recordings)
+    several, _ = usable_recordings(listed(recordings))
     model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
@@ -228,7 +235,7 @@ def drop(
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
-    several = with_known_steps(recordings)
+    several, _ = usable_recordings(listed(recordings))
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
     return fit_without_outliers(left, several)
 
@@ -241,6 +248,11 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     fits : models in the order in which they were made.
     recording : one that none of them was fitted to.
 
+    Notes
+    -----
+    All models are run with one filter, that of the model with the least noise, in one band and from the same start
+    points, so that their errors can be compared.
+
     Raises
     ------
     ValueError
@@ -248,8 +260,8 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     """
     if not fits:
         raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
-    recording = with_position_steps(recording)
-    return History(tuple(fits), tuple(evaluation.compare(fit, recording) for fit in fits))
+    ruler = Ruler.of(fits)
+    return History(tuple(fits), tuple(compare(fit, recording, ruler=ruler) for fit in fits))
 
 
 @one_thread
@@ -270,7 +282,7 @@ def improve(
     ----------
     recordings : one or several runs to learn from.
     holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is
-        not fitted.
+        not fitted. It takes no part in any decision.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
@@ -291,7 +303,7 @@ def improve(
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     require_one_axis(original, start=start, end=end)
-    original = with_known_steps(original)
+    original, broken = usable_recordings(original, start is not None or end is not None, skip_first=True)
     same_run = holdout is None
     stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
@@ -308,22 +320,39 @@ def improve(
     verdict = selection.final_verdict("no fit with it is possible" if room else f"at most {most} effects are added")
     fitted = selection.current.fitted
     rejected = fitted.rejected(original)
-    test = original[0] if holdout is None else with_position_steps(holdout)
-    test_begin, test_end = (split, finish) if same_run else (None, None)
+    test = original[0]
+    test_begin: float | None = split
+    test_end: float | None = finish
+    if holdout is not None:
+        test, test_begin, test_end, broken_test = whole_part(holdout, "held out, ")
+        broken = [*broken, *broken_test]
     if rejected:
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
         rejected = (*rejected, *rejected_from_test)
+    ruler = Ruler.of([fit for _, fit in selection.fits])
     steps = [
         Step(
             names,
             fit,
-            evaluation.compare(fit, fitted.recordings[0], start=begin, end=split),
-            evaluation.compare(fit, test, start=test_begin, end=test_end),
+            evaluation.compare(fit, fitted.recordings[0], start=begin, end=split, ruler=ruler),
+            evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler),
         )
         for names, fit in selection.fits
     ]
-    last = replace(verdict, dropped=rejected)
+    notes = [*broken, *heldout_rises(steps)]
+    last = replace(verdict, dropped=rejected, remarks=(*verdict.remarks, *notes))
     return Improvement(tuple(steps), last, tuple(selection.history.classes), selection.examined, same_run)
+
+
+def heldout_rises(steps: Sequence[Step]) -> list[Remark]:
+    """The remark that an earlier step has a smaller held-out error than the last one; empty where none is surely so."""
+    found = best_step([step.heldout for step in steps])
+    if found is None or found[1].sigma <= VALIDATION_SIGMA or found[1].percent <= 100.0 * HELDOUT_RISE:
+        return []
+    number, change = found
+    best = " + ".join(("base", *steps[number].effects))
+    note = remark("heldout_rises", measure=change.measure, percent=change.percent, best=best, sigma=change.sigma)
+    return [note]
 
 
 def clean_holdout(
@@ -348,8 +377,11 @@ def compare(
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
+    ruler: Ruler | None = None,
 ) -> Comparison:
     """Compare a fitted model with a recording, simulation first; behind a jump of the position it starts anew.
+
+    Where the relation of the channels breaks for good the comparison ends, unless `start` or `end` is given.
 
     Parameters
     ----------
@@ -358,14 +390,20 @@ def compare(
     band : Hz, optional; bandwidth of the accelerometer-side residual, by default the crossover of the two noises.
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
+    ruler : filter under which several models are compared; by default that of the fit itself.
 
     Raises
     ------
     RecordingError
         If the channels do not overlap.
     """
-    known = with_position_steps(recording)
-    return evaluation.compare(fit, known, band=band, horizons=horizons, start=start, end=end)
+    broken: list[Remark] = []
+    if start is None and end is None:
+        recording, start, end, broken = whole_part(recording)
+    else:
+        recording = with_position_steps(recording)
+    seen = evaluation.compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler)
+    return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
 
 
 def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
@@ -384,6 +422,39 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     return evaluation.coast(fit, with_position_steps(recording), start, horizon)
 
 
-def with_known_steps(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """One recording, or several, as a list, each with the jumps of its position."""
-    return [with_position_steps(recording) for recording in listed(recordings)]
+def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
+    """A recording with the jumps of its position, the end of the part before a break, and the remark on the break.
+
+    Start and end are None where nothing breaks; `place` stands before the name of the recording.
+    """
+    recording = with_position_steps(recording)
+    found = usable(recording)
+    if not found.breaks:
+        return recording, None, None, []
+    name = f"{place}{recording.name or 'recording'}"
+    return recording, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
+
+
+def usable_recordings(
+    recordings: Sequence[Recording], chosen: bool = False, *, skip_first: bool = False
+) -> tuple[list[Recording], list[Remark]]:
+    """Recordings with the jumps of their positions, each up to its first break, and the remarks on the breaks.
+
+    Parameters
+    ----------
+    recordings : one or several runs.
+    chosen : whether the user chose a stretch, which then is taken as it is.
+    skip_first : whether breaks of the first one are sought elsewhere.
+    """
+    found: list[Recording] = []
+    remarks: list[Remark] = []
+    for number, recording in enumerate(recordings):
+        if chosen or (skip_first and number == 0):
+            found.append(with_position_steps(recording))
+            continue
+        whole, begin, finish, broken = whole_part(recording)
+        if begin is not None and finish is not None:
+            whole = replace(whole.part(begin, finish), digest=recording.digest)
+        found.append(whole)
+        remarks += broken
+    return found, remarks

@@ -75,6 +75,26 @@ def flicker(n: int, dt: float, instability: float, rng: np.random.Generator) -> 
     return np.asarray(np.fft.irfft(amplitudes, m)[:n])
 
 
+def power_law(n: int, dt: float, exponent: float, deviation: float, rng: np.random.Generator) -> Array:
+    """Return noise (n,) of density f^-exponent, from 1/(8 n dt) up, with the standard deviation over n samples given.
+
+    Between 0 (white) and 2 (random walk); its mean is removed (Kasdin 1995, Proc. IEEE 83, 802).
+    """
+    m = 8 * n
+    f = np.fft.rfftfreq(m, dt)
+    shape = np.zeros_like(f)
+    shape[1:] = f[1:] ** (-exponent / 2.0)
+    y = np.fft.irfft(shape * (rng.standard_normal((2, len(f))).T @ np.array([1.0, 1j])), m)[:n]
+    y -= np.mean(y)
+    return np.asarray(deviation * y / np.std(y))
+
+
+def coupled(y: Array, dt: float, corner: float) -> Array:
+    """Return samples behind an AC coupling: one real pole, corner in Hz, settled at the first sample."""
+    keep = np.exp(-2.0 * np.pi * corner * dt)
+    return np.asarray(lfilter([1.0, -1.0], [1.0, -keep], y - y[0])) * (1.0 + keep) / 2.0
+
+
 def stamps(rate: float, seconds: float, rng: np.random.Generator) -> Array:
     """Return the stamps of a free-running clock that starts at an arbitrary phase."""
     begin = rng.uniform(0, 1 / rate)

@@ -37,8 +37,8 @@ def python(state: State) -> str:
         lines.append(f"{names[i]} = {made}")
     lines += [
         "",
-        f"for m in [{', '.join(names)}]:",
-        "    seen = ac.compare(m, unseen)",
+        f"models = [{', '.join(names)}]",
+        "for m, seen in zip(models, ac.history(models, unseen)):",
         "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
         f"print(ac.diagnose({names[-1]}, train).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',

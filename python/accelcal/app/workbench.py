@@ -22,7 +22,6 @@ from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, from_expression
 from accelcal.estimation.estimate import Fit, require_distinct
@@ -32,8 +31,7 @@ from accelcal.report import gather, html
 from accelcal.serialization import model_file
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import HELD_OUT, Comparison
-from accelcal.validation.evaluation import accel_residual
-from accelcal.validation.prediction import Prediction
+from accelcal.validation.ruler import Ruler
 from accelcal.workflow import add, compare, diagnose, drop, fit
 
 EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
@@ -269,8 +267,12 @@ class Workbench:
         return fit(model, state.train, origins=before.origins, report=share_of(report, 0.0, 0.8))
 
     def _with_model(self, state: State, label: str, python: str, command: str, found: Fit) -> State:
-        """The state with one more model, made the current one."""
-        step = Step(next(self._keys), state.current, label, python, command, found, judged(found, state))
+        """The state with one more model, made the current one; all models are compared with one filter."""
+        before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
+        if before and Ruler.of(before) != ruler:
+            compared = [replace(step, heldout=judged(step.fit, state, ruler)) for step in state.steps]
+            state = replace(state, steps=tuple(compared))
+        step = Step(next(self._keys), state.current, label, python, command, found, judged(found, state, ruler))
         return replace(state, steps=(*state.steps, step), current=step.key)
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
@@ -352,13 +354,8 @@ class Workbench:
         return kept[1]
 
     def before(self) -> Comparison | None:
-        """The previous model against held-out data, in the frequency band of the current comparison."""
-        state = self.state
-        if state.step is None or state.previous is None:
-            return None
-        was, band = state.previous, state.step.heldout.band
-        t, residual, _ = accel_residual(Prediction.of(was.fit, with_position_steps(state.unseen)), band)
-        return replace(was.heldout, accel_residual=(t, residual), band=band)
+        """The previous model against held-out data, with the filter and in the band of the current comparison."""
+        return None if self.state.previous is None else self.state.previous.heldout
 
     def refuse(self, sentence: str) -> None:
         """Tell the user why an action was refused."""
@@ -560,9 +557,9 @@ def question(state: State) -> tuple[int, int] | None:
     return None if state.current is None else (state.current, len(state.own))
 
 
-def judged(found: Fit, state: State) -> Comparison:
-    """The model against the held-out data."""
-    return compare(found, state.unseen)
+def judged(found: Fit, state: State, ruler: Ruler) -> Comparison:
+    """The model against the held-out data, with the filter that all models of the tree share."""
+    return compare(found, state.unseen, ruler=ruler)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:

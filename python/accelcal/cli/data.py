@@ -39,18 +39,27 @@ def init(run: RunFile) -> None:
 @app.command()
 @with_exit_codes
 def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
-    """Check a recording: rates, spans, gaps, ranges, warnings.
+    """Check a recording: rates, spans, gaps, ranges, warnings, and where the relation of the channels breaks.
 
     Example: [bold]accelcal check run12.csv[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import broken_lines
     from accelcal.data import summary
+    from accelcal.data.recording import RecordingError
+    from accelcal.diagnosis.change_points import usable
 
     recording = io.load(run, rig)
+    try:
+        breaks = list(usable(recording).breaks)
+    except RecordingError:  # too short to look for one: the summary says how long it is
+        breaks = []
     if json:
-        print_json(summary.describe(recording))
-    else:
-        print(summary.summarise(recording))
+        print_json({**summary.describe(recording), "breaks_s": breaks})
+        return
+    print(summary.summarise(recording))
+    for text in broken_lines({"breaks": breaks}):
+        print(f"suspect data: {text}")
 
 
 @app.command()

@@ -250,13 +250,11 @@ def history(
 
     load_own_effects(effects_file)
     fits = [model_file.load(path) for path in models]
-    content = diagnosis_json.history_to_dict(
-        [str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)).steps
-    )
+    content = diagnosis_json.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)))
     if json:
         print_json(content)
     else:
-        show_steps([(step["model"], step["heldout"]) for step in content["steps"]])
+        show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
 
 
 @app.command()

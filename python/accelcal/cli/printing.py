@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any
 from accelcal.cli.common import UsageError, parse_quantity
 from accelcal.formatting import interval, millionths, plus_minus, short
 
+MOST_COLUMNS = 4
+"""Coefficients of one effect that are printed one by one; those of a curve or a random process are summarised."""
+
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import Fit
@@ -109,7 +112,7 @@ def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
     show_parameters(found.diagnosis.fit)
     if found.same_run:
         print("held out: the end of the same run, which does not reveal set-up and slow-drift errors")
-    show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]])
+    show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]], content)
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
@@ -127,6 +130,8 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     for text, style in lines:
         console.print(text, style=style, highlight=False)
     for text in by_place.get("beside", ()):
+        if text in content["sentence"]:
+            continue
         console.print(f"note: {text}", highlight=False)
     if content.get("candidates"):
         rows = [
@@ -181,7 +186,8 @@ def contribution_lines(content: dict[str, Any]) -> list[str]:
     from accelcal.data.rig import STANDARD_GRAVITY
 
     judged, lines = content["tolerance"], []
-    for name in content["effects"]:
+    small = [] if judged is None else judged["below"]
+    for name in sorted(content["effects"], key=lambda name: name in small):
         size = content["largest_contributions"].get(name)
         text = f"{name}: " + ("no contribution of its own" if size is None else f"at most {contribution(size)}")
         if judged is not None:
@@ -196,22 +202,54 @@ def contribution_lines(content: dict[str, Any]) -> list[str]:
     return lines
 
 
-def show_steps(steps: list[tuple[str, dict[str, Any]]]) -> None:
-    """Print the errors on held-out data; the smallest noise floor, since a missing effect is counted as noise."""
+def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | None = None) -> None:
+    """Print the errors on held-out data; the smallest noise floor, since a missing effect is counted as noise.
+
+    Parameters
+    ----------
+    steps : name and comparison of each model.
+    table : of several models: the filter that they share, and the change from each step to the next.
+    """
     from rich.console import Console
 
     rows = []
-    for name, seen in steps:
+    changes = [None for _ in steps] if table is None else [step["change"] for step in table["steps"]]
+    for (name, seen), change in zip(steps, changes, strict=True):
         drift = [seen["coast_rms_m"][h] for h in ("1", "5", "10")]
         cells = ["-" if v is None else f"{1e3 * v:.4g}" for v in drift]
-        rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}"))
+        fallen = "" if change is None else f"{change['percent']:+.3g} ± {change['percent_std']:.2g}"
+        rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}", fallen))
     floors = [[one["coast_floor_m"][h] for _, one in steps if one["coast_floor_m"][h]] for h in ("1", "5", "10")]
-    rows.append(("noise floor", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), ""))
+    rows.append(("noise floor", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), "", ""))
+    head = ["model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"]
+    measure = next((change["measure"] for change in changes if change is not None), None)
+    width = len(head) if measure is None else len(head) + 1
     console = Console()
     console.print("rms unaided drift on held-out data (rezeroed) after", highlight=False)
-    show_table(("model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"), rows)
-    for text in outside_lines(steps[-1][1]):
+    show_table((*head, f"change of {measure}, %")[:width], [row[:width] for row in rows])
+    if table is not None:
+        console.print(ruler_line(table["ruler"]), highlight=False)
+    for text in (*broken_lines(steps[-1][1]), *outside_lines(steps[-1][1])):
         console.print(f"held out: {text}", highlight=False)
+
+
+def ruler_line(ruler: dict[str, float]) -> str:
+    """The filter and the band that all models of a table share."""
+    from accelcal.data.units import MICRO_G
+
+    return (
+        f"one filter for all rows: {ruler['noise_m_per_s2_rthz'] / MICRO_G:.4g} ug/sqrt(Hz), "
+        f"{1e6 * ruler['reading_std_m']:.4g} um; residuals up to {ruler['band_hz']:.4g} Hz; changes are paired, with "
+        "their standard error"
+    )
+
+
+def broken_lines(seen: dict[str, Any]) -> list[str]:
+    """A sentence for each instant at which a comparison ends before its recording does."""
+    return [
+        f"from t = {at:.6g} s on no relation of output and position holds; only the part before is used"
+        for at in seen["breaks"]
+    ]
 
 
 def show_fit(found: Fit, *recordings: Recording) -> None:
@@ -241,15 +279,17 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
 
 
 def show_parameters(found: Fit) -> None:
-    """Print every parameter with its uncertainty, and the sum that it estimates on this rig."""
+    """Print every parameter with its uncertainty, a curve in one line, and the sum that it estimates on this rig."""
     from accelcal.data.units import display
-    from accelcal.effects import find
+    from accelcal.effects import CATALOGUE, find
     from accelcal.estimation.estimate import tied_sum
 
     rows, estimated = [], {}
     without = [e for e in found.estimates if e.std <= 0.0 and e.value == 0.0 and find(e.name.partition(".")[0]).family]
+    of_effect = Counter(e.name.partition(".")[0] for e in found.estimates if e not in without)
+    summarised = {name: number for name, number in of_effect.items() if number > MOST_COLUMNS and name in CATALOGUE}
     for e in (*found.estimates, *found.shapes):
-        if e in without:
+        if e in without or (e.name.partition(".")[0] in summarised and e not in found.shapes):
             continue
         held = e.std <= 0.0
         rows.append(
@@ -267,8 +307,18 @@ def show_parameters(found: Fit) -> None:
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
     for name, total in estimated.items():
         print(f"  {name} estimates {total} on this rig")
+    for name, number in summarised.items():
+        print(f"  {name}: {number} coefficients, at most {largest_coefficient(found, name)}; --json lists them")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
         print(f"  {name}: {number} of its columns are not needed")
+
+
+def largest_coefficient(found: Fit, name: str) -> str:
+    """The coefficient of an effect that is furthest from zero, with its uncertainty and unit."""
+    own = [e for e in found.estimates if e.name.startswith(f"{name}.")]
+    largest = max(own, key=lambda e: abs(e.value))
+    shown = short(largest.value, largest.std) if largest.std > 0.0 else f"{largest.value:.4g}"
+    return f"{shown} {largest.unit}".removesuffix(" 1")
 
 
 def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
@@ -341,6 +391,8 @@ def show_comparison(content: dict[str, Any]) -> None:
         highlight=False,
     )
     console.print(f"largest residual: {content['worst']}", highlight=False)
+    for text in broken_lines(content):
+        console.print(f"suspect data: {text}", style="bold red", highlight=False)
     for text in outside_lines(content) or content["remarks"]:
         console.print(f"note: {text}", highlight=False)
 

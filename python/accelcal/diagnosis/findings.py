@@ -61,6 +61,10 @@ class Finding:
         """Effects that it is confounded with."""
         return tuple(name for name in self.group.members if name != self.effect)
 
+    def below(self, tolerance: float) -> bool:
+        """Whether its largest contribution to the output is smaller than a tolerance, m/s²."""
+        return self.largest is not None and not self.largest.at_encoder and self.largest.value < tolerance
+
     @property
     def particulars(self) -> str:
         """Size, evidence and rivals, in parentheses; empty where there are none."""
@@ -167,16 +171,20 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
     return tuple(found)
 
 
-def with_findings(findings: Sequence[Finding], left: str) -> str:
-    """The sentence of a verdict: what was found, then what is left.
+def with_findings(findings: Sequence[Finding], left: str, tolerance: float | None = None) -> str:
+    """The sentence of a verdict: what was found, then what is left, then what is below tolerance.
 
     Parameters
     ----------
     findings : in the order in which they are named.
     left : the sentence on what the last model lacks.
+    tolerance : contribution to the output below which an effect does not matter, m/s²; None where none is declared.
     """
+    small = [one for one in findings if tolerance is not None and one.below(tolerance)]
+    findings = [one for one in findings if one not in small]
+    closing = f" Below tolerance: {', '.join(f'{one.effect}{one.particulars}' for one in small)}." if small else ""
     if not findings:
-        return left
+        return f"{left}{closing}"
     *most, last = findings
     each = ", ".join(f"{one.effect}{one.particulars}" for one in most)
     verb = "were found" if most else "was found"
@@ -184,5 +192,5 @@ def with_findings(findings: Sequence[Finding], left: str) -> str:
         f"{each} and {last.effect}{last.particulars} {verb}" if most else f"{last.effect} {verb}{last.particulars}"
     )
     if left.startswith(NOTHING_MISSING):
-        return f"{opening}; nothing else is missing{left.removeprefix(NOTHING_MISSING)}"
-    return f"{opening}. {left}"
+        return f"{opening}; nothing else is missing{left.removeprefix(NOTHING_MISSING)}{closing}"
+    return f"{opening}. {left}{closing}"

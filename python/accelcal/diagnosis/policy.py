@@ -98,6 +98,37 @@ SEARCH_SAMPLES = 1e5
 """Samples of the output up to which this time holds whatever the length of the record. A long record at a low rate is
 no larger. [samples; tests/selection/test_budget.py]"""
 
+# ---- validation: which effects may stay ----
+
+VALIDATION_BLOCKS = 16
+"""Blocks of time into which the fitted runs are cut together for cross-validation. More would be shorter than slow
+noise, fewer would not determine the scatter of the differences. [blocks; tests/selection/test_cross_validation.py]"""
+VALIDATION_LEAST_BLOCKS = 8
+"""Blocks below which cross-validation refuses no effect. A standard error from fewer is too uncertain. [blocks;
+tests/selection/test_cross_validation.py]"""
+VALIDATION_SIGMA = 2.0
+"""Rise of the error on left-out blocks, in paired standard errors, above which an effect does not enter. A true effect
+lets it fall. [sigma; tests/selection/test_cross_validation.py]"""
+VALIDATION_LEAST_FALL = 0.5
+"""Fall of one of the errors on left-out blocks, in paired standard errors, without which an effect that is spread over
+several blocks does not enter. Of what slow noise alone explains, half has no fall at all. [sigma;
+tests/selection/test_cross_validation.py]"""
+VALIDATION_SPREAD = 4.0
+"""Blocks of equal power over which an effect must be spread for that. One that lives in a few is not predicted there
+from the others. [blocks; tests/selection/test_cross_validation.py]"""
+VALIDATION_RISE = 0.05
+"""Rise of the rms drift on left-out blocks, as a share, below which it does not matter. An effect of high frequencies
+leaves the drift as it is, up to chance. [share; tests/selection/test_cross_validation.py]"""
+VALIDATION_HORIZON = 2.0
+"""Longest time over which a drift on left-out blocks is taken. Several must fit into a block. [s;
+tests/selection/test_cross_validation.py]"""
+HELDOUT_RISE = 0.05
+"""Rise of the held-out error over that of the best step, as a share, that is remarked on if it exceeds two paired
+standard errors. A smaller one changes no decision. [share; tests/selection/test_improvement.py]"""
+PLAUSIBLE_ENCODER_SHARE = 0.1
+"""Error of the position channel, over the travel, above which it is no finding. A reference that is wrong by more
+measures no position. [share; tests/selection/test_plausibility.py]"""
+
 # ---- verdict: noise and outliers ----
 
 DATA_SHEET_NOISE_RATIO = 1.5

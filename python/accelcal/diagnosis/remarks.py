@@ -49,6 +49,11 @@ KINDS: dict[str, Kind] = {
         "{channel}: the reading jumps {count} times and stays: missed counts; the largest jump is {longest:.3g} m at "
         "t = {time:.6g} s",
     ),
+    "break": Kind(
+        "data",
+        "{recording}: from t = {time:.6g} s on no relation of output and position holds; only the part before it is "
+        "used",
+    ),
     "dropped_samples": Kind("data", "{channel}: samples were lost without a trace in the time stamps"),
     "turning_sensor": Kind(
         "verdict",
@@ -81,6 +86,28 @@ KINDS: dict[str, Kind] = {
         "verdict",
         "The noise of the position is not white: {rms:.2g} m with a correlation time of {tau:.2g} s, or in that "
         "proportion; the sensor is not to blame",
+    ),
+    "validation_rises": Kind(
+        "beside",
+        "{effect} was not added: with it the {measure} on left-out blocks of the fitted data rises by {percent:.2g} % "
+        "({sigma:.1f} paired standard errors over {blocks} blocks)",
+    ),
+    "validation_not_better": Kind(
+        "beside",
+        "{effect} was not added: it fits the data but predicts no left-out block: the {measure} there changes by "
+        "{percent:+.2g} % ({sigma:+.1f} paired standard errors over {blocks} blocks)",
+    ),
+    "implausible": Kind(
+        "beside",
+        "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}",
+    ),
+    "too_short_with": Kind(
+        "beside", "{effect} was not added: {blocks} blocks are left with it, {least} are needed for a verdict"
+    ),
+    "heldout_rises": Kind(
+        "beside",
+        "On the held-out data the {measure} of the last model is {percent:.2g} % larger than that of {best} "
+        "({sigma:.1f} paired standard errors): the best step is {best}",
     ),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"

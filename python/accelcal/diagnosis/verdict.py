@@ -32,7 +32,7 @@ from accelcal.diagnosis.policy import (
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.position_noise import coloured_position
-from accelcal.diagnosis.remarks import Remark
+from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.turning import FittedSpan, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
@@ -136,7 +136,8 @@ class TimeSpan:
             columns = None if breaks else found.columns
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
         start, end = float(run.t[0]), float(run.t[-1])
-        return cls(start, end, breaks, fault_remarks(faults(recording, run, columns), end - start))
+        broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
+        return cls(start, end, breaks, (*broken, *fault_remarks(faults(recording, run, columns), end - start)))
 
 
 def verdict_on(
@@ -195,6 +196,7 @@ def verdict_on(
     groups += [
         Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
         for name, p in p_values.items()
+        if name not in {group.effect for group in groups}
     ]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
     verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured)
@@ -205,7 +207,7 @@ def verdict_on(
         inside = (in_model(profiled, delay, sizes), *inside)
     return Diagnosis(
         verdict=verdict,
-        sentence=with_findings(inside, left),
+        sentence=with_findings(inside, left, profiled.rig.tolerance),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
         inseparable=inseparable_groups(model),

@@ -76,8 +76,10 @@ class Improvement:
 
     @property
     def sentence(self) -> str:
-        """What was found, then what is left."""
-        return with_findings(self.found, self.left[1])
+        """What was found, then what is left, and the best step where the last one is worse on held-out data."""
+        text = with_findings(self.found, self.left[1], self.diagnosis.fit.rig.tolerance)
+        rises = [remark.sentence for remark in self.diagnosis.remarks if remark.code == "heldout_rises"]
+        return " ".join([text, *(f"{sentence}." for sentence in rises)])
 
     @property
     def importance(self) -> Importance | None:

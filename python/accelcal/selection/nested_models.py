@@ -16,6 +16,7 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.validation.comparison import HELD_OUT, Comparison
 from accelcal.validation.evaluation import compare
+from accelcal.validation.ruler import Ruler
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,22 +95,22 @@ def nested_models(
     unseen = recording if holdout is None else holdout
     test_begin, test_end = (split, finish) if holdout is None else _stretch(holdout)
 
-    def member(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> NestedModel:
+    def member(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> tuple[str, bool, Fit]:
         found = ready
         if found is None:
             found = estimate(model, recording, start=begin, end=split, origins=fitted.origins)
-        return NestedModel(effect, in_model, found, compare(found, unseen, start=test_begin, end=test_end))
+        return effect, in_model, found
 
     # Effects that a turned sensor or the tolerance of a low-pass added depend on the recordings, not on the model.
     set_by_recordings = [name for name in fitted.model.added if not find(name).traits.visible]
     whole = fitted.model.drop(*set_by_recordings)
     added = whole.added
-    models, remarks = [], []
+    fits, remarks = [], []
     for count in range(len(added) + 1):
         model = whole.drop(*added[count:])
         ready_fit = fitted if count == len(added) and not same_run else None
         try:
-            models.append(member(added[count - 1] if count else "", model, True, ready_fit))
+            fits.append(member(added[count - 1] if count else "", model, True, ready_fit))
         except ValueError as error:
             if count == 0:
                 raise
@@ -118,10 +119,15 @@ def nested_models(
     for finding in diagnosis.scan.found if diagnosis is not None else ():
         try:
             model = finding.enter(model)
-            models.append(member(finding.effect, model, False))
+            fits.append(member(finding.effect, model, False))
         except ValueError as error:
             remarks.append(f"{finding.effect} could not be added: {error}")
             break
+    ruler = Ruler.of([fit for _, _, fit in fits])
+    models = [
+        NestedModel(effect, in_model, fit, compare(fit, unseen, start=test_begin, end=test_end, ruler=ruler))
+        for effect, in_model, fit in fits
+    ]
     horizons = [h for h in models[0].heldout.coast_rms if all(each.heldout.coast_rms[h] is not None for each in models)]
     return NestedModels(tuple(models), same_run, max(horizons, default=None), tuple(remarks))
 

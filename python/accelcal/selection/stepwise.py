@@ -10,15 +10,15 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.delay import DELAY_CLASS, DELAY_EXPERIMENT, delay_is_significant
 from accelcal.diagnosis.findings import Confounded, explained_gain, with_findings
 from accelcal.diagnosis.outlier_rejection import CHANNEL_OF, CleanFit, clean_fit
-from accelcal.diagnosis.policy import NAMED_ALTERNATIVES
-from accelcal.diagnosis.remarks import remark
+from accelcal.diagnosis.policy import NAMED_ALTERNATIVES, VERDICT_LEAST_BLOCKS
+from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.diagnosis.search.scan import Candidate, scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.model import Model
+from accelcal.model import Model, Term
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.collinearity import (
     Replacement,
@@ -30,6 +30,8 @@ from accelcal.selection.collinearity import (
     random_bias_replacing,
     sum_families,
 )
+from accelcal.selection.cross_validation import cross_validate, refusing
+from accelcal.selection.plausibility import implausible
 
 
 @dataclass(slots=True)
@@ -108,6 +110,8 @@ class StepwiseSelection:
     """Every model so far, by the effects that it has."""
     budget: SearchBudget
     history: SelectionHistory = field(default_factory=SelectionHistory)
+    refused: dict[str, Remark] = field(default_factory=dict)
+    """Effects that cross-validation or plausibility kept out of the model, each with the remark that says so."""
 
     @classmethod
     def begin(
@@ -189,7 +193,8 @@ class StepwiseSelection:
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
         found_by_tests = {test.effect for test in verdict.channels} - set(self.history.effects)
-        self.history.classes += [group for group in verdict.classes if group.effect in found_by_tests]
+        tested = {group.effect: group for group in verdict.classes if group.effect in found_by_tests}
+        self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
     def final_verdict(self, reason: str) -> Diagnosis:
@@ -200,6 +205,8 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
+        kept_out = tuple(note for name, note in self.refused.items() if name not in self.history.effects)
+        verdict = replace(verdict, remarks=(*verdict.remarks, *kept_out))
         if self.budget.stopped:
             reason = "the search was stopped"
             stop = remark("search_stopped", models=self.budget.models, seconds=self.budget.seconds)
@@ -208,12 +215,16 @@ class StepwiseSelection:
             return verdict
         missing = verdict.scan.found[0].effect
         sigma = next((c.snr for c in verdict.scan.candidates if c.effect == missing), 0.0)
+        if missing in self.refused:
+            reason = REASONS[self.refused[missing].code]
         note = remark("not_added", effect=missing, sigma=sigma, reason=reason)
+        causes = [one.sentence for one in verdict.remarks if one.place == "verdict"]
         left = f"{note.sentence} ({verdict.scan.examined} candidates examined)."
+        left = " ".join([left, *(f"{cause}." for cause in causes)])
         return replace(
             verdict,
             verdict="unexplained",
-            sentence=with_findings(verdict.present, left),
+            sentence=with_findings(verdict.present, left, verdict.fit.rig.tolerance),
             left=left,
             remarks=(*verdict.remarks, note),
         )
@@ -245,17 +256,41 @@ class StepwiseSelection:
         found = self.current.verdict.scan
         first = found.found[0]
         for finding in (*found.named[:NAMED_ALTERNATIVES], *found.found):
+            if finding.effect in self.refused:
+                continue
             if not self.budget.allows_another():
                 return None
             try:
                 # readings next to a jump that the model lacks pass for outliers: with the jump they are tested anew
-                judged = self.judge(self.refit(finding.enter(self.current.model), anew="instant" in finding.shape))
+                judged = self.admitted(
+                    self.refit(finding.enter(self.current.model), anew="instant" in finding.shape), finding.effect
+                )
             except (NotIdentifiable, ValueError):
+                continue
+            if judged is None:
                 continue
             if finding in found.found or not any(
                 first.effect in remaining.members for remaining in judged.verdict.scan.found
             ):
                 return finding, judged
+        return None
+
+    def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
+        """The judged fit with an effect that entered; None where cross-validation or plausibility refuses the effect.
+
+        The held-out data take no part.
+        """
+        terms = tuple(term for term in self.current.model.free if term.effect.name in leaving)
+        note = validation_rises(fitted.solution, name, terms)
+        if note is None:
+            judged = self.judge(fitted)
+            found = judged.verdict.scan
+            note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            if not found.enough:
+                note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
+            if note is None:
+                return judged
+        self.refused[name] = note
         return None
 
     def substitute(self, replacement: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
@@ -269,8 +304,12 @@ class StepwiseSelection:
             requested = scan(self.refit(model).solution.states, model, extra=self.extra, only=(replacement.effect,))
             if not requested.entered:
                 return None
-            judged = self.judge(self.refit(requested.entered[0].enter(model)))
+            judged = self.admitted(
+                self.refit(requested.entered[0].enter(model)), replacement.effect.name, replacement.replaced
+            )
         except (NotIdentifiable, ValueError):
+            return None
+        if judged is None:
             return None
         left = {finding.effect for finding in judged.verdict.scan.found}
         if left & {*replacement.effect.covers, *replacement.replaced} or (
@@ -297,6 +336,30 @@ class StepwiseSelection:
             return effect.family is not None
         verdict = self.current.verdict
         return log_significance(verdict.fit, name) > math.log(self.alpha / verdict.scan.examined)
+
+
+REASONS = {
+    "validation_rises": "the error on left-out blocks rises with it",
+    "validation_not_better": "the error on left-out blocks does not fall with it",
+    "implausible": "it would be larger than is physically possible",
+    "too_short_with": "the record is too short for a verdict on the model with it",
+}
+"""Why an effect was kept out of the model, by the code of its remark."""
+
+
+def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()) -> Remark | None:
+    """The remark on an effect that cross-validation refuses; None where it may enter."""
+    worst = refusing(cross_validate(solution, (name,), leaving))
+    if worst is None:
+        return None
+    return remark(
+        "validation_rises" if worst.rises else "validation_not_better",
+        effect=name,
+        measure=worst.measure,
+        percent=100.0 * (worst.ratio - 1.0),
+        sigma=worst.sigma,
+        blocks=worst.blocks,
+    )
 
 
 def solve(model: Model, recordings: Sequence[Recording], start: float, end: float) -> Solution:

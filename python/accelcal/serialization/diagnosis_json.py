@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 from accelcal.data.rig import STANDARD_GRAVITY
@@ -15,9 +16,12 @@ from accelcal.diagnosis.remarks import Remark
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
-from accelcal.selection.improvement import Improvement
+from accelcal.estimation.estimate import Fit
+from accelcal.selection.improvement import History, Improvement
 from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, to_dict
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.paired import heldout_change
+from accelcal.validation.ruler import Ruler
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
 IMPROVE_SCHEMA = "accelcal/improve/2"
@@ -203,13 +207,15 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
         "breaks": list(last.breaks),
         "used": [list(span) for span in last.used],
         "heldout_is_same_run": found.same_run,
+        "ruler": ruler([step.fit for step in found.steps], [step.heldout for step in found.steps]),
         "steps": [
             {
                 "effects": list(step.effects),
                 "train": comparison_to_dict(step.train),
                 "heldout": comparison_to_dict(step.heldout),
+                "change": changed,
             }
-            for step in found.steps
+            for step, changed in zip(found.steps, changes([step.heldout for step in found.steps]), strict=True)
         ],
         "parameters": parameters(last),
         "shapes": [estimate_to_dict(e) for e in last.fit.shapes],
@@ -221,9 +227,40 @@ def improvement_to_dict(found: Improvement) -> dict[str, Any]:
     }
 
 
-def history_to_dict(models: Sequence[str], steps: Sequence[Comparison]) -> dict[str, Any]:
-    """Content of `history --json`: one comparison for each model."""
+def history_to_dict(models: Sequence[str], found: History) -> dict[str, Any]:
+    """Content of `history --json`: one comparison for each model, all with one filter."""
+    steps = zip(models, found.steps, changes(found.steps), strict=True)
     return {
         "schema": HISTORY_SCHEMA,
-        "steps": [{"model": m, "heldout": comparison_to_dict(c)} for m, c in zip(models, steps, strict=True)],
+        "ruler": ruler(found.fits, found.steps),
+        "steps": [{"model": m, "heldout": comparison_to_dict(c), "change": changed} for m, c, changed in steps],
     }
+
+
+def ruler(fits: Sequence[Fit], seen: Sequence[Comparison]) -> dict[str, float]:
+    """The one filter and the one band in which several models are compared."""
+    noise = Ruler.of(fits).noise
+    return {
+        "noise_m_per_s2_rthz": math.sqrt(2.0 * noise.q),
+        "reading_std_m": math.sqrt(noise.r),
+        "band_hz": seen[0].band,
+    }
+
+
+def changes(seen: Sequence[Comparison]) -> list[dict[str, Any] | None]:
+    """Change of the held-out error from each step to the next, with its paired standard error; None for the first."""
+    found: list[dict[str, Any] | None] = [None]
+    for before, after in pairwise(seen):
+        change = heldout_change(before, after)
+        found.append(
+            None
+            if change is None
+            else {
+                "measure": change.measure,
+                "percent": change.percent,
+                "percent_std": change.percent_std,
+                "sigma": change.sigma,
+                "stretches": change.stretches,
+            }
+        )
+    return found

@@ -138,6 +138,10 @@ class Comparison:
     remarks: tuple[str, ...] = field(default=())
     outside: tuple[Outside, ...] = ()
     """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
+    drifts: Mapping[float, tuple[Array, Array]] = field(default_factory=dict)
+    """Horizon in s -> start points (n,) s, and rezeroed errors (n,) m, of which `coast_rms` is the rms."""
+    breaks: tuple[float, ...] = ()
+    """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
 
     def __repr__(self) -> str:
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)

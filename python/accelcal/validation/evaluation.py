@@ -19,6 +19,7 @@ from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
 from accelcal.validation.prediction import Prediction, accumulated, rms
 from accelcal.validation.regions import beyond, bin_residual, outside, worst_of
+from accelcal.validation.ruler import Ruler
 from accelcal.validation.spectrum import spectrum
 
 STEPS = (1, 10, 100, 1000)
@@ -37,6 +38,7 @@ def compare(
     horizons: Sequence[float] = HORIZONS,
     start: float | None = None,
     end: float | None = None,
+    ruler: Ruler | None = None,
 ) -> Comparison:
     """Compare a fitted model with a recording, simulation first.
 
@@ -48,6 +50,7 @@ def compare(
         which predicted encoder noise stays under sensor noise.
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
+    ruler : filter under which several models are compared; by default that of the fit itself.
 
     Returns
     -------
@@ -63,7 +66,7 @@ def compare(
     While position is withheld nothing uses it: what effects need comes from the corrected output and the simulated
     motion, the start state from the causal filter, the constant from readings before the start.
     """
-    ahead = Prediction.of(fit, recording, start=start, end=end)
+    ahead = Prediction.of(fit if ruler is None else ruler.held_by(fit), recording, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts = ahead.counts
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
@@ -99,6 +102,7 @@ def compare(
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
         remarks=beyond(fit, motion),
         outside=outside(fit, ahead, t_res, motion, coasting),
+        drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
     )
 
 

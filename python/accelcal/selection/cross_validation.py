@@ -1,0 +1,286 @@
+"""Blocked cross-validation of an effect that is to enter a model, within the fitted runs (derivations D8).
+
+Every run is cut into blocks of time. The coefficients of both models, with the effect and without it, are estimated
+from all blocks but one, by linear algebra on Gram matrices that are summed block by block, and the block that was left
+out is predicted with them. The differences of the errors are paired, so that their scatter from block to block is that
+of the comparison itself. Data that are held out take no part in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from accelcal.data.arrays import Array, Flags
+from accelcal.diagnosis.policy import (
+    VALIDATION_BLOCKS,
+    VALIDATION_HORIZON,
+    VALIDATION_LEAST_BLOCKS,
+    VALIDATION_LEAST_FALL,
+    VALIDATION_RISE,
+    VALIDATION_SIGMA,
+    VALIDATION_SPREAD,
+)
+from accelcal.effects import BUILT_IN, Effect, find
+from accelcal.estimation.columns import evaluated, whitened_columns
+from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Term
+from accelcal.signals.processing import integral
+from accelcal.validation.prediction import accumulated
+
+SINGULAR = 1e-9
+"""Eigenvalues of the scaled information below this share are directions that the remaining blocks do not determine."""
+CENTRES = 4
+"""Drifts taken per horizon."""
+OF_TIME = frozenset(name for effect in BUILT_IN if effect.function_of == "t" for name in (effect.name, *effect.covers))
+"""Effects that are functions of time alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairedChange:
+    """Mean square error on left-out blocks without an effect and with it."""
+
+    measure: str
+    """What is squared: the one-step prediction error over its standard deviation, or the drift, m."""
+    before: float
+    """Without the effect; the unit of the measure, squared."""
+    after: float
+    """With it."""
+    std: float
+    """Standard error of the difference, from its scatter over blocks."""
+    blocks: int
+    least: float = 0.0
+    """Rise, as a share of the error without the effect, below which it does not matter."""
+    spread: float = 0.0
+    """Blocks over which the effect is spread: those of equal power that would scatter as much."""
+
+    @property
+    def sigma(self) -> float:
+        """Rise of the error in paired standard errors; negative where the error falls."""
+        return (self.after - self.before) / self.std if self.std > 0.0 else 0.0
+
+    @property
+    def ratio(self) -> float:
+        """Rms error with the effect over that without it."""
+        return math.sqrt(self.after / self.before) if self.before > 0.0 else 1.0
+
+    @property
+    def rises(self) -> bool:
+        """Whether the error rises by more than the comparison is uncertain."""
+        return self.sigma > VALIDATION_SIGMA and self.ratio > 1.0 + self.least
+
+
+def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
+    """The change for which an effect does not enter; None where it may.
+
+    An error that rises significantly refuses it. So does an effect that is spread over several blocks, and yet lets
+    neither error fall by one standard error; one that a few blocks hold cannot be predicted there from the others.
+    """
+    rising = [change for change in changes if change.rises]
+    if not rising and changes and changes[0].spread >= VALIDATION_SPREAD:
+        rising = [change for change in changes if all(one.sigma > -VALIDATION_LEAST_FALL for one in changes)]
+    return max(rising, key=lambda change: change.sigma, default=None)
+
+
+def belongs_to_its_time(effect: Effect) -> bool:
+    """Whether an effect lives at one instant or follows a function of time, which other blocks cannot predict.
+
+    Such an effect is fitted anew in each block; it is refused only where the others become worse by it.
+    """
+    return effect.port == "process" or effect.name in OF_TIME or bool({"instant", "start"} & set(effect.shapes))
+
+
+def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequence[Term] = ()) -> list[PairedChange]:
+    """Errors on left-out blocks with some effects of a fitted model and without them.
+
+    Parameters
+    ----------
+    solution : fit of the model with the effects, with the states of its runs.
+    entering : names of the effects.
+    leaving : terms of the model without them that they replaced.
+
+    Returns
+    -------
+    Changes of the one-step error and of the drift; none where there are too few blocks.
+    """
+    terms = (*solution.model.free, *leaving)
+    width, new = len(solution.layout.slots), [t.effect.name in entering for t, _ in solution.layout.slots]
+    several = [
+        blocked(state, terms, rows_of(solution, index, len(leaving)), width + len(leaving), len(solution.states))
+        for index, state in enumerate(solution.states)
+    ]
+    whitened, drifts = (np.concatenate([each[kind] for each in several]) for kind in (0, 1))
+    reference = np.zeros(width + len(leaving) + 1)  # the coefficient of an effect is counted from zero
+    reference[:width] = np.where(new, solution.x, 0.0)
+    reference[-1] = 1.0
+    whitened, drifts = (with_reference(grams, reference) for grams in (whitened, drifts))
+    belief = solution.layout.prior_information(solution.model)
+    mean = solution.layout.prior_mean(solution.model) - np.where(new, 0.0, solution.x)
+    belief, mean = (np.concatenate([each, np.zeros(len(leaving))]) for each in (belief, mean))
+    with_them = np.array([*(True for _ in range(width)), *(False for _ in leaving)])
+    without = np.array([*(not one for one in new), *(True for _ in leaving)])
+    entered = np.array([*new, *(False for _ in leaving)], dtype=np.bool_)
+    energy = powers(whitened, belief, entered, reference)
+    spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
+    of_time = all(belongs_to_its_time(find(name)) for name in entering)
+    scored = whitened, drifts
+    if of_time:  # as on another recording: its own part is fitted anew there, what it does to all others counts
+        scored = profiled(whitened, entered, belief), profiled(drifts, entered, np.zeros_like(belief))
+        spread = 0.0
+    errors = [left_out(whitened, scored, kept, belief, mean) for kept in (without, with_them)]
+    least = VALIDATION_RISE if of_time else 0.0
+    changes = [
+        paired("one-step error", errors[0][0], errors[1][0], whitened[:, -1, -1] > 0.0, least, spread),
+        paired("drift", errors[0][1], errors[1][1], drifts[:, -1, -1] > 0.0, VALIDATION_RISE, spread),
+    ]
+    return [change for change in changes if change.blocks >= VALIDATION_LEAST_BLOCKS]
+
+
+def rows_of(solution: Solution, index: int, leaving: int) -> list[int]:
+    """Row of each column of a run among all coefficients, and of its innovations."""
+    width = len(solution.layout.slots)
+    return [*solution.layout.rows(index), *range(width, width + leaving + 1)]
+
+
+def paired(measure: str, before: Array, after: Array, known: Flags, least: float, spread: float) -> PairedChange:
+    """The change of an error over the blocks where it is known, (blocks,)."""
+    before, after = before[known], after[known]
+    count = len(before)
+    std = float(np.std(after - before, ddof=1)) / math.sqrt(count) if count > 1 else math.inf
+    if not count:
+        return PairedChange(measure, 0.0, 0.0, math.inf, 0, least, spread)
+    return PairedChange(measure, float(np.mean(before)), float(np.mean(after)), std, count, least, spread)
+
+
+def profiled(grams: Array, own: Flags, belief: Array) -> Array:
+    """Gram matrices of [X y] after the columns of an effect were fitted within each block, (blocks, m + 1, m + 1)."""
+    rows = np.flatnonzero(own)
+    found = np.empty_like(grams)
+    for number, gram in enumerate(grams):
+        inside = gram[np.ix_(rows, rows)] + np.diag(belief[rows])
+        fitted = np.linalg.lstsq(inside, gram[rows], rcond=SINGULAR)[0]
+        found[number] = gram - gram[:, rows] @ fitted
+    return found
+
+
+def left_out(
+    whitened: Array, scored: tuple[Array, Array], kept: Flags, belief: Array, mean: Array
+) -> tuple[Array, Array]:
+    """Mean square errors of each block under coefficients that all other blocks determine, (blocks,) each.
+
+    `whitened` holds the Gram matrices that determine them, `scored` those of whitened readings and drifts.
+
+    A direction that the other blocks do not determine stays where it was without the effect.
+    """
+    own = np.flatnonzero(kept)
+    wide = np.append(own, len(kept))
+    total = whitened.sum(axis=0)[np.ix_(wide, wide)]
+    found = np.zeros((2, len(whitened)))
+    for number, block in enumerate(whitened):
+        rest = total - block[np.ix_(wide, wide)]
+        information = rest[:-1, :-1] + np.diag(belief[own])
+        score = rest[:-1, -1] + belief[own] * mean[own]
+        size = np.sqrt(np.diag(information))
+        size[size == 0.0] = 1.0
+        values, vectors = np.linalg.eigh(information / np.outer(size, size))
+        certain = values > SINGULAR * values[-1]
+        inverse = np.divide(1.0, values, out=np.zeros_like(values), where=certain)
+        x = np.append(-(vectors * inverse) @ (vectors.T @ (score / size)) / size, 1.0)
+        for kind, grams in enumerate(scored):
+            found[kind, number] = max(0.0, float(x @ grams[number][np.ix_(wide, wide)] @ x))
+    return found[0], found[1]
+
+
+def powers(whitened: Array, belief: Array, new: Flags, reference: Array) -> Array:
+    """Power of the part of an effect that all other coefficients leave of it, block by block, (blocks,)."""
+    total = whitened.sum(axis=0)
+    own, others = np.flatnonzero(new), np.flatnonzero(~new)
+    contribution = np.zeros(len(reference))
+    contribution[own] = reference[own]
+    information = total[np.ix_(others, others)] + np.diag(belief[others])
+    cross = total[np.ix_(others, own)] @ reference[own]
+    contribution[others] = -np.linalg.lstsq(information, cross, rcond=SINGULAR)[0]
+    return np.asarray(np.maximum(np.einsum("i,bij,j->b", contribution, whitened, contribution), 0.0))
+
+
+def with_reference(grams: Array, reference: Array) -> Array:
+    """Gram matrices of [X y] with y + X c in place of y, (blocks, m + 1, m + 1)."""
+    turned = grams.copy()
+    turned[:, :, -1] = grams @ reference
+    turned[:, -1, :] = turned[:, :, -1]
+    turned[:, -1, -1] = np.einsum("i,bij,j->b", reference, grams, reference)
+    return turned
+
+
+def blocked(state: RunState, terms: Sequence[Term], rows: Sequence[int], width: int, runs: int) -> tuple[Array, Array]:
+    """Gram matrices of [X y] of a run block by block, per row: of whitened readings and of drifts.
+
+    Parameters
+    ----------
+    state, terms : the run and the m columns.
+    rows : row of each column, and of the innovations, among all coefficients, (m + 1,).
+    width : number of all coefficients.
+    runs : number of runs that are cut into blocks together.
+    """
+    count = max(VALIDATION_LEAST_BLOCKS // 2, VALIDATION_BLOCKS // runs)
+    counted = state.run.t[state.counts]
+    edges = np.quantile(counted, np.linspace(0.0, 1.0, count + 1)) if len(counted) else np.zeros(count + 1)
+    grams = np.zeros((2, count, len(rows), len(rows)))
+    number = np.zeros((2, count))
+
+    def collect(kind: int, t: Array, columns: Array) -> None:
+        ends = np.searchsorted(t, edges[1:-1])
+        for block, part in enumerate(np.split(columns, ends)):
+            grams[kind, block] += part.T @ part
+            number[kind, block] += len(part)
+
+    for readings, columns in whitened_columns(state, terms):
+        kept = state.counts[readings]
+        collect(0, state.run.t[readings][kept], np.column_stack([columns, state.whitened[readings][kept]]))
+    horizon = min(VALIDATION_HORIZON, (edges[-1] - edges[0]) / count / 3.0)
+    collect(1, *drift_rows(state, terms, horizon))
+    grams /= np.maximum(number, 1.0)[:, :, None, None]
+    grams[0] *= np.mean(number[0])  # estimates add information of readings
+    whole = np.zeros((2, count, width + 1, width + 1))
+    whole[np.ix_(range(2), range(count), rows, rows)] = grams
+    return whole[0], whole[1]
+
+
+def drift_rows(state: RunState, terms: Sequence[Term], horizon: float) -> tuple[Array, Array]:
+    """Drifts z(t + h) - 2 z(t) + z(t - h) of the readings from the integrated output, and their columns.
+
+    The difference of three positions holds the motion's acceleration over both horizons and neither the position nor
+    the velocity at the start, so that no filter and no noise enters.
+
+    Returns
+    -------
+    Instants t (n,) s, and columns (n, terms + 1) in m per unit coefficient, the drift last.
+    """
+    run, s, drive = state.run, state.signals, state.drive
+    centres = np.arange(run.t[0] + horizon, run.t[-1] - horizon, horizon / CENTRES)
+    if horizon <= 0.0 or not len(centres):
+        return np.empty(0), np.empty((0, len(terms) + 1))
+    around = [centres - horizon, centres, centres + horizon]
+    breaks = np.cumsum(drive.restart)
+    whole = (
+        breaks[np.searchsorted(run.t, around[0], side="right") - 1]
+        == breaks[np.minimum(np.searchsorted(run.t, around[2]), len(run.t) - 1)]
+    )
+
+    def second_difference(t: Array, y: Array) -> Array:
+        before, at, after = (np.interp(instants, t, y) for instants in around)
+        return np.asarray(before - 2.0 * at + after)
+
+    factor, grid = -run.rig.polarity / s.scale, s.t + run.origins.t
+    columns = [
+        second_difference(grid, factor * integral(integral(column, s.step), s.step))
+        if term.port == "output"
+        else second_difference(run.t, column)
+        for term, column in zip(terms, evaluated(state, terms), strict=True)
+    ]
+    missed = drive.z - accumulated(drive, np.diff(run.t, prepend=run.t[0]))[1]
+    return centres[whole], np.column_stack([*columns, second_difference(run.t, missed)])[whole]

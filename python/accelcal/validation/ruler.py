@@ -1,0 +1,44 @@
+"""One ruler for all models of a table: the noise of the filter, and the low-pass of the motion, that each is run with.
+
+Every fit has a noise of its own, which also holds what its model lacks. Errors that are taken with different filters
+cannot be compared: start states, settling times and bands differ. So a table has one, chosen once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.values import Noise
+
+
+@dataclass(frozen=True, slots=True)
+class Ruler:
+    """Filter under which several models are compared."""
+
+    noise: Noise
+    """Of the filter that makes start states and one-step predictions."""
+    cutoff: float
+    """Bandwidth of the motion that effects are evaluated on, Hz."""
+
+    @classmethod
+    def of(cls, fits: Sequence[Fit]) -> Ruler:
+        """The filter of that model of a table whose fitted noise of the sensor is least: a missing effect adds to it.
+
+        Raises
+        ------
+        ValueError
+            If there is no model.
+        """
+        best = min(fits, key=lambda fit: fit.noise().q, default=None)
+        if best is None:
+            raise ValueError("a comparison of several models needs at least one of them")
+        return cls(best.noise(), best.validity["frequency"][1])
+
+    def held_by(self, fit: Fit) -> Fit:
+        """The fit with this filter in place of its own."""
+        first, *others = fit.runs
+        ruled = replace(first, noise=replace(first.noise, noise=self.noise))
+        validity = {**fit.validity, "frequency": (fit.validity["frequency"][0], self.cutoff)}
+        return replace(fit, runs=(ruled, *others), validity=validity)

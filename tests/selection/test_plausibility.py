@@ -1,0 +1,47 @@
+"""No correction is larger than what it corrects: full scale at the output, a share of the travel at the encoder."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.recording import Channel
+from accelcal.diagnosis.contribution import Size
+from accelcal.selection.plausibility import implausible
+
+
+@pytest.fixture(scope="module")
+def recording():
+    t = np.linspace(0.0, 10.0, 1001)
+    position = Channel("position", t, 0.05 * np.sin(t), "m")  # 0.1 m of travel
+    rig = ac.CXL02_RIG
+    return ac.Recording(Channel("accel", t, np.sin(t), "m/s²"), position, rig)
+
+
+def test_a_contribution_beyond_the_declared_range_is_no_finding(recording):
+    full = recording.rig.sensor.range
+    assert implausible("bias_gauss_markov", Size(0.9 * full), [recording]) is None
+    note = implausible("bias_gauss_markov", Size(1.1 * full), [recording])
+    assert note is not None
+    assert note.code == "implausible"
+    assert "more than the declared range" in note.sentence
+
+
+def test_without_a_declared_range_the_span_of_the_readings_counts(recording):
+    sensor = dataclasses.replace(recording.rig.sensor, range=None)
+    bare = dataclasses.replace(recording, rig=dataclasses.replace(recording.rig, sensor=sensor))
+    assert implausible("rail_wave", Size(1.9), [bare]) is None
+    assert implausible("rail_wave", Size(2.1), [bare]) is not None
+    assert implausible("rail_wave", Size(2.1), [recording]) is None
+
+
+@pytest.mark.parametrize("name", ["encoder_cyclic", "encoder_nonlinearity", "encoder_backlash"])
+def test_an_error_of_the_scale_beyond_a_tenth_of_the_travel_is_no_finding(recording, name):
+    assert implausible(name, Size(0.009, at_encoder=True), [recording]) is None
+    assert implausible(name, Size(0.011, at_encoder=True), [recording]) is not None
+
+
+@pytest.mark.parametrize("name", ["encoder_step", "encoder_lag"])
+def test_a_lost_zero_and_a_lag_are_no_errors_of_the_scale(recording, name):
+    assert implausible(name, Size(0.05, at_encoder=True), [recording]) is None
