@@ -61,6 +61,22 @@ SHAPE_FORMS = 2
 """Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
 choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
 
+# ---- homogeneity: whether an effect has one size ----
+
+RECORD_PARTS = 8
+"""Parts of a record, or of all runs together, whose sizes of an effect are compared. More parts hold too little of
+an effect to differ. [parts; tests/diagnosis/search/test_homogeneity.py]"""
+HOMOGENEITY_ALPHA = 1e-3
+"""Probability of the differences between the parts below which an effect does not have one size. A true effect is
+refused in one record of a thousand. [probability; tests/diagnosis/search/test_homogeneity.py]"""
+EQUAL_SIZE_SHARE = 0.1
+"""Difference of sizes, over the size, that counts as equal, rms. Shape parameters and the smoothed motion are not
+exact, which the standard deviations of a strong effect do not show. [share;
+tests/diagnosis/search/test_homogeneity.py]"""
+EXCITING_SHARE = 0.05
+"""Information of a part, over the mean of all parts, from which it excites an effect. What leaks in from its
+neighbours is less. [share; tests/diagnosis/search/test_homogeneity.py]"""
+
 # ---- confounding: which effects one record does not separate ----
 
 CONFOUNDED_LOG_EVIDENCE = 4.5

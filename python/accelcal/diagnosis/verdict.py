@@ -24,6 +24,7 @@ from accelcal.diagnosis.findings import (
 )
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
@@ -176,6 +177,11 @@ def verdict_on(
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
+    harmonics = {
+        test.effect: harmonic_effects(solution.states[0].signals, test.parts["frequency"])
+        for test in significant
+        if test.parts.get("made_by_motion")
+    }
     unresolved = unresolved_motion(runs)
     solution.states.clear()  # the comparison predicts anew: one set of signals at a time
     if not found.enough:
@@ -193,7 +199,9 @@ def verdict_on(
     p_values.pop("whiteness", None)
     uncertain = level * math.exp(-CLEAR_LOG_EVIDENCE)
     groups += [
-        Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
+        Confounded(
+            name, (name, *(find(name).confused if p > uncertain else harmonics.get(name, ()))), find(name).experiment.rstrip(".")
+        )
         for name, p in p_values.items()
     ]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from accelcal.diagnosis.policy import (
     RESOLVED_WAVE_PERIODS,
 )
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
+from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -40,6 +41,8 @@ class DetectedEffect:
     """Intensity of a random-walk or Gauss-Markov bias; None for constant coefficients."""
     fixed: tuple[str, ...] = ()
     """Columns held at 0: those that the model already contains, and those that a coarse curve does without."""
+    parts: PartSizes = field(default_factory=PartSizes.none)
+    """Its sizes in the parts of the runs."""
 
     def enter(self, model: Model) -> Model:
         """Return the model with this effect; a coarse curve of the model becomes the finer one."""
@@ -116,6 +119,7 @@ def detected_effect(
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,
         fixed=() if process else redundant(evidence, i, G),
+        parts=scatter.part_sizes(i, others),
     )
 
 

@@ -19,6 +19,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.slow_noise import SlowNoise
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -82,6 +83,10 @@ class Scan:
     """Effects that were requested by name and can be evaluated, whether significant or not."""
     named: tuple[DetectedEffect, ...] = ()
     """Where a nonparametric curve comes first: the named effects that are confounded with it."""
+    changing: tuple[DetectedEffect, ...] = ()
+    """Effects that would enter if they had one size in all parts of the runs."""
+    slow_noise: tuple[SlowNoise, ...] = ()
+    """Slow noise against which the finalists were judged, of those runs that have any."""
 
     @property
     def enough(self) -> bool:
@@ -134,11 +139,12 @@ def scan(
     report(0.85)
     finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
     final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
-    report(1.0)
     enough = blocks >= VERDICT_LEAST_BLOCKS
+    detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
+    report(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
-        tuple(detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough),
+        tuple(effect for effect in detected if effect.parts.homogeneous),
         len(items),
         blocks,
         detection_limits(evidence, rules),
@@ -148,15 +154,30 @@ def scan(
             if only and final.gain(i)[1]
         ),
         named_members(final, scatter, chosen, rules),
+        tuple(effect for effect in detected if not effect.parts.homogeneous),
+        tuple(run.slow_noise for run in final.runs if run.slow_noise is not None),
     )
 
 
 def finalist_scores(
     evidence: CandidateScores, length: float, rules: SearchRules
 ) -> tuple[CandidateScores, BlockScatter, tuple[int, ...]]:
-    """Refined hypotheses with the scatter of their scores, and the best set of them."""
-    scatter = BlockScatter(evidence, length)
-    return evidence, scatter, rules.best_set(evidence, scatter)
+    """Refined hypotheses, against slow noise, with the scatter of their scores, and the best set of them.
+
+    A random bias is slow noise itself, so that it is judged against white noise: it enters where nothing stands out
+    from the slow noise.
+    """
+    against_slow = evidence.against_slow_noise()
+    scatter = BlockScatter(against_slow, length)
+    chosen = rules.best_set(against_slow, scatter)
+    if against_slow is not evidence and not chosen:
+        random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
+        gains, dofs = evidence.gains()
+        able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
+        if able:
+            best = max(able, key=lambda i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]))
+            return evidence, BlockScatter(evidence, length), (best,)
+    return against_slow, scatter, chosen
 
 
 def named_members(

@@ -1,0 +1,107 @@
+"""Whether an effect has one size in all parts of a record, and in all runs, that excite it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import (
+    EQUAL_SIZE_SHARE,
+    EXCITING_SHARE,
+    HOMOGENEITY_ALPHA,
+    RECORD_PARTS,
+)
+from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
+
+
+@dataclass(frozen=True, slots=True)
+class PartSizes:
+    """Sizes of an effect in those parts of the runs that excite it, over its size in all of them."""
+
+    size: Array
+    """(parts,)"""
+    std: Array
+    """(parts,)"""
+    p_value: float
+    """Probability of such differences if the size is the same everywhere; 1 where fewer than two parts excite it."""
+
+    @property
+    def homogeneous(self) -> bool:
+        """Whether the sizes agree."""
+        return self.p_value > HOMOGENEITY_ALPHA
+
+    @classmethod
+    def none(cls) -> PartSizes:
+        """Nothing to compare."""
+        return cls(np.ones(0), np.ones(0), 1.0)
+
+    @classmethod
+    def of(cls, score: Array, information: Array) -> PartSizes:
+        """Compare parts by their scores of what is left, and their information, both in units of the whole size.
+
+        No part needs to be significant: one with little information says little, and counts little.
+        """
+        total = float(np.sum(information))
+        kept = information > EXCITING_SHARE * total / max(len(information), 1)
+        if total <= 0.0 or np.count_nonzero(kept) < 2:
+            return cls.none()
+        size, variance = 1.0 + score[kept] / information[kept], 1.0 / information[kept]
+        weight = 1.0 / (variance + EQUAL_SIZE_SHARE**2)
+        mean = float(weight @ size / np.sum(weight))
+        p = special.gammaincc(0.5 * (len(size) - 1), 0.5 * float(weight @ (size - mean) ** 2))
+        return cls(size, np.sqrt(variance), float(p))
+
+
+def exempt(item: Hypothesis) -> bool:
+    """Whether a hypothesis is not asked for one size: what happens once, and what follows time alone."""
+    effect = item.effect
+    return effect.port == "process" or "instant" in item.shape or effect.function_of == "t" or effect.name == "warm_up"
+
+
+class PartScores:
+    """Gram matrices and scores of the finalists in parts of every run, of what all of them together leave."""
+
+    def __init__(self, evidence: CandidateScores, every: Array) -> None:
+        self.evidence = evidence
+        ends = [float(run.column_filter.times[-1] - run.column_filter.times[0]) for run in evidence.runs]
+        m, parts = len(evidence.G), max(2, RECORD_PARTS // len(ends))
+        self.G: Array = np.zeros((len(ends) * parts, m, m))
+        self.c: Array = np.zeros((len(ends) * parts, m))
+        for t, y, X in evidence.rows():
+            number = (t / RUN_SPACING + 1e-9).astype(np.intp)
+            within = np.minimum(((t - number * RUN_SPACING) * parts / np.take(ends, number)).astype(np.intp), parts - 1)
+            part = number * parts + within
+            left = y - every @ X
+            for k in np.unique(part):
+                here = part == k
+                self.G[k] += X[:, here] @ X[:, here].T
+                self.c[k] += X[:, here] @ left[here]
+
+    def sizes(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
+        """Sizes of a hypothesis given others; its scores scatter `inflation` times more than the model says."""
+        e = self.evidence
+        direction = direction_of(e, i, given)
+        information = np.einsum("i,kij,j->k", direction, self.G, direction)
+        scores = self.c @ direction
+        return PartSizes.of(scores / inflation, information / inflation)
+
+
+def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Array:
+    """Combination of all columns that is the contribution of a hypothesis without what others explain of it, (m,)."""
+    own = evidence.columns[i]
+    _, _, estimate, _ = evidence.gain(i, given)
+    direction = np.zeros(len(evidence.G))
+    direction[own] = estimate
+    if given:
+        rows = np.concatenate([np.arange(evidence.columns[j].start, evidence.columns[j].stop) for j in given])
+        weights, *_ = np.linalg.lstsq(
+            evidence.G[np.ix_(rows, rows)], evidence.G[rows, own] @ estimate, rcond=1e-9
+        )
+        direction[rows] = -weights
+    return direction
