@@ -150,7 +150,9 @@ def alone(outcome: dict[str, Any]) -> list[str]:
     return [
         tie[0]
         for tie in outcome["classes"]
-        if len(tie) == 1 and not tie[0].startswith("shape_") and not variables(tie[0]) & truth
+        if len(tie) == 1
+        and not tie[0].startswith("shape_")
+        and not variables(tie[0]) & truth
         and tie[0] not in honest(outcome)
     ]
 

@@ -15,6 +15,7 @@ from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.rest import require_motion_above_noise
+from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
@@ -135,9 +136,16 @@ def fit(
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
     )
-    if not reject_outliers:
-        return every
-    return fit_without_outliers(every, several, start=start, end=end, band=band)
+    if reject_outliers:
+        every = fit_without_outliers(every, several, start=start, end=end, band=band)
+    return with_agreement(every, several)
+
+
+def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
+    """The fit with the remark on a recording that disagrees with the others; the fit itself where all agree."""
+    states = restored_states(fit, recordings) if len(recordings) > 1 else None
+    found = run_agreement(states, fit.model) if states is not None else None
+    return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 
 def fit_without_outliers(

@@ -77,6 +77,13 @@ EXCITING_SHARE = 0.05
 """Information of a part, over the mean of all parts, from which it excites an effect. What leaks in from its
 neighbours is less. [share; tests/diagnosis/search/test_homogeneity.py]"""
 
+COHERENCE_ALPHA = 1e-4
+"""False-alarm rate of a coherence of the residual with a side channel, over all bands. It is a remark, not a name.
+[probability; tests/diagnosis/test_transverse.py]"""
+COHERENCE_LEAST_SHARE = 0.05
+"""Share of the residual's power in a band below which a coherence is not worth a remark. A long record shows any
+trace. [share; tests/diagnosis/test_transverse.py]"""
+
 # ---- confounding: which effects one record does not separate ----
 
 CONFOUNDED_LOG_EVIDENCE = 4.5

@@ -28,14 +28,17 @@ class NormalEquations:
     score: Array
     """X'y, (m,)."""
     spread: Array | None
-    """Sum of outer products of block scores, (m, m); None without a band, or when there are fewer than 8 blocks."""
+    """Sum of outer products of block scores, (m, m); None where it is not asked for or there are fewer than 8 blocks."""
 
 
-def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
-    """X'X and X'y of a run, stretch by stretch; X itself is never held whole."""
+def normal_equations(state: RunState, terms: Sequence[Term], *, scatter: bool = False) -> NormalEquations:
+    """X'X and X'y of a run, stretch by stretch; X itself is never held whole.
+
+    With `scatter` that of the block scores is summed without a band as well.
+    """
     m = len(terms)
     gram, score = np.zeros((m, m)), np.zeros(m)
-    block = block_of_readings(state) if state.band is not None else None
+    block = block_of_readings(state) if scatter or state.band is not None else None
     sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
     for readings, columns in whitened_columns(state, terms):
         kept = state.counts[readings]

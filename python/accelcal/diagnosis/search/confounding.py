@@ -21,7 +21,7 @@ from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.effects import BUILT_IN
+from accelcal.effects import BUILT_IN, Effect
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
@@ -64,8 +64,8 @@ def confounding_class(
     """Effects that are confounded with hypothesis `i` on this record, itself first.
 
     A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`, or its contribution correlates
-    by
-    more than `CONFOUNDED_CORRELATION`. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
+    by more than `CONFOUNDED_CORRELATION`; a nonparametric curve by its log-evidence alone, if its variable is not the
+    effect's. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
     what it lacks is added to the distance within which rivals count.
     """
     G, _ = evidence.given(others)
@@ -78,15 +78,23 @@ def confounding_class(
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         nonspecific = item.effect.family or item.effect.port == "process"
-        if j == i or j in others or (rival.effect.family and not nonspecific):
+        curve = rival.effect.family is not None and not nonspecific
+        if j == i or j in others or (curve and not beats(rival.effect, item.effect)):
             continue
         rival_gain, rival_dof = float(gains[j]), int(dofs[j])
         if rival_dof == 0:
             continue
         gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
-        if gap < reach or contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
+        if gap < reach or (
+            not curve and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION
+        ):
             rivals.append((gap, rival.effect.name))
-    return (item.effect.name, *(name for _, name in sorted(rivals)))
+    return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
+
+
+def beats(curve: Effect, effect: Effect) -> bool:
+    """Whether an effect has to beat a nonparametric curve: that of any one variable of which it is no function."""
+    return bool(curve.function_of) and effect.name not in curve.covers
 
 
 def contribution_correlation(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array) -> float:

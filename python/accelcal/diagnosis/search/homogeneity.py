@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,10 +23,8 @@ from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
 class PartSizes:
     """Sizes of an effect in those parts of the runs that excite it, over its size in all of them."""
 
-    size: Array
-    """(parts,)"""
-    std: Array
-    """(parts,)"""
+    size: tuple[float, ...]
+    std: tuple[float, ...]
     p_value: float
     """Probability of such differences if the size is the same everywhere; 1 where fewer than two parts excite it."""
 
@@ -36,10 +33,17 @@ class PartSizes:
         """Whether the sizes agree."""
         return self.p_value > HOMOGENEITY_ALPHA
 
+    @property
+    def text(self) -> str:
+        """In words; empty where nothing was compared."""
+        if len(self.size) < 2:
+            return ""
+        return f"{min(self.size):.2f} to {max(self.size):.2f} of its size in {len(self.size)} parts, p = {self.p_value:.2g}"
+
     @classmethod
     def none(cls) -> PartSizes:
         """Nothing to compare."""
-        return cls(np.ones(0), np.ones(0), 1.0)
+        return cls((), (), 1.0)
 
     @classmethod
     def of(cls, score: Array, information: Array) -> PartSizes:
@@ -55,7 +59,7 @@ class PartSizes:
         weight = 1.0 / (variance + EQUAL_SIZE_SHARE**2)
         mean = float(weight @ size / np.sum(weight))
         p = special.gammaincc(0.5 * (len(size) - 1), 0.5 * float(weight @ (size - mean) ** 2))
-        return cls(size, np.sqrt(variance), float(p))
+        return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), float(p))
 
 
 def exempt(item: Hypothesis) -> bool:
@@ -100,8 +104,6 @@ def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Arr
     direction[own] = estimate
     if given:
         rows = np.concatenate([np.arange(evidence.columns[j].start, evidence.columns[j].stop) for j in given])
-        weights, *_ = np.linalg.lstsq(
-            evidence.G[np.ix_(rows, rows)], evidence.G[rows, own] @ estimate, rcond=1e-9
-        )
+        weights, *_ = np.linalg.lstsq(evidence.G[np.ix_(rows, rows)], evidence.G[rows, own] @ estimate, rcond=1e-9)
         direction[rows] = -weights
     return direction

@@ -84,7 +84,7 @@ class Scan:
     named: tuple[DetectedEffect, ...] = ()
     """Where a nonparametric curve comes first: the named effects that are confounded with it."""
     changing: tuple[DetectedEffect, ...] = ()
-    """Effects that would enter if they had one size in all parts of the runs."""
+    """Effects that would enter if they had one size in all parts of the runs, or happened only once."""
     slow_noise: tuple[SlowNoise, ...] = ()
     """Slow noise against which the finalists were judged, of those runs that have any."""
 
@@ -141,10 +141,12 @@ def scan(
     final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
     enough = blocks >= VERDICT_LEAST_BLOCKS
     detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
+    again = {final.items[i].effect.name for i in chosen if recurs(evidence, final, chosen, i, rules)}
+    entering = [effect for effect in detected if effect.parts.homogeneous and effect.effect not in again]
     report(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
-        tuple(effect for effect in detected if effect.parts.homogeneous),
+        tuple(entering),
         len(items),
         blocks,
         detection_limits(evidence, rules),
@@ -154,8 +156,24 @@ def scan(
             if only and final.gain(i)[1]
         ),
         named_members(final, scatter, chosen, rules),
-        tuple(effect for effect in detected if not effect.parts.homogeneous),
+        tuple(effect for effect in detected if effect not in entering),
         tuple(run.slow_noise for run in final.runs if run.slow_noise is not None),
+    )
+
+
+def recurs(
+    trials: CandidateScores, final: CandidateScores, chosen: tuple[int, ...], i: int, rules: SearchRules
+) -> bool:
+    """Whether what happens once by its equation happens again: at another instant it is significant given the set."""
+    item = final.items[i]
+    if "instant" not in item.shape:
+        return False
+    others = [other for other in trials.items if other.effect.name == item.effect.name]
+    table = CandidateScores(final.runs, [*(final.items[k] for k in chosen), *others])
+    given = tuple(range(len(chosen)))
+    gains, dofs = table.gains(given)
+    return any(
+        rules.significant(float(gains[k]), int(dofs[k]), table.items[k]) for k in range(len(chosen), len(table.items))
     )
 
 
