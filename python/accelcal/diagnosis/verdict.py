@@ -177,8 +177,6 @@ def verdict_on(
     )
     largest = contributions(profiled, solution)
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)
-    delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
-    delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     harmonics = {
         test.effect: harmonic_effects(solution.states[0].signals, test.parts["frequency"])
         for test in significant
@@ -186,6 +184,8 @@ def verdict_on(
     }
     disagreeing = run_agreement(solution.states, model)
     signals, origin = solution.states[0].signals, runs[0].origins.t
+    delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
+    delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     unresolved = unresolved_motion(runs)
     solution.states.clear()  # the comparison predicts anew: one set of filters at a time
     if not found.enough:
@@ -251,8 +251,8 @@ def unsteady_effects(found: Scan) -> tuple[Remark, ...]:
     """Remarks on effects that would have entered, had they one size in all parts of the runs and happened once."""
     sigma = {candidate.effect: candidate.snr for candidate in found.candidates}
     return tuple(
-        remark("no_single_size", effect=one.effect, sigma=sigma.get(one.effect, 0.0), sizes=one.parts.text)
-        if not one.parts.homogeneous
+        remark("no_single_size", effect=one.effect, sigma=sigma.get(one.effect, 0.0), sizes=one.unequal.text)
+        if one.unequal
         else remark("recurs", effect=one.effect, sigma=sigma.get(one.effect, 0.0))
         for one in found.changing
     )

@@ -28,7 +28,7 @@ class NormalEquations:
     score: Array
     """X'y, (m,)."""
     spread: Array | None
-    """Sum of outer products of block scores, (m, m); None where it is not asked for or there are fewer than 8 blocks."""
+    """Sum of outer products of block scores, (m, m); None if it is not asked for or there are fewer than 8 blocks."""
 
 
 def normal_equations(state: RunState, terms: Sequence[Term], *, scatter: bool = False) -> NormalEquations:

@@ -208,13 +208,15 @@ class BlockScatter:
             self.known[key] = self._inflation(*key)
         return self.known[key]
 
-    def part_sizes(self, i: int, given: Sequence[int]) -> PartSizes:
-        """Sizes of a hypothesis in the parts of the runs."""
-        if exempt(self.evidence.items[i]):
-            return PartSizes.none()
+    def part_sizes(self, i: int, given: Sequence[int]) -> tuple[PartSizes, PartSizes]:
+        """Sizes of a hypothesis in the parts of the runs, and in bands of frequency."""
+        if self.evidence.items[i].effect.port == "process":
+            return PartSizes.none(), PartSizes.none()
         if self._parts is None:
             self._parts = PartScores(self.evidence, self.every)
-        return self._parts.sizes(i, given, self.inflation(i, given))
+        arguments = i, given, self.inflation(i, given)
+        once = exempt(self.evidence.items[i])
+        return PartSizes.none() if once else self._parts.sizes(*arguments), self._parts.sizes_by_frequency(*arguments)
 
     def _inflation(self, i: int, given: tuple[int, ...]) -> float:
         e = self.evidence

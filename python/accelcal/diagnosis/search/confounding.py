@@ -43,6 +43,13 @@ class DetectedEffect:
     """Columns held at 0: those that the model already contains, and those that a coarse curve does without."""
     parts: PartSizes = field(default_factory=PartSizes.none)
     """Its sizes in the parts of the runs."""
+    bands: PartSizes = field(default_factory=PartSizes.none)
+    """Its sizes in bands of frequency."""
+
+    @property
+    def unequal(self) -> PartSizes | None:
+        """Sizes that are not the same everywhere; None where all are."""
+        return next((sizes for sizes in (self.parts, self.bands) if not sizes.homogeneous), None)
 
     def enter(self, model: Model) -> Model:
         """Return the model with this effect; a coarse curve of the model becomes the finer one."""
@@ -117,6 +124,7 @@ def detected_effect(
     G, _ = evidence.given(others)
     _, _, estimate, _ = evidence.gain(i, others)
     process = item.effect.port == "process"
+    parts, bands = scatter.part_sizes(i, others)
     return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
@@ -127,7 +135,8 @@ def detected_effect(
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,
         fixed=() if process else redundant(evidence, i, G),
-        parts=scatter.part_sizes(i, others),
+        parts=parts,
+        bands=bands,
     )
 
 

@@ -1,4 +1,4 @@
-"""Whether an effect has one size in all parts of a record, and in all runs, that excite it."""
+"""Whether an effect has one size in all parts of a record, in all runs and at all frequencies that excite it."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy import special
 
 from accelcal.data.arrays import Array
@@ -19,6 +20,10 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
 
 
+FREQUENCY_BANDS = 16
+"""Bands from one cosine of the run to half the rate of the rows, equally wide in the logarithm."""
+
+
 @dataclass(frozen=True, slots=True)
 class PartSizes:
     """Sizes of an effect in those parts of the runs that excite it, over its size in all of them."""
@@ -27,6 +32,8 @@ class PartSizes:
     std: tuple[float, ...]
     p_value: float
     """Probability of such differences if the size is the same everywhere; 1 where fewer than two parts excite it."""
+    of_what: str = "parts"
+    """What the record was divided into."""
 
     @property
     def homogeneous(self) -> bool:
@@ -38,7 +45,10 @@ class PartSizes:
         """In words; empty where nothing was compared."""
         if len(self.size) < 2:
             return ""
-        return f"{min(self.size):.2f} to {max(self.size):.2f} of its size in {len(self.size)} parts, p = {self.p_value:.2g}"
+        return (
+            f"{min(self.size):.2f} to {max(self.size):.2f} of its size in {len(self.size)} {self.of_what}, "
+            f"p = {self.p_value:.2g}"
+        )
 
     @classmethod
     def none(cls) -> PartSizes:
@@ -46,7 +56,7 @@ class PartSizes:
         return cls((), (), 1.0)
 
     @classmethod
-    def of(cls, score: Array, information: Array) -> PartSizes:
+    def of(cls, score: Array, information: Array, of_what: str = "parts") -> PartSizes:
         """Compare parts by their scores of what is left, and their information, both in units of the whole size.
 
         No part needs to be significant: one with little information says little, and counts little.
@@ -59,17 +69,18 @@ class PartSizes:
         weight = 1.0 / (variance + EQUAL_SIZE_SHARE**2)
         mean = float(weight @ size / np.sum(weight))
         p = special.gammaincc(0.5 * (len(size) - 1), 0.5 * float(weight @ (size - mean) ** 2))
-        return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), float(p))
+        return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), float(p), of_what)
 
 
 def exempt(item: Hypothesis) -> bool:
-    """Whether a hypothesis is not asked for one size: what happens once, and what follows time alone."""
+    """Whether the parts of a record are not asked for one size: what happens once, and what follows time alone."""
     effect = item.effect
-    return effect.port == "process" or "instant" in item.shape or effect.function_of == "t" or effect.name == "warm_up"
+    return "instant" in item.shape or effect.function_of == "t" or effect.name == "warm_up"
 
 
 class PartScores:
-    """Gram matrices and scores of the finalists in parts of every run, of what all of them together leave."""
+    """Gram matrices and scores of the finalists in parts of every run and bands of frequency, of what all of them
+    together leave."""
 
     def __init__(self, evidence: CandidateScores, every: Array) -> None:
         self.evidence = evidence
@@ -77,6 +88,8 @@ class PartScores:
         m, parts = len(evidence.G), max(2, RECORD_PARTS // len(ends))
         self.G: Array = np.zeros((len(ends) * parts, m, m))
         self.c: Array = np.zeros((len(ends) * parts, m))
+        self.G_by_band: Array = np.zeros((FREQUENCY_BANDS, m, m))
+        self.c_by_band: Array = np.zeros((FREQUENCY_BANDS, m))
         for t, y, X in evidence.rows():
             number = (t / RUN_SPACING + 1e-9).astype(np.intp)
             within = np.minimum(((t - number * RUN_SPACING) * parts / np.take(ends, number)).astype(np.intp), parts - 1)
@@ -86,14 +99,24 @@ class PartScores:
                 here = part == k
                 self.G[k] += X[:, here] @ X[:, here].T
                 self.c[k] += X[:, here] @ left[here]
+            cosines, rest = (scipy.fft.dct(rows, norm="ortho", axis=-1) for rows in (X, left))
+            edges = np.geomspace(1.0, len(left), FREQUENCY_BANDS + 1)[1:-1]
+            for k, band in enumerate(np.split(np.arange(len(left)), edges.astype(np.intp))):
+                self.G_by_band[k] += cosines[:, band] @ cosines[:, band].T
+                self.c_by_band[k] += cosines[:, band] @ rest[band]
 
     def sizes(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
         """Sizes of a hypothesis given others; its scores scatter `inflation` times more than the model says."""
         e = self.evidence
         direction = direction_of(e, i, given)
         information = np.einsum("i,kij,j->k", direction, self.G, direction)
-        scores = self.c @ direction
-        return PartSizes.of(scores / inflation, information / inflation)
+        return PartSizes.of(self.c @ direction / inflation, information / inflation)
+
+    def sizes_by_frequency(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
+        """The same in bands of frequency: errors of the motion and filters that nobody declared have no one size."""
+        direction = direction_of(self.evidence, i, given)
+        information = np.einsum("i,kij,j->k", direction, self.G_by_band, direction)
+        return PartSizes.of(self.c_by_band @ direction / inflation, information / inflation, "bands of frequency")
 
 
 def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Array:

@@ -172,7 +172,8 @@ def bumps(state: RunState) -> list[InitialShape]:
     place = (np.interp(state.run.t[state.counts] - state.run.origins.t, s.t, s.p) - low) / cell
     score = gradient_in_output(state, state.whitened[state.counts])
     cells = np.minimum(np.maximum(place, 0.0).astype(np.intp), BUMP_CELLS - 1)
-    sums, counts = np.bincount(cells, score, BUMP_CELLS), np.bincount(cells, minlength=BUMP_CELLS).astype(np.float64)
+    sums: Array = np.bincount(cells, score, BUMP_CELLS)
+    counts: Array = np.bincount(cells, np.ones(len(cells)), BUMP_CELLS)
     smooth = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, BUMP_CELLS), BUMP_DEGREE)
     root = np.sqrt(counts)
     c, *_ = np.linalg.lstsq(smooth * root[:, None], sums / np.maximum(root, 1.0), rcond=None)
@@ -182,10 +183,10 @@ def bumps(state: RunState) -> list[InitialShape]:
         reach = int(4.0 * width * BUMP_CELLS)
         u = np.arange(-reach, reach + 1) / (width * BUMP_CELLS)
         bump = np.exp(-0.5 * u * u)
-        power = sum(
-            np.convolve(sums, k[::-1], "same") ** 2 / np.maximum(np.convolve(counts, k[::-1] ** 2, "same"), 1.0)
-            for k in (bump, u * bump)
-        )
+        power = np.zeros(BUMP_CELLS)
+        for kernel in (bump, u * bump):
+            matched, counted = (np.convolve(x, y[::-1], "same") for x, y in ((sums, kernel), (counts, kernel**2)))
+            power += matched**2 / np.maximum(counted, 1.0)
         k = int(np.argmax(power))
         best = max(best, (float(power[k]), low + (k + 0.5) * cell, width * stroke))
     comparisons = int(1.0 / widths[0])

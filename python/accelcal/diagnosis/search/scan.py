@@ -84,7 +84,7 @@ class Scan:
     named: tuple[DetectedEffect, ...] = ()
     """Where a nonparametric curve comes first: the named effects that are confounded with it."""
     changing: tuple[DetectedEffect, ...] = ()
-    """Effects that would enter if they had one size in all parts of the runs, or happened only once."""
+    """Effects that would enter if they had one size in all parts of the runs and bands, or happened only once."""
     slow_noise: tuple[SlowNoise, ...] = ()
     """Slow noise against which the finalists were judged, of those runs that have any."""
 
@@ -142,7 +142,7 @@ def scan(
     enough = blocks >= VERDICT_LEAST_BLOCKS
     detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
     again = {final.items[i].effect.name for i in chosen if recurs(evidence, final, chosen, i, rules)}
-    entering = [effect for effect in detected if effect.parts.homogeneous and effect.effect not in again]
+    entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
     report(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),

@@ -42,7 +42,7 @@ class SlowNoise:
         shapes = spectral_shapes(f, self.crossover)
         fitted = shapes @ self.coefficients
         std = np.sqrt(np.einsum("ni,ij,nj->n", shapes, self.covariance, shapes))
-        return np.maximum(1.0, fitted + std)
+        return np.asarray(np.maximum(1.0, fitted + std))
 
     @property
     def knee(self) -> float:
@@ -95,7 +95,7 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     level = np.add.reduceat(power, edges)[kept] / dof[kept]
     centre = np.exp(np.add.reduceat(np.log(f), edges) / count)[kept]
     shapes = spectral_shapes(centre, crossover)
-    white, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[kept])
+    _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[kept])
     coefficients, covariance, by_slow = most_likely(shapes, level, dof[kept])
     if by_slow - by_white < CLEAR_LOG_EVIDENCE:
         return None
