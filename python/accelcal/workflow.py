@@ -20,8 +20,9 @@ from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs
+from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs, state_at
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
@@ -143,8 +144,14 @@ def fit(
 
 def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
     """The fit with the remark on a recording that disagrees with the others; the fit itself where all agree."""
-    states = restored_states(fit, recordings) if len(recordings) > 1 else None
-    found = run_agreement(states, fit.model) if states is not None else None
+    if len(recordings) < 2:
+        return fit
+    prepared = (
+        prepare(recording, fit.origins, start=run.start, end=run.end)
+        for recording, run in zip(recordings, fit.runs, strict=True)
+    )
+    states = [state_at(fit, index, run) for index, run in enumerate(prepared)]
+    found = run_agreement(states, fit.model)
     return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 

@@ -189,9 +189,7 @@ class BlockScatter:
         self.evidence = evidence
         size = scale_of(np.diag(evidence.G))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        every = np.linalg.solve(scaled, evidence.c / size) / size
-        self.every: Array = every
-        """Estimate of all columns together, (m,)."""
+        every = self.every = np.linalg.solve(scaled, evidence.c / size) / size
         parts = [block_sums(np.concatenate([X * (y - every @ X), X**2]), t, length) for t, y, X in evidence.rows()]
         _, block = np.unique(np.concatenate([blocks for blocks, _ in parts]), return_inverse=True)
         sums = np.zeros((2 * len(evidence.G), int(block[-1]) + 1))

@@ -17,6 +17,7 @@ from accelcal.diagnosis.policy import (
     RECORD_PARTS,
 )
 from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.diagnosis.search.likelihood_gain import score_gain
 from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
 
 
@@ -79,11 +80,11 @@ def exempt(item: Hypothesis) -> bool:
 
 
 class PartScores:
-    """Gram matrices and scores of the finalists in parts of every run and bands of frequency, of what all of them
-    together leave."""
+    """Gram matrices and scores of the finalists in parts of every run and bands of frequency."""
 
     def __init__(self, evidence: CandidateScores, every: Array) -> None:
         self.evidence = evidence
+        self.every = every
         ends = [float(run.column_filter.times[-1] - run.column_filter.times[0]) for run in evidence.runs]
         m, parts = len(evidence.G), max(2, RECORD_PARTS // len(ends))
         self.G: Array = np.zeros((len(ends) * parts, m, m))
@@ -94,29 +95,37 @@ class PartScores:
             number = (t / RUN_SPACING + 1e-9).astype(np.intp)
             within = np.minimum(((t - number * RUN_SPACING) * parts / np.take(ends, number)).astype(np.intp), parts - 1)
             part = number * parts + within
-            left = y - every @ X
             for k in np.unique(part):
                 here = part == k
                 self.G[k] += X[:, here] @ X[:, here].T
-                self.c[k] += X[:, here] @ left[here]
-            cosines, rest = (scipy.fft.dct(rows, norm="ortho", axis=-1) for rows in (X, left))
-            edges = np.geomspace(1.0, len(left), FREQUENCY_BANDS + 1)[1:-1]
-            for k, band in enumerate(np.split(np.arange(len(left)), edges.astype(np.intp))):
+                self.c[k] += X[:, here] @ y[here]
+            cosines, rest = (scipy.fft.dct(rows, norm="ortho", axis=-1) for rows in (X, y))
+            edges = np.geomspace(1.0, len(y), FREQUENCY_BANDS + 1)[1:-1]
+            for k, band in enumerate(np.split(np.arange(len(y)), edges.astype(np.intp))):
                 self.G_by_band[k] += cosines[:, band] @ cosines[:, band].T
                 self.c_by_band[k] += cosines[:, band] @ rest[band]
 
     def sizes(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
-        """Sizes of a hypothesis given others; its scores scatter `inflation` times more than the model says."""
+        """Sizes of a hypothesis in the parts, by what it and the others leave; it scatters `inflation` times more than
+        the model says. Other finalists are not taken off: functions of time would hide the differences."""
         e = self.evidence
-        direction = direction_of(e, i, given)
-        information = np.einsum("i,kij,j->k", direction, self.G, direction)
-        return PartSizes.of(self.c @ direction / inflation, information / inflation)
+        columns = np.concatenate([np.arange(e.columns[k].start, e.columns[k].stop) for k in (i, *given)])
+        estimate = np.zeros(len(e.G))
+        estimate[columns] = score_gain(e.G[np.ix_(columns, columns)], e.c[columns])[2]
+        score, information = compared(self.G, self.c, estimate, direction_of(e, i, given))
+        return PartSizes.of(score / inflation, information / inflation)
 
     def sizes_by_frequency(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
-        """The same in bands of frequency: errors of the motion and filters that nobody declared have no one size."""
+        """Sizes in bands of frequency, by what all finalists leave: errors of the motion and filters that nobody
+        declared have no one size."""
         direction = direction_of(self.evidence, i, given)
-        information = np.einsum("i,kij,j->k", direction, self.G_by_band, direction)
-        return PartSizes.of(self.c_by_band @ direction / inflation, information / inflation, "bands of frequency")
+        score, information = compared(self.G_by_band, self.c_by_band, self.every, direction)
+        return PartSizes.of(score / inflation, information / inflation, "bands of frequency")
+
+
+def compared(G: Array, c: Array, estimate: Array, direction: Array) -> tuple[Array, Array]:
+    """Score and information of one combination of columns in each part, of what an estimate leaves; (parts,) each."""
+    return (c - G @ estimate) @ direction, np.einsum("i,kij,j->k", direction, G, direction)
 
 
 def direction_of(evidence: CandidateScores, i: int, given: Sequence[int]) -> Array:

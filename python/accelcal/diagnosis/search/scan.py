@@ -138,7 +138,7 @@ def scan(
     lists = refine(runs, starting_points(evidence, finalists, rules))
     report(0.85)
     finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
-    final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
+    final, scatter, chosen, noises = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
     enough = blocks >= VERDICT_LEAST_BLOCKS
     detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
     again = {final.items[i].effect.name for i in chosen if recurs(evidence, final, chosen, i, rules)}
@@ -157,7 +157,7 @@ def scan(
         ),
         named_members(final, scatter, chosen, rules),
         tuple(effect for effect in detected if effect not in entering),
-        tuple(run.slow_noise for run in final.runs if run.slow_noise is not None),
+        noises,
     )
 
 
@@ -179,13 +179,14 @@ def recurs(
 
 def finalist_scores(
     evidence: CandidateScores, length: float, rules: SearchRules
-) -> tuple[CandidateScores, BlockScatter, tuple[int, ...]]:
-    """Refined hypotheses, against slow noise, with the scatter of their scores, and the best set of them.
+) -> tuple[CandidateScores, BlockScatter, tuple[int, ...], tuple[SlowNoise, ...]]:
+    """Refined hypotheses, against slow noise, with the scatter of their scores, the best set of them, and that noise.
 
     A random bias is slow noise itself, so that it is judged against white noise: it enters where nothing stands out
     from the slow noise.
     """
     against_slow = evidence.against_slow_noise()
+    noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
     scatter = BlockScatter(against_slow, length)
     chosen = rules.best_set(against_slow, scatter)
     if against_slow is not evidence and not chosen:
@@ -194,8 +195,8 @@ def finalist_scores(
         able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
         if able:
             best = max(able, key=lambda i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]))
-            return evidence, BlockScatter(evidence, length), (best,)
-    return against_slow, scatter, chosen
+            return evidence, BlockScatter(evidence, length), (best,), noises
+    return against_slow, scatter, chosen, noises
 
 
 def named_members(
