@@ -39,8 +39,10 @@ def test_an_effect_that_grows_in_the_record_is_no_effect_of_acceleration_alone(p
 
     steady = scan([fitted(plain, lambda t: cubic(4e-4, 0.0, t))], Model.linear())
     late = scan([fitted(plain, lambda t: cubic(8e-4, 0.5 * end, t))], Model.linear())
-    assert [f.effect for f in steady.found][:1] == ["cubic"] and steady.changing == ()
-    assert steady.found[0].parts.homogeneous and len(steady.found[0].parts.size) > 4
+    assert [f.effect for f in steady.found][:1] == ["cubic"]
+    assert steady.changing == ()
+    assert steady.found[0].parts.homogeneous
+    assert len(steady.found[0].parts.size) > 4
     assert "cubic" not in [f.effect for f in late.found]
 
 

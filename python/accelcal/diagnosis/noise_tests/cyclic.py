@@ -102,8 +102,8 @@ def steadiness(residuals: Residuals, kappa: float) -> tuple[float, PartSizes]:
     power = np.maximum(power[0], 1e-300)
     scatter = float(shrunk_inflation(float(by_block[0] @ by_block[0]) / float(np.sum(power)), power))
     part = np.minimum((t * (RECORD_PARTS / max(float(t[-1]), 1e-9))).astype(np.intp), RECORD_PARTS - 1)
-    sums = (np.bincount(part, x, RECORD_PARTS) / scatter for x in (scores, information))
-    return scatter, PartSizes.of(*sums)
+    by_part, excited = (np.asarray(np.bincount(part, x, RECORD_PARTS)) / scatter for x in (scores, information))
+    return scatter, PartSizes.of(by_part, excited)
 
 
 def cyclic_fit(residuals: Residuals, kappa: float) -> tuple[float, float, float, float]:

@@ -20,7 +20,6 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import score_gain
 from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
 
-
 FREQUENCY_BANDS = 16
 """Bands from one cosine of the run to half the rate of the rows, equally wide in the logarithm."""
 

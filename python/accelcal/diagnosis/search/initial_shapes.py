@@ -172,8 +172,8 @@ def bumps(state: RunState) -> list[InitialShape]:
     place = (np.interp(state.run.t[state.counts] - state.run.origins.t, s.t, s.p) - low) / cell
     score = gradient_in_output(state, state.whitened[state.counts])
     cells = np.minimum(np.maximum(place, 0.0).astype(np.intp), BUMP_CELLS - 1)
-    sums: Array = np.bincount(cells, score, BUMP_CELLS)
-    counts: Array = np.bincount(cells, np.ones(len(cells)), BUMP_CELLS)
+    sums = np.asarray(np.bincount(cells, score, BUMP_CELLS), dtype=np.float64)
+    counts = np.asarray(np.bincount(cells, minlength=BUMP_CELLS), dtype=np.float64)
     smooth = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, BUMP_CELLS), BUMP_DEGREE)
     root = np.sqrt(counts)
     c, *_ = np.linalg.lstsq(smooth * root[:, None], sums / np.maximum(root, 1.0), rcond=None)
