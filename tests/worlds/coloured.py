@@ -43,7 +43,7 @@ def ac_coupled(record: Record, rng: np.random.Generator) -> Record:
     return replace(record, accel=np.asarray(sosfilt(passing, record.accel - record.accel[0])))
 
 
-def wandering_reference(record: Record, rng: np.random.Generator) -> Record:
+def drifting_reference(record: Record, rng: np.random.Generator) -> Record:
     """A frame that creeps: the position walks at random, by 0.1 to 10 mm in the whole record."""
     reach = float(np.exp(rng.uniform(np.log(1e-4), np.log(1e-2))))
     n = len(record.position)
@@ -83,7 +83,7 @@ COLOURED: dict[str, Callable[[Record, np.random.Generator], Record]] = {
     "flicker_output": flicker_output,
     "steep_output": steep_output,
     "ac_coupled": ac_coupled,
-    "wandering_reference": wandering_reference,
+    "drifting_reference": drifting_reference,
     "flicker_reference": flicker_reference,
     "integrated_reference": integrated_reference,
     "smoothed_reference": smoothed_reference,

@@ -14,7 +14,7 @@ from tests.worlds import Hidden, World, at_d
 
 
 @pytest.mark.parametrize("name", ["narrow_bump", "notch"])
-def test_a_bump_is_told_as_a_curve_of_position_at_its_place(name: str, tmp_path: Path) -> None:
+def test_a_bump_is_a_curve_of_position_at_its_place(name: str, tmp_path: Path) -> None:
     world = at_d(World("interleaved", "ADXL105", (Hidden(name, 3e-2),), seed=4, seconds=30.0), 30.0).settled()
     state = solve_runs(Model.linear(), [ac.load(world.record().write(tmp_path))]).states[0]
     found = scan([state], Model.linear())
