@@ -61,8 +61,11 @@ SHAPE_FORMS = 2
 """Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
 choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
 
-# ---- homogeneity: whether an effect has one size ----
+# ---- slow noise and homogeneity: whether an effect has one size ----
 
+SLOW_NOISE_SIGMA = 2.0
+"""Standard deviations above its fit at which slow noise stands in the null. Below the lowest frequencies that finalists
+leave free its spectrum is extrapolated. [sigma; tests/diagnosis/search/test_slow_noise.py]"""
 RECORD_PARTS = 8
 """Parts of a record, or of all runs together, whose sizes of an effect are compared. More parts hold too little of
 an effect to differ. [parts; tests/diagnosis/search/test_homogeneity.py]"""

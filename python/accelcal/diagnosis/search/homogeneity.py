@@ -14,6 +14,7 @@ from accelcal.diagnosis.policy import (
     EQUAL_SIZE_SHARE,
     EXCITING_SHARE,
     HOMOGENEITY_ALPHA,
+    MODEL_NOISE_BLOCKS,
     RECORD_PARTS,
 )
 from accelcal.diagnosis.search.hypotheses import Hypothesis
@@ -90,6 +91,7 @@ class PartScores:
         self.c: Array = np.zeros((len(ends) * parts, m))
         self.G_by_band: Array = np.zeros((FREQUENCY_BANDS, m, m))
         self.c_by_band: Array = np.zeros((FREQUENCY_BANDS, m))
+        squares, counts = np.zeros(FREQUENCY_BANDS), np.zeros(FREQUENCY_BANDS)
         for t, y, X in evidence.rows():
             number = (t / RUN_SPACING + 1e-9).astype(np.intp)
             within = np.minimum(((t - number * RUN_SPACING) * parts / np.take(ends, number)).astype(np.intp), parts - 1)
@@ -103,6 +105,12 @@ class PartScores:
             for k, band in enumerate(np.split(np.arange(len(y)), edges.astype(np.intp))):
                 self.G_by_band[k] += cosines[:, band] @ cosines[:, band].T
                 self.c_by_band[k] += cosines[:, band] @ rest[band]
+                squares[k] += float(np.sum((rest[band] - every @ cosines[:, band]) ** 2))
+                counts[k] += len(band)
+        self.level = float(np.sum(squares) / np.sum(counts))
+        """Mean square of what all finalists leave; far below 1 where a band is imposed on the noise."""
+        self.levels: Array = (squares + MODEL_NOISE_BLOCKS * self.level) / (counts + MODEL_NOISE_BLOCKS)
+        """The same in each band of frequency; one of few cosines is shrunk to that of all."""
 
     def sizes(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
         """Sizes of a hypothesis in the parts, by what it and the others leave; it scatters `inflation` times more than
@@ -112,14 +120,16 @@ class PartScores:
         estimate = np.zeros(len(e.G))
         estimate[columns] = score_gain(e.G[np.ix_(columns, columns)], e.c[columns])[2]
         score, information = compared(self.G, self.c, estimate, direction_of(e, i, given))
-        return PartSizes.of(score / inflation, information / inflation)
+        scatter = inflation * self.level
+        return PartSizes.of(score / scatter, information / scatter)
 
     def sizes_by_frequency(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
         """Sizes in bands of frequency, by what all finalists leave: errors of the motion and filters that nobody
         declared have no one size."""
         direction = direction_of(self.evidence, i, given)
         score, information = compared(self.G_by_band, self.c_by_band, self.every, direction)
-        return PartSizes.of(score / inflation, information / inflation, "bands of frequency")
+        scatter = inflation * self.levels
+        return PartSizes.of(score / scatter, information / scatter, "bands of frequency")
 
 
 def compared(G: Array, c: Array, estimate: Array, direction: Array) -> tuple[Array, Array]:

@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE
+from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, SLOW_NOISE_SIGMA
 
 BANDS_PER_OCTAVE = 3
 """Bands in which the power of a residual is summed."""
@@ -38,11 +38,11 @@ class SlowNoise:
     """Gain in log-likelihood over white noise of both channels."""
 
     def __call__(self, f: Array) -> Array:
-        """One standard deviation above the fitted spectrum at frequencies `f`, Hz, none of them 0; (n,)."""
+        """`SLOW_NOISE_SIGMA` standard deviations above the fitted spectrum at frequencies `f`, Hz, none of them 0; (n,)."""
         shapes = spectral_shapes(f, self.crossover)
         fitted = shapes @ self.coefficients
         std = np.sqrt(np.einsum("ni,ij,nj->n", shapes, self.covariance, shapes))
-        return np.asarray(np.maximum(1.0, fitted + std))
+        return np.asarray(np.maximum(1.0, fitted + SLOW_NOISE_SIGMA * std))
 
     @property
     def knee(self) -> float:
