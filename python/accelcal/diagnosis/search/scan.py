@@ -182,19 +182,20 @@ def finalist_scores(
 ) -> tuple[CandidateScores, BlockScatter, tuple[int, ...], tuple[SlowNoise, ...]]:
     """Refined hypotheses, against slow noise, with the scatter of their scores, the best set of them, and that noise.
 
-    A random bias is slow noise itself, so that it is judged against white noise: it enters where nothing stands out
-    from the slow noise.
+    A random bias is slow noise itself, so that it is judged against white noise: it enters where it explains more
+    than what stands out from the slow noise.
     """
     against_slow = evidence.against_slow_noise()
     noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
     scatter = BlockScatter(against_slow, length)
     chosen = rules.best_set(against_slow, scatter)
-    if against_slow is not evidence and not chosen:
+    if against_slow is not evidence:
         random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
         gains, dofs = evidence.gains()
         able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
-        if able:
-            best = max(able, key=lambda i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]))
+        net_gains = {i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]) for i in (*able, *chosen)}
+        best = max(net_gains, key=lambda i: net_gains[i], default=-1)
+        if best in able:
             return evidence, BlockScatter(evidence, length), (best,), noises
     return against_slow, scatter, chosen, noises
 

@@ -38,7 +38,7 @@ class SlowNoise:
     """Gain in log-likelihood over white noise of both channels."""
 
     def __call__(self, f: Array) -> Array:
-        """`SLOW_NOISE_SIGMA` standard deviations above the fitted spectrum at frequencies `f`, Hz, none of them 0; (n,)."""
+        """`SLOW_NOISE_SIGMA` standard deviations above the fit at frequencies `f`, Hz, none of them 0; (n,)."""
         shapes = spectral_shapes(f, self.crossover)
         fitted = shapes @ self.coefficients
         std = np.sqrt(np.einsum("ni,ij,nj->n", shapes, self.covariance, shapes))
