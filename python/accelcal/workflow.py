@@ -18,13 +18,15 @@ from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, ou
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
+from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs
+from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs, state_at
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
@@ -152,7 +154,21 @@ def fit(
         if slow is not None:
             tilt = float(slow.values["tilt_deg"])
             found = replace(found, tilt=tilt, remarks=(f"{slow.sentence}.", *found.remarks))
+    found = with_agreement(found, several)
     return replace(found, remarks=(*(f"{note.sentence}." for note in broken), *found.remarks)) if broken else found
+
+
+def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
+    """The fit with the remark on a recording that disagrees with the others; the fit itself where all agree."""
+    if len(recordings) < 2:
+        return fit
+    prepared = (
+        prepare(recording, fit.origins, start=run.start, end=run.end)
+        for recording, run in zip(recordings, fit.runs, strict=True)
+    )
+    states = [state_at(fit, index, run) for index, run in enumerate(prepared)]
+    found = run_agreement(states, fit.model)
+    return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 
 def fit_without_outliers(

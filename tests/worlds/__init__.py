@@ -4,6 +4,7 @@ Nothing here imports the product or shares a formula with it. `World` -> `record
 says how strong a hidden effect is (`d2`) and sets it (`at_d`).
 """
 
+from .beyond import BEYOND
 from .catalogue import CATALOGUE, Effect
 from .motion import MOTIONS
 from .outside import FAULTS, OUTSIDE
@@ -12,6 +13,7 @@ from .strength import at_d, d2, signatures
 from .world import EFFECTS, SENSORS, Hidden, Nuisances, Record, World
 
 __all__ = [
+    "BEYOND",
     "CATALOGUE",
     "EFFECTS",
     "FAULTS",

@@ -10,13 +10,14 @@ from typing import Literal
 import numpy as np
 from scipy.signal import lfilter
 
+from .beyond import BEYOND
 from .catalogue import CATALOGUE, Effect
 from .numerics import Array, interpolate, lag, stream
 from .outside import FAULTS, OUTSIDE
 from .scene import G0, Scene, scene, thermometer
 from .writer import write
 
-EFFECTS: dict[str, Effect] = CATALOGUE | OUTSIDE | FAULTS
+EFFECTS: dict[str, Effect] = CATALOGUE | OUTSIDE | BEYOND | FAULTS
 """Every effect by name."""
 
 Mount = Literal["normal", "reversed", "rolled"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -12,6 +12,7 @@ from scipy import special
 from accelcal.data.units import display
 from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
@@ -29,10 +30,12 @@ class Confounded:
     effect: str
     members: tuple[str, ...]
     experiment: str
+    parts: PartSizes = field(default_factory=PartSizes.none)
+    """Sizes in the parts of the runs, over the size in all of them."""
 
     def with_members(self, others: Sequence[str]) -> Confounded:
         """A copy with further confounded effects."""
-        return Confounded(self.effect, tuple(dict.fromkeys((*self.members, *others))), self.experiment)
+        return replace(self, members=tuple(dict.fromkeys((*self.members, *others))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +73,7 @@ class Finding:
         """Size, evidence and rivals, in parentheses; empty where there are none."""
         evidence = [] if self.sigma is None else [f"{self.sigma:.0f} sigma"]
         parts = [", ".join([*([self.size] if self.size else []), *evidence])]
+        parts += [self.group.parts.text] if self.group.parts.text else []
         parts += [f"confounded with {', '.join(self.rivals)}"] if self.rivals else []
         text = "; ".join(filter(None, parts))
         return f" ({text})" if text else ""

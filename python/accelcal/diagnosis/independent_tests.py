@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from accelcal.diagnosis.noise_tests.noise_test import LINE, STEPS, VIBRATION, NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import LINE, POSITION_WAVE, STEPS, VIBRATION, NoiseTest
 from accelcal.diagnosis.outlier_rejection import CleanFit
 from accelcal.diagnosis.policy import (
     NOISE_TEST_ALPHA,
@@ -38,7 +38,9 @@ def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool
 
     A line near a vibration, or in its band, belongs to it. A line inside the band of the motion may be a harmonic of a
     missing nonlinearity, which the search finds: it counts only with `no_effect_found`, when no effect of the motion
-    was found, and where the motion makes no lines. No converter step makes a line larger than the step.
+    was found, and where the motion makes no lines. A line above that band where the motion makes lines counts when no
+    effect was found, and then no wave over position does: both are harmonics of the motion. No converter step makes a
+    line larger than the step.
     """
     vibrations = [test.parts for test in significant if test.effect == VIBRATION and "frequency" in test.parts]
     raised_by_others = {
@@ -46,7 +48,11 @@ def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool
     }
     step = max((test.parts["step"] for test in significant if test.effect == STEPS), default=math.inf)
 
+    harmonic = any(test.effect == LINE and test.parts.get("made_by_motion") for test in significant)
+
     def own(test: NoiseTest) -> bool:
+        if test.effect == POSITION_WAVE and harmonic:
+            return False
         if test.effect in raised_by_others and not (test.effect == LINE and test.estimate > step):
             return False
         if test.effect != LINE:
@@ -57,7 +63,8 @@ def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool
             or vibration["lowest"] < f < vibration["highest"]
             for vibration in vibrations
         )
-        independent = not test.parts.get("within_motion") or (no_effect_found and not test.parts.get("made_by_motion"))
-        return independent and not in_vibration
+        free = not (test.parts.get("within_motion") or test.parts.get("made_by_motion"))
+        one_cause = bool(test.parts.get("within_motion")) != bool(test.parts.get("made_by_motion"))
+        return (free or (no_effect_found and one_cause)) and not in_vibration
 
     return tuple(test for test in significant if own(test))

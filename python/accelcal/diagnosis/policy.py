@@ -61,6 +61,32 @@ SHAPE_FORMS = 2
 """Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
 choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""
 
+# ---- slow noise and homogeneity: whether an effect has one size ----
+
+SLOW_NOISE_SIGMA = 2.0
+"""Standard deviations above its fit at which slow noise stands in the null. Below the lowest frequencies that finalists
+leave free its spectrum is extrapolated. [sigma; tests/diagnosis/search/test_slow_noise.py]"""
+RECORD_PARTS = 8
+"""Parts of a record, or of all runs together, whose sizes of an effect are compared. More parts hold too little of
+an effect to differ. [parts; tests/diagnosis/search/test_homogeneity.py]"""
+HOMOGENEITY_ALPHA = 1e-3
+"""Probability of the differences between the parts below which an effect does not have one size. A true effect is
+refused in one record of a thousand. [probability; tests/diagnosis/search/test_homogeneity.py]"""
+EQUAL_SIZE_SHARE = 0.1
+"""Difference of sizes, over the size, that counts as equal, rms. Shape parameters and the smoothed motion are not
+exact, which the standard deviations of a strong effect do not show. [share;
+tests/diagnosis/search/test_homogeneity.py]"""
+EXCITING_SHARE = 0.05
+"""Information of a part, over the mean of all parts, from which it excites an effect. What leaks in from its
+neighbours is less. [share; tests/diagnosis/search/test_homogeneity.py]"""
+
+COHERENCE_ALPHA = 1e-4
+"""False-alarm rate of a coherence of the residual with a side channel, over all bands. It is a remark, not a name.
+[probability; tests/diagnosis/test_transverse.py]"""
+COHERENCE_LEAST_SHARE = 0.05
+"""Share of the residual's power in a band below which a coherence is not worth a remark. A long record shows any
+trace. [share; tests/diagnosis/test_transverse.py]"""
+
 # ---- confounding: which effects one record does not separate ----
 
 CONFOUNDED_LOG_EVIDENCE = 4.5

@@ -109,6 +109,32 @@ KINDS: dict[str, Kind] = {
         "On the held-out data the {measure} of the last model is {percent:.2g} % larger than that of {best} "
         "({sigma:.1f} paired standard errors): the best step is {best}",
     ),
+    "slow_noise": Kind(
+        "beside",
+        "The noise is not white: it rises below {knee:.2g} Hz, and effects were judged against it; what varies more "
+        "slowly than that is found only if it is larger",
+    ),
+    "no_single_size": Kind(
+        "beside",
+        "{effect} would explain part of what is left ({sigma:.0f} sigma), but it does not have one size: {sizes}; it "
+        "is not named",
+    ),
+    "recurs": Kind(
+        "beside",
+        "{effect} would explain part of what is left ({sigma:.0f} sigma), but it would have to happen again and again; "
+        "it is not named",
+    ),
+    "runs_disagree": Kind(
+        "beside",
+        "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
+        "sensor and reference cannot be told apart there",
+    ),
+    "transverse_coherence": Kind(
+        "beside",
+        "The residual is coherent with {channel} between {low:.2g} Hz and {high:.2g} Hz: {share:.0f} % of its power "
+        "there, a sensitivity of {sensitivity:.2g}; a transverse sensitivity that depends on frequency, or a rig that "
+        "rocks",
+    ),
     "not_added": Kind(
         "beside", "{effect} would explain more of the record ({sigma:.0f} sigma), but it was not added: {reason}"
     ),

@@ -24,6 +24,7 @@ from accelcal.diagnosis.findings import (
 )
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.policy import (
     CLEAR_LOG_EVIDENCE,
@@ -33,7 +34,9 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.position_noise import coloured_position
 from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
+from accelcal.diagnosis.transverse import transverse_coherence
 from accelcal.diagnosis.turning import FittedSpan, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.effects import BUILT_IN, Effect, find
@@ -175,10 +178,17 @@ def verdict_on(
     )
     largest = contributions(profiled, solution)
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)
+    harmonics = {
+        test.effect: harmonic_effects(solution.states[0].signals, test.parts["frequency"])
+        for test in significant
+        if test.parts.get("made_by_motion")
+    }
+    disagreeing = run_agreement(solution.states, model)
+    signals, origin = solution.states[0].signals, runs[0].origins.t
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     unresolved = unresolved_motion(runs)
-    solution.states.clear()  # the comparison predicts anew: one set of signals at a time
+    solution.states.clear()  # the comparison predicts anew: one set of filters at a time
     if not found.enough:
         significant = ()
     where = compare(profiled, recording, start=stretch.start, end=stretch.end)
@@ -186,20 +196,27 @@ def verdict_on(
     turning = turning_sensor(model, found.found, where, sizes, fitted, span) if found.enough else None
     forbidding = next((one for one in (unresolved, turning) if one is not None and one.forbids_names), None)
     if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
-        found, significant, delay_found = replace(found, found=(), named=()), (), False
-    groups = [Confounded(f.effect, f.members, f.experiment) for f in found.found]
+        found, significant, delay_found = replace(found, found=(), named=(), changing=()), (), False
+    groups = [Confounded(f.effect, f.members, f.experiment, f.parts) for f in found.found]
     p_values: dict[str, float] = {}
     for test in significant:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
     p_values.pop("whiteness", None)
     uncertain = level * math.exp(-CLEAR_LOG_EVIDENCE)
     groups += [
-        Confounded(name, (name, *(find(name).confused if p > uncertain else ())), find(name).experiment.rstrip("."))
+        Confounded(
+            name,
+            (name, *(find(name).confused if p > uncertain else harmonics.get(name, ()))),
+            find(name).experiment.rstrip("."),
+        )
         for name, p in p_values.items()
         if name not in {group.effect for group in groups}
     ]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
-    verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured)
+    unsteady = unsteady_effects(found)
+    known = [one.effect for one in found.found]
+    transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
+    verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured, unsteady)
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
@@ -220,10 +237,35 @@ def verdict_on(
         sizes=sizes,
         alpha=alpha,
         breaks=stretch.breaks,
-        remarks=(*(one for one in (turning, coloured, unresolved) if one is not None), *stretch.remarks),
+        remarks=(
+            *(one for one in (turning, coloured, unresolved, disagreeing) if one is not None),
+            *stretch.remarks,
+            *unsteady,
+            *slow_noise_remark(found),
+            *transverse,
+        ),
         present=inside,
         left=left,
     )
+
+
+def unsteady_effects(found: Scan) -> tuple[Remark, ...]:
+    """Remarks on effects that would have entered, had they one size in all parts of the runs and happened once."""
+    sigma = {candidate.effect: candidate.snr for candidate in found.candidates}
+    return tuple(
+        remark("no_single_size", effect=one.effect, sigma=sigma.get(one.effect, 0.0), sizes=one.unequal.text)
+        if one.unequal
+        else remark("recurs", effect=one.effect, sigma=sigma.get(one.effect, 0.0))
+        for one in found.changing
+    )
+
+
+def slow_noise_remark(found: Scan) -> tuple[Remark, ...]:
+    """The remark on slow noise that effects were judged against; of several runs the one with the highest knee."""
+    worst = max(found.slow_noise, key=lambda noise: noise.knee, default=None)
+    if worst is None or not worst.knee:
+        return ()
+    return (remark("slow_noise", knee=worst.knee, log_evidence=worst.log_evidence),)
 
 
 def contributions(fit: Fit, solution: Solution) -> dict[str, float]:
@@ -243,6 +285,7 @@ def verdict_and_sentence(
     significant: Sequence[NoiseTest],
     groups: Sequence[Confounded],
     cause: Remark | None = None,
+    unsteady: Sequence[Remark] = (),
 ) -> tuple[Verdict, str]:
     """The verdict on what a model lacks, and the sentence on it.
 
@@ -250,6 +293,7 @@ def verdict_and_sentence(
     ----------
     profiled, found, significant, groups : fit, scan, noise tests, and what is named.
     cause : a remark that explains the residual: a sensor that turns, or noise of the position that is not white.
+    unsteady : remarks on effects without one size.
     """
     named = [test for test in significant if test.effect != "whiteness"]
     examined = f"{found.examined} candidates examined"
@@ -282,6 +326,8 @@ def verdict_and_sentence(
         )
     if named:
         return sentence_with_rivals(group_of[named[0].effect], f"{named[0].sentence} ({examined}).")
+    if unsteady:
+        return "unexplained", f"{unsteady[0].sentence} ({examined})."
     if cause is not None:
         return "adequate", f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}."
     if beyond_data_sheet(profiled):

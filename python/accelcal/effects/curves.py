@@ -74,6 +74,14 @@ def rippled(x: Array, low: float, high: float, period: float) -> Array:
     return np.column_stack([legendre(x, low, high, len(CURVATURE) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
 
 
+def bumped(x: Array, low: float, high: float, centre: float, width: float) -> Array:
+    """A smooth curve over [low, high] and something local: Legendre polynomials of degree 1 and up, then a Gaussian
+    bump and its slope; as many columns as a curve, (n, 9)."""
+    u = (x - centre) / width
+    bump = np.exp(-0.5 * u * u)
+    return np.column_stack([legendre(x, low, high, len(CURVE) - 2)[:, 1:], bump, u * bump])
+
+
 def legendre(x: Array, low: float, high: float, degree: int) -> Array:
     """Legendre polynomials of degree 0 and up over [low, high]; x is held at the ends; (n, degree + 1)."""
     u = np.clip((2.0 * x - low - high) / (high - low), -1.0, 1.0)
@@ -146,19 +154,22 @@ def shape_of_time(s: Signals, start: float, length: float) -> Array:
     symbol="f(p)",
     scale=1e-3,
     source="0.1 mg",
-    shapes=over("m", lambda s: (s.p, s.p_std)),
+    shapes=over("m", lambda s: (s.p, s.p_std))
+    | {"centre": Shape("m", (0.0, 0.0), trials=1, picked="bumps"), "width": Shape("m", (0.0, 0.0), trials=1)},
     parts=CURVE,
     search=Search(includes=("bias",)),
 )
-def shape_of_position(s: Signals, low: float, high: float) -> Array:
+def shape_of_position(s: Signals, low: float, high: float, centre: float = 0.0, width: float = 0.0) -> Array:
     """An acceleration that is some function of the place on the rail.
 
-    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines.
+    Equation: e = sum_j c_j B_j(p), polynomials of degree 1 to 3, then cubic splines; something local: polynomials of
+    degree 1 to 7, then a Gaussian bump of a width at a centre, and its slope.
     Looks like: a residual that depends on position only, at any speed.
     Easily confused with: rail_slope, rail_curve, rail_wave, encoder_shape_of_position.
     Separate by: a very slow traverse; two speeds.
     """
-    return s.rig.polarity * curve(s.p, low, high)
+    columns = bumped(s.p, low, high, centre, width) if width else curve(s.p, low, high)
+    return s.rig.polarity * columns
 
 
 @family(

@@ -30,9 +30,9 @@ class Shape:
     trials: int = 8
     """Values at which it is tried before it is refined; 1 = set by the record of the fit, kept by the model."""
     spacing: Literal["linear", "log"] = "linear"
-    picked: Literal["", "jumps", "waves", "ripples"] = ""
+    picked: Literal["", "jumps", "waves", "ripples", "bumps"] = ""
     """What is read off the record where no grid of trials would meet the right value: instants of jumps, periods in
-    position, periods in acceleration."""
+    position, periods in acceleration, the place and width of something local."""
 
     @property
     def refined(self) -> bool:

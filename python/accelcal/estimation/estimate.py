@@ -192,12 +192,17 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
             return None
         if span != (fitted.start, fitted.end, fitted.readings, fitted.samples):
             return None
-        values = fit.values(index)
-        state = RunState.at(run, values, fit.noise(index), search_noise=False)
-        for _ in range(0 if values.constant else SETTLING - 1):
-            state.refresh(values, search_noise=False)
-        states.append(state)
+        states.append(state_at(fit, index, run))
     return states
+
+
+def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
+    """State of a run at the values and the noise that a fit has for its run `index`."""
+    values = fit.values(index)
+    state = RunState.at(run, values, fit.noise(index), fit.runs[index].noise.band, search_noise=False)
+    for _ in range(0 if values.constant else SETTLING - 1):
+        state.refresh(values, search_noise=False)
+    return state
 
 
 def result(solution: Solution) -> Fit:

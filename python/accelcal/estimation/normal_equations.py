@@ -28,17 +28,20 @@ class NormalEquations:
     score: Array
     """X'y, (m,)."""
     spread: Array | None
-    """Sum of outer products of block scores, (m, m); None without a band, or when there are fewer than 8 blocks."""
+    """Sum of outer products of block scores, (m, m); None if it is not asked for or there are fewer than 8 blocks."""
     blocks: Array | None = None
     """Number of equal blocks that would hold the information on each coefficient as unevenly, (m,); None without a
     band."""
 
 
-def normal_equations(state: RunState, terms: Sequence[Term]) -> NormalEquations:
-    """X'X and X'y of a run, stretch by stretch; X itself is never held whole."""
+def normal_equations(state: RunState, terms: Sequence[Term], *, scatter: bool = False) -> NormalEquations:
+    """X'X and X'y of a run, stretch by stretch; X itself is never held whole.
+
+    With `scatter` that of the block scores is summed without a band as well.
+    """
     m = len(terms)
     gram, score = np.zeros((m, m)), np.zeros(m)
-    block = block_of_readings(state) if state.band is not None else None
+    block = block_of_readings(state) if scatter or state.band is not None else None
     sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
     squares = np.zeros_like(sums)
     for readings, columns in whitened_columns(state, terms):

@@ -51,7 +51,7 @@ class SelectionHistory:
         """Add an effect; a nonparametric curve replaces the effects that it covers."""
         leaving = dict.fromkeys((*replaced, finding.effect))  # itself where it was coarse
         self.gains[finding.effect] = gain + sum(self.leave(name) for name in leaving)
-        self.classes.append(Confounded(finding.effect, finding.members, finding.experiment))
+        self.classes.append(Confounded(finding.effect, finding.members, finding.experiment, finding.parts))
 
     def leave(self, name: str) -> float:
         """Remove an effect if it is present; return what it explained."""

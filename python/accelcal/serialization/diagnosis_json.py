@@ -157,13 +157,23 @@ def finding(one: Finding, range_: float | None) -> dict[str, Any]:
         "unit": one.unit,
         "sigma": one.sigma,
         "largest_contribution": None if one.largest is None else sizes(one.largest, range_),
+        "sizes_in_parts": part_sizes(one.group),
         "remarks": [one.remark] if one.remark else [],
     }
 
 
+def part_sizes(group: Confounded) -> dict[str, Any] | None:
+    """Sizes of an effect in the parts of the runs, over its size in all; None where they were not compared."""
+    parts = group.parts
+    return {"size": list(parts.size), "std": list(parts.std), "p": parts.p_value} if parts.size else None
+
+
 def ties(several: Sequence[Confounded]) -> list[dict[str, Any]]:
     """Equivalence classes."""
-    return [{"effect": t.effect, "members": list(t.members), "experiment": t.experiment} for t in several]
+    return [
+        {"effect": t.effect, "members": list(t.members), "experiment": t.experiment, "sizes_in_parts": part_sizes(t)}
+        for t in several
+    ]
 
 
 def parameters(found: Diagnosis) -> list[dict[str, Any]]:

@@ -11,7 +11,9 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.noise_test import POSITION_WAVE, NoiseTest
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.tones import local_level, pair_fit
-from accelcal.diagnosis.policy import NOISE_TEST_ALPHA
+from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, RECORD_PARTS
+from accelcal.diagnosis.search.beam import block_length, block_sums, shrunk_inflation
+from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.estimation.adjoint import gradient_in_readings
 from accelcal.estimation.columns import whitened_reading_errors
 
@@ -56,7 +58,11 @@ def encoder_cyclic(residuals: Residuals) -> NoiseTest:
             trial = float(kappa[rows][k]) + shift * step
             best = max(best, cyclic_fit(residuals, trial), key=lambda f: f[0])
     gained, amplitude, std, at = best
+    scatter, sizes = steadiness(residuals, at)
+    gained /= scatter
     p_value = min(1.0, len(spectrum) * math.exp(-0.5 * gained))
+    if not sizes.homogeneous:
+        p_value = 1.0  # an error of the scale is the same whenever the stage comes by
     if amplitude < 0.5 * residuals.run.rounding:
         p_value = 1.0  # rounding to counts is itself a wave over position, and rests sample it at few places
     found = p_value < NOISE_TEST_ALPHA
@@ -80,6 +86,24 @@ def over_position(residuals: Residuals, cell: float, travel: float) -> Array:
     return np.asarray(
         np.bincount(low, reading_score * (1.0 - share), n) + np.bincount(low + 1, reading_score * share, n)
     )
+
+
+def steadiness(residuals: Residuals, kappa: float) -> tuple[float, PartSizes]:
+    """How much more the scores of a wave scatter from block to block than white noise, at least 1; its sizes in parts
+    of the record."""
+    phase = 2.0 * np.pi * kappa * residuals.smooth_position
+    X, y = whitened_reading_errors(residuals.state, [np.cos(phase), np.sin(phase)]), residuals.readings
+    c, *_ = np.linalg.lstsq(X, y, rcond=None)
+    u, level = X @ c, float(np.mean(y**2))
+    scores, information = u * (y - u) / level, u**2 / level
+    t = residuals.run.t[residuals.state.counts]
+    t = t - t[0]
+    (_, by_block), (_, power) = (block_sums(x[None], t, block_length(residuals.state)) for x in (scores, information))
+    power = np.maximum(power[0], 1e-300)
+    scatter = float(shrunk_inflation(float(by_block[0] @ by_block[0]) / float(np.sum(power)), power))
+    part = np.minimum((t * (RECORD_PARTS / max(float(t[-1]), 1e-9))).astype(np.intp), RECORD_PARTS - 1)
+    by_part, excited = (np.asarray(np.bincount(part, x, RECORD_PARTS)) / scatter for x in (scores, information))
+    return scatter, PartSizes.of(by_part, excited)
 
 
 def cyclic_fit(residuals: Residuals, kappa: float) -> tuple[float, float, float, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -25,10 +26,13 @@ from accelcal.diagnosis.policy import (
     PRESENT_SHARE,
     REPORTED_LINES,
 )
+from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.columns import whitened_accelerations
 from accelcal.signals.signals import Signals
 from accelcal.signals.transfer import Response
 
+MOTION = ("p", "v", "a")
+"""Variables whose nonlinear functions make harmonics of the motion."""
 FEWEST_BINS = 64
 """Least number of bins from which a noise level is estimated."""
 LEVEL_SPAN = 0.04
@@ -214,7 +218,7 @@ def tone_test(
         "follows_motion": float(follows),
         "within_motion": float(within_motion),
         "made_by_motion": float(
-            within_motion and p_value < NOISE_TEST_ALPHA and motion_makes_lines(residuals.signals, frequency, amplitude)
+            p_value < NOISE_TEST_ALPHA and motion_makes_lines(residuals.signals, frequency, amplitude)
         ),
     }
     text = f"a line of {amplitude:.2g} m/s² at {frequency:.4g} Hz" if p_value < NOISE_TEST_ALPHA else "no spectral line"
@@ -243,6 +247,22 @@ def motion_makes_lines(s: Signals, frequency: float, amplitude: float) -> bool:
     The smoothed motion contains a part of any line of the output. Where it contains little more than that, the line is
     subtracted first, or it would pass for its own cause.
     """
+    omega = 2j * np.pi * frequency
+    has_line = line_detector(s, frequency)
+    wave = np.exp(omega * s.t)
+    window = np.hanning(len(s.t))
+    own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
+    if abs(own) > MOTION_LINE_RATIO * amplitude:
+        if has_line(s.a):
+            return True
+        own = 0.0
+    a, v, p = (y - np.real(own * wave / omega**k) for k, y in enumerate((s.a, s.v, s.p)))
+    directions = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
+    return any(has_line(function) for function in (a**2, a**3, np.abs(a), v**2, p**2, *directions))
+
+
+def line_detector(s: Signals, frequency: float) -> Callable[[Array], bool]:
+    """What says whether a function of the motion, (n,), has a line at a frequency, Hz."""
     window, omega = np.hanning(len(s.t)), 2j * np.pi * frequency
     peak_bins, neighbours = np.arange(-2, 3) / 2.0, np.concatenate([np.arange(-24, -3), np.arange(4, 25)])
     phasors = np.exp(-(omega + 2j * np.pi * np.concatenate([peak_bins, neighbours])[:, None] / s.length) * s.t) * window
@@ -253,15 +273,25 @@ def motion_makes_lines(s: Signals, frequency: float, amplitude: float) -> bool:
         share = 2.0 * top / np.sum(window) ** 2 / max(float(np.var(function)), 1e-300)
         return bool(top > DRIVEN_LINE_RATIO * np.median(power[len(peak_bins) :]) and share > DRIVEN_LINE_SHARE)
 
-    wave = np.exp(omega * s.t)
-    own = 2.0 * np.sum(s.a * window * np.conj(wave)) / np.sum(window)
-    if abs(own) > MOTION_LINE_RATIO * amplitude:
-        if has_line(s.a):
-            return True
-        own = 0.0
-    a, v, p = (y - np.real(own * wave / omega**k) for k, y in enumerate((s.a, s.v, s.p)))
-    directions = (np.where(np.abs(y) > 2.0 * w, np.sign(y), 0.0) for y, w in ((a, s.a_width), (v, s.v_width)))
-    return any(has_line(function) for function in (a**2, a**3, np.abs(a), v**2, p**2, *directions))
+    return has_line
+
+
+def harmonic_effects(s: Signals, frequency: float) -> tuple[str, ...]:
+    """Effects that are functions of position, velocity or acceleration and make a line at a frequency, Hz, from a
+    motion.
+
+    A line there is confounded with each of them.
+    """
+    has_line = line_detector(s, frequency)
+    names = [name for e in BUILT_IN if e.function_of in MOTION for name in e.covers]
+    effects = [e for e in (find(name) for name in names) if e.port in ("output", "position") and not e.needs]
+
+    def column(effect: Effect) -> Array:
+        shape = {name: float(np.median(declared.grid(s))) for name, declared in effect.shapes.items()}
+        columns = effect.column(s, **shape).reshape(len(s.t), -1)
+        return np.asarray(columns @ np.ones(columns.shape[1]))
+
+    return tuple(effect.name for effect in effects if has_line(column(effect)))
 
 
 def fitted_amplitude(residuals: Residuals, frequency: float) -> tuple[float, float]:

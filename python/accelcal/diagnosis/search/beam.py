@@ -18,6 +18,7 @@ from accelcal.diagnosis.policy import (
     RANDOM_BIAS_DISCOUNT,
     SEARCH_DEPTH,
 )
+from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import log_survival, scale_of
 from accelcal.diagnosis.search.scores import CandidateScores
@@ -188,7 +189,7 @@ class BlockScatter:
         self.evidence = evidence
         size = scale_of(np.diag(evidence.G))
         scaled = evidence.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
-        every = np.linalg.solve(scaled, evidence.c / size) / size
+        every = self.every = np.linalg.solve(scaled, evidence.c / size) / size
         parts = [block_sums(np.concatenate([X * (y - every @ X), X**2]), t, length) for t, y, X in evidence.rows()]
         _, block = np.unique(np.concatenate([blocks for blocks, _ in parts]), return_inverse=True)
         sums = np.zeros((2 * len(evidence.G), int(block[-1]) + 1))
@@ -196,6 +197,7 @@ class BlockScatter:
         self.scores, self.powers = np.split(sums, 2)
         """Score of each column in each block, and its predicted variance, (m, blocks) each."""
         self.known: dict[tuple[int, tuple[int, ...]], float] = {}
+        self._parts: PartScores | None = None
 
     def inflation(self, i: int, given: Sequence[int]) -> float:
         """Ratio of block scatter to predicted variance of a hypothesis's score, at least 1."""
@@ -204,18 +206,23 @@ class BlockScatter:
             self.known[key] = self._inflation(*key)
         return self.known[key]
 
+    def part_sizes(self, i: int, given: Sequence[int]) -> tuple[PartSizes, PartSizes]:
+        """Sizes of a hypothesis in the parts of the runs, and in bands of frequency."""
+        if self.evidence.items[i].effect.port == "process":
+            return PartSizes.none(), PartSizes.none()
+        if self._parts is None:
+            self._parts = PartScores(self.evidence, self.every)
+        arguments = i, given, self.inflation(i, given)
+        once = exempt(self.evidence.items[i])
+        return PartSizes.none() if once else self._parts.sizes(*arguments), self._parts.sizes_by_frequency(*arguments)
+
     def _inflation(self, i: int, given: tuple[int, ...]) -> float:
         e = self.evidence
         _, dof, estimate, _ = e.gain(i, given)
         if e.items[i].effect.port == "process" or dof == 0:
             return 1.0
         own = e.columns[i]
-        direction = np.zeros(len(e.G))
-        direction[own] = estimate
-        if given:
-            rows = np.concatenate([np.arange(e.columns[j].start, e.columns[j].stop) for j in given])
-            weights, *_ = np.linalg.lstsq(e.G[np.ix_(rows, rows)], e.G[rows, own] @ estimate, rcond=1e-9)
-            direction[rows] = -weights
+        direction = direction_of(e, i, given)
         power = float(direction @ e.G @ direction)
         if power <= CONTAINED_SHARE * float(estimate @ e.G[own, own] @ estimate):
             return 1.0

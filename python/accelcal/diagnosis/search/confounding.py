@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,10 +17,11 @@ from accelcal.diagnosis.policy import (
     RESOLVED_WAVE_PERIODS,
 )
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules
+from accelcal.diagnosis.search.homogeneity import PartSizes
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import DEGENERATE_MIX, scale_of, score_gain
 from accelcal.diagnosis.search.scores import CandidateScores
-from accelcal.effects import BUILT_IN
+from accelcal.effects import BUILT_IN, Effect
 from accelcal.model import Model, Prior
 from accelcal.signals.signals import Signals
 
@@ -40,6 +41,15 @@ class DetectedEffect:
     """Intensity of a random-walk or Gauss-Markov bias; None for constant coefficients."""
     fixed: tuple[str, ...] = ()
     """Columns held at 0: those that the model already contains, and those that a coarse curve does without."""
+    parts: PartSizes = field(default_factory=PartSizes.none)
+    """Its sizes in the parts of the runs."""
+    bands: PartSizes = field(default_factory=PartSizes.none)
+    """Its sizes in bands of frequency."""
+
+    @property
+    def unequal(self) -> PartSizes | None:
+        """Sizes that are not the same everywhere; None where all are."""
+        return next((sizes for sizes in (self.parts, self.bands) if not sizes.homogeneous), None)
 
     def enter(self, model: Model) -> Model:
         """Return the model with this effect; a coarse curve of the model becomes the finer one."""
@@ -61,8 +71,8 @@ def confounding_class(
     """Effects that are confounded with hypothesis `i` on this record, itself first.
 
     A rival belongs to the class if its log-evidence is within `CONFOUNDED_LOG_EVIDENCE`, or its contribution correlates
-    by
-    more than `CONFOUNDED_CORRELATION`. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
+    by more than `CONFOUNDED_CORRELATION`; a nonparametric curve by its log-evidence alone, if its variable is not the
+    effect's. An effect with less than `CLEAR_LOG_EVIDENCE` may have come first by chance, so
     what it lacks is added to the distance within which rivals count.
     """
     G, _ = evidence.given(others)
@@ -75,15 +85,23 @@ def confounding_class(
     rivals: list[tuple[float, str]] = []
     for j, rival in enumerate(evidence.items):
         nonspecific = item.effect.family or item.effect.port == "process"
-        if j == i or j in others or (rival.effect.family and not nonspecific):
+        curve = rival.effect.family is not None and not nonspecific
+        if j == i or j in others or (curve and not beats(rival.effect, item.effect)):
             continue
         rival_gain, rival_dof = float(gains[j]), int(dofs[j])
         if rival_dof == 0:
             continue
         gap = (own_gain - rules.net_gain_as_rival(rival_gain / inflation, rival_dof, rival)) / 2.0
-        if gap < reach or contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION:
+        if gap < reach or (
+            not curve and contribution_correlation(evidence, G, i, j, estimate) > CONFOUNDED_CORRELATION
+        ):
             rivals.append((gap, rival.effect.name))
-    return (item.effect.name, *(name for _, name in sorted(rivals)))
+    return (item.effect.name, *dict.fromkeys(name for _, name in sorted(rivals)))
+
+
+def beats(curve: Effect, effect: Effect) -> bool:
+    """Whether an effect has to beat a nonparametric curve: that of any one variable of which it is no function."""
+    return bool(curve.function_of) and effect.name not in curve.covers
 
 
 def contribution_correlation(evidence: CandidateScores, G: Array, i: int, j: int, estimate: Array) -> float:
@@ -106,6 +124,7 @@ def detected_effect(
     G, _ = evidence.given(others)
     _, _, estimate, _ = evidence.gain(i, others)
     process = item.effect.port == "process"
+    parts, bands = scatter.part_sizes(i, others)
     return DetectedEffect(
         effect=item.effect.name,
         shape=dict(item.shape),
@@ -116,6 +135,8 @@ def detected_effect(
         experiment=item.effect.experiment.rstrip("."),
         prior_std=float(estimate[0]) if process else None,
         fixed=() if process else redundant(evidence, i, G),
+        parts=parts,
+        bands=bands,
     )
 
 

@@ -79,9 +79,10 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
             comparisons = math.prod(proposed.comparisons for proposed in trial) * (
                 RANDOM_BIAS_COMPARISONS if effect.name in time_functions else 1
             )
-            hypotheses.append(
-                Hypothesis(effect, {name: proposed.value for name, proposed in chosen.items()}, comparisons, brackets)
-            )
+            shape = {name: proposed.value for name, proposed in chosen.items()}
+            for proposed in trial:
+                shape |= proposed.also
+            hypotheses.append(Hypothesis(effect, shape, comparisons, brackets))
         if effect.coarse:
             hypotheses.append(replace(hypotheses[first], leading=effect.coarse))
     return hypotheses

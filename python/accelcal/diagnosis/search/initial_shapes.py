@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -32,6 +33,14 @@ LOCAL_LINES = 33
 """Neighbours in the spectrum over position that a line is compared with."""
 FEWEST_RIPPLES, MOST_RIPPLES = 3.0, 64.0
 """Periods within the range of acceleration: fewer are represented by splines, more are not resolved."""
+BUMP_CELLS = 2048
+"""Cells of the stroke in which something local is sought."""
+BUMP_WIDTHS = (0.002, 0.003, 0.0045, 0.007, 0.01, 0.015, 0.022, 0.033, 0.05)
+"""Standard deviations of a bump that are tried, in strokes; a wider one is a smooth curve."""
+LEAST_BUMP_SIGMA = 3.0
+"""Standard deviations of the position that the width of a bump must exceed."""
+BUMP_DEGREE = 7
+"""Degree of the smooth curve that it stands out from."""
 LEAST_SIGMA_PERIODS = 6.0
 """Standard deviations of the acceleration that a period must span; shorter ones are averaged out."""
 
@@ -45,6 +54,8 @@ class InitialShape:
     """Interval within which it may be refined; None: between its neighbours on the grid."""
     comparisons: int = 1
     """Values among which it was selected."""
+    also: Mapping[str, float] = field(default_factory=dict)
+    """Values of further shape parameters that were found with it."""
 
 
 def jumps(state: RunState) -> list[InitialShape]:
@@ -148,5 +159,39 @@ def ripples(state: RunState) -> list[InitialShape]:
     return [InitialShape(0.0), InitialShape(1.0 / float(kappa[np.argmax(power)]), comparisons=int(span / shortest))]
 
 
-PROPOSALS = {"jumps": jumps, "waves": waves, "ripples": ripples}
+def bumps(state: RunState) -> list[InitialShape]:
+    """Place and width of something local on the rail, m: 0 (nothing), and where the innovations, referred back to the
+    output, depart most from a smooth function of position, as a Gaussian bump or its slope."""
+    s = state.signals
+    stroke = float(np.ptp(s.p))
+    cell = stroke / BUMP_CELLS
+    widths = [share for share in BUMP_WIDTHS if share * stroke > LEAST_BUMP_SIGMA * s.p_std]
+    if not stroke > 0.0 or not widths:
+        return [InitialShape(0.0)]
+    low = float(np.min(s.p))
+    place = (np.interp(state.run.t[state.counts] - state.run.origins.t, s.t, s.p) - low) / cell
+    score = gradient_in_output(state, state.whitened[state.counts])
+    cells = np.minimum(np.maximum(place, 0.0).astype(np.intp), BUMP_CELLS - 1)
+    sums = np.asarray(np.bincount(cells, score, BUMP_CELLS), dtype=np.float64)
+    counts = np.asarray(np.bincount(cells, minlength=BUMP_CELLS), dtype=np.float64)
+    smooth = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, BUMP_CELLS), BUMP_DEGREE)
+    root = np.sqrt(counts)
+    c, *_ = np.linalg.lstsq(smooth * root[:, None], sums / np.maximum(root, 1.0), rcond=None)
+    sums = sums - counts * (smooth @ c)
+    best = (0.0, 0.0, 0.0)
+    for width in widths:
+        reach = int(4.0 * width * BUMP_CELLS)
+        u = np.arange(-reach, reach + 1) / (width * BUMP_CELLS)
+        bump = np.exp(-0.5 * u * u)
+        power = np.zeros(BUMP_CELLS)
+        for kernel in (bump, u * bump):
+            matched, counted = (np.convolve(x, y[::-1], "same") for x, y in ((sums, kernel), (counts, kernel**2)))
+            power += matched**2 / np.maximum(counted, 1.0)
+        k = int(np.argmax(power))
+        best = max(best, (float(power[k]), low + (k + 0.5) * cell, width * stroke))
+    comparisons = int(1.0 / widths[0])
+    return [InitialShape(0.0), InitialShape(best[1], comparisons=comparisons, also={"width": best[2]})]
+
+
+PROPOSALS = {"jumps": jumps, "waves": waves, "ripples": ripples, "bumps": bumps}
 """Functions that propose values of a shape parameter from a record, by the name of the parameter's kind."""

@@ -19,6 +19,7 @@ from accelcal.diagnosis.search.hypotheses import Hypothesis, hypotheses_for
 from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.diagnosis.search.slow_noise import SlowNoise
 from accelcal.effects import Effect, is_local
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -82,6 +83,10 @@ class Scan:
     """Effects that were requested by name and can be evaluated, whether significant or not."""
     named: tuple[DetectedEffect, ...] = ()
     """Where a nonparametric curve comes first: the named effects that are confounded with it."""
+    changing: tuple[DetectedEffect, ...] = ()
+    """Effects that would enter if they had one size in all parts of the runs and bands, or happened only once."""
+    slow_noise: tuple[SlowNoise, ...] = ()
+    """Slow noise against which the finalists were judged, of those runs that have any."""
 
     @property
     def enough(self) -> bool:
@@ -133,12 +138,15 @@ def scan(
     lists = refine(runs, starting_points(evidence, finalists, rules))
     report(0.85)
     finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
-    final, scatter, chosen = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
-    report(1.0)
+    final, scatter, chosen, noises = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
     enough = blocks >= VERDICT_LEAST_BLOCKS
+    detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
+    again = {final.items[i].effect.name for i in chosen if recurs(evidence, final, chosen, i, rules)}
+    entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
+    report(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
-        tuple(detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough),
+        tuple(entering),
         len(items),
         blocks,
         detection_limits(evidence, rules),
@@ -148,15 +156,48 @@ def scan(
             if only and final.gain(i)[1]
         ),
         named_members(final, scatter, chosen, rules),
+        tuple(effect for effect in detected if effect not in entering),
+        noises,
+    )
+
+
+def recurs(
+    trials: CandidateScores, final: CandidateScores, chosen: tuple[int, ...], i: int, rules: SearchRules
+) -> bool:
+    """Whether what happens once by its equation happens again: at another instant it is significant given the set."""
+    item = final.items[i]
+    if "instant" not in item.shape:
+        return False
+    others = [other for other in trials.items if other.effect.name == item.effect.name]
+    table = CandidateScores(final.runs, [*(final.items[k] for k in chosen), *others])
+    given = tuple(range(len(chosen)))
+    gains, dofs = table.gains(given)
+    return any(
+        rules.significant(float(gains[k]), int(dofs[k]), table.items[k]) for k in range(len(chosen), len(table.items))
     )
 
 
 def finalist_scores(
     evidence: CandidateScores, length: float, rules: SearchRules
-) -> tuple[CandidateScores, BlockScatter, tuple[int, ...]]:
-    """Refined hypotheses with the scatter of their scores, and the best set of them."""
-    scatter = BlockScatter(evidence, length)
-    return evidence, scatter, rules.best_set(evidence, scatter)
+) -> tuple[CandidateScores, BlockScatter, tuple[int, ...], tuple[SlowNoise, ...]]:
+    """Refined hypotheses, against slow noise, with the scatter of their scores, the best set of them, and that noise.
+
+    A random bias is slow noise itself, so that it is judged against white noise: it enters where it explains more
+    than what stands out from the slow noise.
+    """
+    against_slow = evidence.against_slow_noise()
+    noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
+    scatter = BlockScatter(against_slow, length)
+    chosen = rules.best_set(against_slow, scatter)
+    if against_slow is not evidence:
+        random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
+        gains, dofs = evidence.gains()
+        able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
+        net_gains = {i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]) for i in (*able, *chosen)}
+        best = max(net_gains, key=lambda i: net_gains[i], default=-1)
+        if best in able:
+            return evidence, BlockScatter(evidence, length), (best,), noises
+    return against_slow, scatter, chosen, noises
 
 
 def named_members(

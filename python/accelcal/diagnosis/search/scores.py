@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -10,7 +11,15 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.search.hypotheses import Hypothesis, nuisances
-from accelcal.diagnosis.search.likelihood_gain import DEGENERATE, project_out, score_gain, variance_gain
+from accelcal.diagnosis.search.likelihood_gain import (
+    DEGENERATE,
+    DEGENERATE_MIX,
+    project_out,
+    scale_of,
+    score_gain,
+    variance_gain,
+)
+from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise, whitener
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate
@@ -41,12 +50,36 @@ class BaseProjection:
         scale_rows = [row for term, row in zip(base, self.B, strict=False) if term.name == "scale_factor"]
         self.motion = float(sum(row @ row for row in scale_rows))
         """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""
+        self.at: Array = np.array([state.values.by_name.get(term.name, 0.0) for term in terms])
+        self.slow_noise: SlowNoise | None = None
+        """Noise that the rows were whitened by, beyond the filter's own."""
+        self._factorise()
+
+    def _factorise(self) -> None:
         A = self.B @ self.B.T + np.diag(self.prior_information)
         self.size: Array = np.sqrt(np.maximum(np.diag(A), 1e-300))
         self.factor = scipy.linalg.cho_factor(A / np.outer(self.size, self.size) + 1e-12 * np.eye(len(A)))
-        at = np.array([state.values.by_name.get(term.name, 0.0) for term in terms])
         # Belief pulls towards zero, not towards the values at hand.
-        self.wy: Array = self.weights(self.B @ self.y - self.prior_information * at)
+        self.wy: Array = self.weights(self.B @ self.y - self.prior_information * self.at)
+
+    @property
+    def rate(self) -> float:
+        """Of the rows, Hz."""
+        return 1.0 / (self.column_filter.state.run.reading_step * self.column_filter.group)
+
+    def whitened(self, noise: SlowNoise | None) -> BaseProjection:
+        """The same run, its rows whitened by the spectrum of slow noise."""
+        if noise is None:
+            return self
+        one = copy.copy(self)
+        one.slow_noise = noise
+        whiten = whitener(noise, self.rate)
+        one.B, one.y = whiten(self.B), whiten(self.y)
+        one._factorise()
+        if self._cached is not None:
+            terms, rows, Z = self._cached
+            one._cached = (terms, rows, whiten(Z))
+        return one
 
     def weights(self, products: Array) -> Array:
         """Weights with which the base, under its prior information, predicts columns from its products with them."""
@@ -59,10 +92,12 @@ class BaseProjection:
             yield self._cached[1:]
             return
         self._cached = None
+        whiten = whitener(self.slow_noise, self.rate)
         for rows, Z in self.column_filter.stretches(terms):
+            columns = whiten(Z)
             if rows == slice(0, self.column_filter.rows) and Z.size <= MOST_CACHED:
-                self._cached = (terms, rows, Z)
-            yield rows, Z
+                self._cached = (terms, rows, columns)
+            yield rows, columns
 
     def remainder(
         self, terms: Sequence[Term], report: Callable[[float], None] = lambda share: None
@@ -130,15 +165,22 @@ class CandidateScores:
         report: Callable[[float], None] = lambda share: None,
     ) -> None:
         self.items = items
-        self.runs = runs
         self.terms, self.columns = columns_of(items)
-        m = len(self.terms)
-        self.G, self.c = np.zeros((m, m)), np.zeros(m)
-        self.own: Array = np.zeros(m)
-        """Power of each column before the base is projected out."""
         self.rounding: Array = rounding_variances(self.terms, [run.column_filter for run in runs])
         """Variance that rounding to counts leaves to each coefficient, in its unit squared."""
         self.motion = sum(run.motion for run in runs)
+        plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
+        self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
+        self._positive: NDArray[np.bool_] = np.array([item.effect.traits.positive for item in items], dtype=np.bool_)
+        self._sum(runs, report)
+
+    def _sum(self, runs: Sequence[BaseProjection], report: Callable[[float], None] = lambda share: None) -> None:
+        """Sum Gram matrix and scores over the runs."""
+        m = len(self.terms)
+        self.runs = runs
+        self.G, self.c = np.zeros((m, m)), np.zeros(m)
+        self.own: Array = np.zeros(m)
+        """Power of each column before the base is projected out."""
         self._weights: list[Array] = []
         for run in runs:
             G, c, own, weights = run.remainder(self.terms, report)
@@ -148,9 +190,6 @@ class CandidateScores:
             self._weights.append(weights)
         absorbed = np.diag(self.G) <= DEGENERATE * self.own
         self.G[absorbed], self.G[:, absorbed], self.c[absorbed] = 0.0, 0.0, 0.0
-        plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
-        self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
-        self._positive: NDArray[np.bool_] = np.array([item.effect.traits.positive for item in items], dtype=np.bool_)
         self._given: dict[tuple[int, ...], tuple[Array, Array]] = {(): (self.G, self.c)}
         self._gains: dict[tuple[int, ...], tuple[Array, NDArray[np.intp]]] = {}
 
@@ -167,6 +206,41 @@ class CandidateScores:
             for rows, Z in run.stretches(self.terms):
                 B = run.B[:, rows]
                 yield t[rows], run.y[rows] - run.wy @ B, Z - weights.T @ B
+
+    def against_slow_noise(self) -> CandidateScores:
+        """The same hypotheses, their rows whitened by the slow noise that all of them together leave in each run.
+
+        The scores themselves where what they leave is white.
+        """
+        noises = [self._slow_noise(number) for number in range(len(self.runs))]
+        if not any(noises):
+            return self
+        coloured = copy.copy(self)
+        coloured._sum([run.whitened(noise) for run, noise in zip(self.runs, noises, strict=True)])
+        return coloured
+
+    def _slow_noise(self, number: int) -> SlowNoise | None:
+        """Slow noise of one run; only what its base leaves is examined where that is white already."""
+        run, weights = self.runs[number], self._weights[number]
+        crossover = run.column_filter.state.run.crossover(run.column_filter.state.noise)
+        left = run.y - run.wy @ run.B
+        if slow_noise(left, run.rate, crossover) is None:
+            return None
+        size = scale_of(np.diag(self.G))
+        scaled = self.G / np.outer(size, size) + 1e-9 * np.eye(len(size))
+        values, vectors = np.linalg.eigh(scaled)
+        good = values > DEGENERATE_MIX
+        basis = vectors[:, good] / np.sqrt(values[good]) / size[:, None]
+        every = basis @ (basis.T @ self.c)
+        explained = np.zeros(len(left))
+        for rows, Z in run.stretches(self.terms):
+            if rows != slice(0, len(left)):
+                return None
+            X = Z - weights.T @ run.B
+            left = left - every @ X
+            cosines = scipy.fft.dct(basis.T @ X, norm="ortho", axis=1)
+            explained = np.einsum("mn,mn->n", cosines, cosines)
+        return slow_noise(left, run.rate, crossover, np.minimum(explained, 1.0))
 
     def given(self, chosen: Sequence[int]) -> tuple[Array, Array]:
         """Gram matrix and scores once some hypotheses have entered: constant coefficients first, then random biases.

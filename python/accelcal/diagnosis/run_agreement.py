@@ -1,0 +1,83 @@
+"""Recordings that disagree: whether the parameters that all runs share have one value in all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
+from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.estimation.gauss_newton import PER_RUN_OWNERS
+from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model
+
+POOLED_SHARE = 1e-4
+"""Information of all runs, over what one run gets of it, so that a run that does not excite a parameter says nothing
+about it."""
+
+
+def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
+    """The remark on a recording in which a shared parameter has another value; None where all agree.
+
+    Parameters
+    ----------
+    states : fitted runs.
+    model : that they were fitted with.
+
+    Notes
+    -----
+    Each run is one Gauss-Newton step from the common estimate. Its variances are those of the noise model, or of the
+    scatter of block scores if that is larger; p is that of chi-square over the runs, times the number of parameters.
+    """
+    terms = [term for term in model.free if term.owner not in PER_RUN_OWNERS]
+    owned = [term for term in model.free if term.owner in PER_RUN_OWNERS]
+    if len(states) < 2 or not terms:
+        return None
+    normals = [normal_equations(state, [*terms, *owned], scatter=True) for state in states]
+    pooled = POOLED_SHARE * np.sum([normal.gram for normal in normals], axis=0)
+    value, variance = np.empty((len(states), len(terms))), np.empty((len(states), len(terms)))
+    for r, (state, normal) in enumerate(zip(states, normals, strict=True)):
+        inverse = np.linalg.pinv(normal.gram + pooled, hermitian=True)
+        wider = inverse if normal.spread is None else inverse @ normal.spread @ inverse
+        shared = slice(0, len(terms))
+        at = np.array([state.values.by_name[term.name] for term in terms])
+        value[r] = at + (inverse @ normal.score)[shared]
+        variance[r] = np.maximum(np.diag(inverse), np.diag(wider))[shared]
+    p = len(terms) * different(value, 1.0 / variance)
+    k = int(np.argmin(p))
+    if p[k] > HOMOGENEITY_ALPHA:
+        return None
+    r, others, sigma = odd_one_out(value[:, k], variance[:, k])
+    name = states[r].run.recording.name or f"recording {r + 1}"
+    return remark(
+        "runs_disagree",
+        parameter=terms[k].name,
+        recording=name,
+        value=float(f"{value[r, k]:.4g}"),
+        others=float(f"{others:.4g}"),
+        sigma=sigma,
+        p=float(p[k]),
+    )
+
+
+def different(value: Array, weight: Array) -> Array:
+    """Probability, for each parameter, that runs differ as much if they have one value; (runs, m) each -> (m,)."""
+    mean = np.sum(weight * value, axis=0) / np.sum(weight, axis=0)
+    chi2 = np.sum(weight * (value - mean) ** 2, axis=0)
+    return np.asarray(special.gammaincc(0.5 * (len(value) - 1), 0.5 * chi2))
+
+
+def odd_one_out(value: Array, variance: Array) -> tuple[int, float, float]:
+    """The run that departs most from the mean of the others, that mean, and by how many standard deviations."""
+    found = (0, 0.0, -1.0)
+    for r in range(len(value)):
+        rest = np.arange(len(value)) != r
+        weight = 1.0 / variance[rest]
+        mean = float(weight @ value[rest] / np.sum(weight))
+        sigma = abs(float(value[r]) - mean) / float(np.sqrt(variance[r] + 1.0 / np.sum(weight)))
+        found = max(found, (r, mean, sigma), key=lambda one: one[2])
+    return found

@@ -1,0 +1,33 @@
+"""Several recordings: the one whose scale factor differs is said, and equal ones are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.recording import Recording
+
+
+def runs(scales: tuple[float, ...]) -> list[Recording]:
+    """Recordings of one sensor whose scale factor may change between them."""
+    return [
+        ac.simulate(
+            "tones",
+            seconds=12.0,
+            rig=ac.ADXL105_RIG,
+            parameters={"bias": 0.05, "scale_factor": scale},
+            rng=np.random.default_rng(40 + number),
+        ).recording
+        for number, scale in enumerate(scales)
+    ]
+
+
+@pytest.mark.parametrize("departs", [True, False])
+def test_the_recording_that_disagrees_is_said(departs: bool) -> None:
+    found = ac.fit(ac.Model.linear(), runs((0.01, 0.02 if departs else 0.01, 0.01)))
+    said = [text for text in found.remarks if "disagree" in text]
+    assert bool(said) == departs
+    if departs:
+        assert "scale_factor" in said[0]
+        assert "cannot be told apart" in said[0]
