@@ -12,7 +12,7 @@ import pint
 import pytest
 
 import accelcal.effects as effects
-from accelcal.data.orientation import LEVER_PATHS, TURNED
+from accelcal.data.orientation import LEVERS, TURNED
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, cards
 from accelcal.effects.registry import CARD
@@ -54,7 +54,8 @@ def middle(effect: Effect, s: Signals) -> dict[str, float]:
 
 def test_the_catalogue_holds_exactly_the_promised_names():
     assert sorted(e.name for e in BUILT_IN) == sorted(IDENTIFIERS)
-    unseen = {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity", "lowpass_error", "gyroscope_tilt"}
+    unseen = {"tilt", "misalignment", "encoder_scale", "cross_axis_gravity", "lowpass_error"}
+    unseen |= {"gyroscope_tilt", "lever_arm"}
     assert {e.name for e in BUILT_IN if not e.traits.visible} == unseen
     assert {e.name for e in BUILT_IN if e.family} == {name for name in IDENTIFIERS if "shape_" in name}
 
@@ -74,7 +75,7 @@ def test_every_trial_gives_one_finite_row_per_time_and_the_same_again(effect):
 def test_a_stage_at_rest_gives_finite_columns(effect):
     t = np.arange(64) * 0.01
     still = np.zeros(64)
-    side = {name: still for name in ("temperature", "a_y", *TURNED, *LEVER_PATHS)}
+    side = {name: still for name in ("temperature", "a_y", *TURNED, *LEVERS)}
     s = Signals(t=t, p=still, v=still, a=still, jerk=still, scale=1.0, rig=Rig(), side=side)
     for shape in trials(effect, s):
         assert np.all(np.isfinite(effect.column(s, **shape)))
@@ -219,7 +220,7 @@ def test_the_declared_unit_is_the_unit_that_the_function_has(effect, metre, seco
         a=say(s.a, "m/s²"),
         jerk=say(s.jerk, "m/s³"),
         cutoff=say(s.cutoff, "1/s"),
-        side={**s.side, "a_y": say(s.side["a_y"], "m/s²")},
+        side={**s.side, "a_y": say(s.side["a_y"], "m/s²"), **{n: say(s.side[n], "s⁻²") for n in LEVERS}},
         p_std=say(s.p_std, "m"),
         v_std=say(s.v_std, "m/s"),
         a_std=say(s.a_std, "m/s²"),

@@ -11,7 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import io
-from accelcal.data.orientation import GRAVITY, LEVER_PATHS, TURNED, path_along
+from accelcal.data.orientation import GRAVITY, LEVERS, TURNED, path_along
 from accelcal.data.summary import summarise
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.estimation.estimate import estimate, tied_sum
@@ -170,7 +170,7 @@ def test_a_written_part_is_read_back_as_it_was(tmp_path: Path) -> None:
     sources = io.write_csv(recording, tmp_path / "part.csv")
     io.write_sidecar(recording.rig, sources, tmp_path / "part.toml")
     again = io.load(tmp_path / "part.csv")
-    assert {GRAVITY, *LEVER_PATHS} <= set(again.side)
+    assert {GRAVITY, *LEVERS} <= set(again.side)
     first, second = (estimate(Model.linear(), one) for one in (recording, again))
     assert second["scale_factor"].value == pytest.approx(first["scale_factor"].value, abs=1e-6)
 
@@ -219,12 +219,12 @@ def test_a_lever_arm_is_estimated(tmp_path: Path) -> None:
     made = world(13, degrees=12.0)
     fast = world(13, degrees=12.0)
     recording = read(tmp_path, columns(fast, X, lever), TRACKED)
-    found = estimate(Model.linear().add("lever_arm"), recording)
+    found = estimate(Model.linear(), recording)
     for axis, true in zip("xyz", lever, strict=True):
         each = found[f"lever_arm.{axis}"]
         print(each)
         assert abs(each.value - true) < 4.5 * each.std
-    twin = estimate(Model.linear().add("lever_arm"), read(tmp_path, columns(made, X), TRACKED, "twin"))
+    twin = estimate(Model.linear(), read(tmp_path, columns(made, X), TRACKED, "twin"))
     assert max(abs(twin[f"lever_arm.{axis}"].value) / twin[f"lever_arm.{axis}"].std for axis in "xyz") < 4.5
 
 

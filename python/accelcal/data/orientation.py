@@ -15,8 +15,8 @@ from accelcal.data.rig import STANDARD_GRAVITY
 
 GRAVITY = "gravity_along_axis"
 """Side channel: what an ideal accelerometer on the axis reads while the position does not accelerate, m/s²."""
-LEVER_PATHS = ("lever_path_x", "lever_path_y", "lever_path_z")
-"""Side channels: path along the axis of a point 1 m from the tracked one, per axis of the sensor, m/m."""
+LEVERS = ("lever_x", "lever_y", "lever_z")
+"""Side channels: acceleration along the axis of a point 1 m from the tracked one, for each axis of the sensor, s⁻²."""
 TURNED = ("turned_1", "turned_2")
 """Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
 GYROSCOPE = ("gyr_x", "gyr_y", "gyr_z")
@@ -25,7 +25,7 @@ PLACE = ("position_e", "position_n", "position_u")
 """Channels: place to the east, to the north and up, m."""
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")
 """Columns of an attitude, in this order."""
-DERIVED = (GRAVITY, *LEVER_PATHS, *TURNED)
+DERIVED = (GRAVITY, *LEVERS, *TURNED)
 """Side channels that are part of the model of a turning body, and no effects by themselves."""
 HOLE = 8.0
 """Spacing of readings beyond this many usual ones across which the path of a turning body is unknown."""
@@ -109,8 +109,8 @@ def turning(t: Array, place: Array, attitude: tuple[Array, Array], axis: Array, 
         path[rows] = turned_path + offset
         gravity[rows] -= curvature
         for lever, direction in zip(levers, body, strict=True):
-            lever[rows] = without_line(t[rows], path_along(t[rows], direction[rows], e[rows]))
-    x, y, z = (Channel(name, t, lever, "1") for name, lever in zip(LEVER_PATHS, levers, strict=True))
+            lever[rows] = smoothed(t[rows], path_along(t[rows], direction[rows], e[rows]))[1]
+    x, y, z = (Channel(name, t, lever, "rad/s^2") for name, lever in zip(LEVERS, levers, strict=True))
     return Turning(
         path=Channel("position", t, path, "m"), gravity=Channel(GRAVITY, t, gravity, "m/s^2"), levers=(x, y, z)
     )
@@ -133,13 +133,6 @@ def path_along(t: Array, r: Array, e: Array) -> Array:
     v = np.diff(r, axis=0) / h[:, None]
     along = np.concatenate([[e[0] @ v[0]], np.einsum("ki,ki->k", e[1:-1], np.diff(v, axis=0))]) if len(h) else h
     return np.concatenate([[0.0], np.cumsum(h * np.cumsum(along))])
-
-
-def without_line(t: Array, y: Array) -> Array:
-    """A series less its straight line, (n,): the path has no origin and no mean velocity of its own."""
-    since = t - np.mean(t)
-    square = float(since @ since)
-    return np.asarray(y - np.mean(y) - (float(since @ y) / square * since if square > 0.0 else 0.0))
 
 
 def smoothed(t: Array, y: Array) -> tuple[Array, Array]:

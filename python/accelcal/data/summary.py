@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import GRAVITY, LEVER_PATHS, TURNED
+from accelcal.data.orientation import GRAVITY, LEVERS, TURNED
 from accelcal.data.recording import Channel, Recording
 
 STILL_SPAN = 0.1
@@ -46,7 +46,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 def orientation(recording: Recording) -> str | None:
     """What says how the axis turns: "attitude", "gravity_along_axis" or "gyroscope"; None where nothing does."""
-    known = {"attitude": LEVER_PATHS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
+    known = {"attitude": LEVERS[0], GRAVITY: GRAVITY, "gyroscope": TURNED[0]}
     return next((name for name, channel in known.items() if channel in recording.side), None)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import LEVER_PATHS, TURNED
+from accelcal.data.orientation import LEVERS, TURNED
 from accelcal.effects.registry import Search, Traits, effect
 from accelcal.signals.signals import Signals
 
@@ -43,21 +43,23 @@ def gyroscope_tilt(s: Signals) -> Array:
 @effect(
     "lever_arm",
     unit="m",
-    port="position",
     owner="mounting",
     symbol="r",
     scale=0.01,
     source="half the width of a tracked board",
-    needs=LEVER_PATHS,
+    needs=LEVERS,
     parts=("x", "y", "z"),
+    traits=Traits(visible=False),
 )
 def lever_arm(s: Signals) -> Array:
     """The sensor sits at a distance from the point whose position is tracked (derivations 7.9).
 
-    Equation: b = -(r_x l_x + r_y l_y + r_z l_z), l_j the path along the input axis of a point 1 m from the tracked one
-    along axis j of the sensor; r from the tracked point to the sensor, in its axes.
+    A fit has it where place and attitude are recorded.
+
+    Equation: e = (1 + k)(r_x l_x + r_y l_y + r_z l_z), l_j the acceleration along the input axis of a point 1 m from
+    the tracked one along axis j of the sensor; r from the tracked point to the sensor, in its axes.
     Looks like: a residual where the body turns fast, at the frequency of the turning and at twice that.
     Easily confused with: time_offset and scale_factor where the body turns as it moves.
     Separate by: turning about each axis with the tracked point at rest; a ruler.
     """
-    return -np.column_stack([s.side[name] for name in LEVER_PATHS])
+    return s.scale * np.column_stack([s.side[name] for name in LEVERS])

@@ -12,7 +12,7 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
-from accelcal.data.orientation import DERIVED, TURNED
+from accelcal.data.orientation import DERIVED, LEVERS, TURNED
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
@@ -30,12 +30,15 @@ from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
-from accelcal.model import Estimate, Model, Prior
+from accelcal.model import Estimate, Model, Prior, terms_of
 from accelcal.signals.signals import Origins
 
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
+WITH_ATTITUDE = tuple(effect.name for effect in BUILT_IN if effect.needs == LEVERS)
+FARTHEST = 0.3
+"""Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
@@ -254,8 +257,8 @@ def name_of(run: PreparedRun) -> str:
 
 
 def complete(model: Model, recordings: Sequence[Recording]) -> Model:
-    """The model with the effects that turning or rolling the sensor separates, the tilt that a gyroscope shows, and the
-    error of the low-pass.
+    """The model with the effects that turning or rolling the sensor separates, the tilt that a gyroscope shows, the
+    lever arm on a tracked body, and the error of the low-pass.
 
     Where the tolerance of a low-pass is declared, its time constant is a nuisance with that standard deviation: one
     for all runs, since the filter travels with the sensor. With a declared tolerance of 0, or none, it is exact.
@@ -271,6 +274,10 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
         extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
     if all(name in r.side for r in recordings for name in TURNED):
         extra += [n for n in WITH_GYROSCOPE if n not in model.effects]
+    if all(name in r.side for r in recordings for name in LEVERS):
+        away = {term.name: Prior(0.0, FARTHEST) for name in WITH_ATTITUDE for term in terms_of(find(name))}
+        missing = [name for name in WITH_ATTITUDE if name not in model.effects]
+        model = model.add(*missing, priors=away) if missing else model
     unsure = max((r.rig.lowpass_prior for r in recordings), default=0.0)
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import GRAVITY, LEVER_PATHS, holes
+from accelcal.data.orientation import GRAVITY, LEVERS, holes
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
@@ -266,7 +266,7 @@ def prepare(
 def new_starts(recording: Recording, t: Array) -> list[float]:
     """Instants from which the position counts from another zero, s: its steps, and the ends of holes on a turning body,
     whose acceleration within them nothing tells."""
-    turning = any(name in recording.side for name in LEVER_PATHS)
+    turning = any(name in recording.side for name in LEVERS)
     ends = [float(t[k]) for k in holes(t)] if turning else []
     return sorted({*(step.time for step in recording.position_steps), *ends})
 

@@ -14,7 +14,7 @@ from accelcal.data.orientation import (
     GRAVITY,
     GYROSCOPE,
     HOLE,
-    LEVER_PATHS,
+    LEVERS,
     PLACE,
     QUATERNION,
     QUATERNION_TOLERANCE,
@@ -94,7 +94,7 @@ def asked(table: Table, declared: Sidecar) -> list[Finding]:
 
 def _shaken(channels: Mapping[str, Channel]) -> float:
     """What the acceleration of a turning axis may add to gravity along it, m/s²; 0 where no body turns."""
-    return math.inf if LEVER_PATHS[0] in channels else 0.0
+    return math.inf if LEVERS[0] in channels else 0.0
 
 
 def _of_attitude(
