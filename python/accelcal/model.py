@@ -107,7 +107,8 @@ class Model:
         if len(set(self.effects)) != len(self.effects):
             raise ValueError(f"an effect can enter a model once; found {', '.join(self.effects)}")
         for name in self.effects:
-            missing = set(find(name).shapes) - set(self.shapes.get(name, {}))
+            needed = {shape for shape, declared in find(name).shapes.items() if not declared.optional}
+            missing = needed - set(self.shapes.get(name, {}))
             if missing:
                 raise ValueError(f"{name} needs a value of {', '.join(sorted(missing))}")
         known = {term.name for term in self.terms}

@@ -39,6 +39,11 @@ class Shape:
         """Whether its value is found by likelihood."""
         return self.trials > 1
 
+    @property
+    def optional(self) -> bool:
+        """Whether an effect without it has the function's own default: a form that a record may propose."""
+        return not callable(self.bounds) and self.bounds[0] == self.bounds[1]
+
     def grid(self, s: Signals) -> Array:
         """Values to try first, (trials,)."""
         low, high = self.span(s)

@@ -61,7 +61,8 @@ def test_a_curve_is_as_fine_as_the_record_requires(
 def test_a_coarse_curve_is_the_beginning_of_the_fine_one_and_costs_no_column(plain: Simulated) -> None:
     state = fitted(plain, np.zeros_like)
     offered = [item for item in hypotheses_for(state, Model.linear()) if item.effect.name == "shape_of_position"]
-    fine, coarse = offered
+    fine, local, coarse = offered
+    assert local.shape["width"] > 0.0
     runs = [BaseProjection(state, Model.linear())]
     both, alone = CandidateScores(runs, [coarse, fine]), CandidateScores(runs, [coarse])
     assert [part.stop - part.start for part in both.columns] == [3, 9]
