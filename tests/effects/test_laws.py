@@ -8,8 +8,8 @@ import pytest
 from accelcal import _core
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, find
-from accelcal.effects.building_blocks import lagged, lagged_at, play
-from accelcal.effects.curves import CUBIC, cosines, curve, splines
+from accelcal.effects.building_blocks import lagged, lagged_at, play, wave
+from accelcal.effects.curves import CUBIC, bumped, cosines, curve, rippled, splines
 
 from .motions import PERIOD, moves, sines
 
@@ -381,3 +381,16 @@ def test_a_rippling_characteristic_holds_its_ripple_at_any_phase():
     bias_and_scale = np.column_stack([columns, np.ones_like(s.a), s.a])
     left = target - bias_and_scale @ np.linalg.lstsq(bias_and_scale, target, rcond=None)[0]
     assert np.max(np.abs(left)) < 1e-9
+
+
+def test_no_sum_of_columns_of_a_curve_or_a_wave_holds_a_constant():
+    """Zero mean over the range; the sister, a wave without its range, has one."""
+    x = -2.0 + 7.0 * (np.arange(70_000) + 0.5) / 70_000
+    for columns in (
+        curve(x, -2.0, 5.0),
+        rippled(x, -2.0, 5.0, 0.9),
+        bumped(x, -2.0, 5.0, 4.5, 0.4),
+        wave(x, 19.0, -2.0, 5.0),
+    ):
+        np.testing.assert_allclose(columns.mean(axis=0), 0.0, atol=1e-8)
+    assert np.max(np.abs(wave(x, 19.0, 0.0, 0.0).mean(axis=0))) > 0.3

@@ -9,6 +9,7 @@ import scipy
 
 from accelcal import _core
 from accelcal.data.arrays import Array
+from accelcal.effects.registry import Shape
 from accelcal.signals.processing import derivative
 from accelcal.signals.signals import CORNER_NOISE, TINY, Signals
 
@@ -151,3 +152,23 @@ def waves(s: Signals) -> tuple[float, float]:
 def snap(s: Signals) -> Array:
     """Second derivative of the specific force, m/s⁴."""
     return derivative(s.jerk, s.step)
+
+
+def wave(x: Array, period: float, low: float, high: float) -> Array:
+    """Sine and cosine over a variable, less their means over [low, high] where that is a range, (n, 2)."""
+    angle = (2.0 * np.pi / period) * np.array([low, high])
+    means = np.array([-np.diff(np.cos(angle)), np.diff(np.sin(angle))]).T / max(angle[1] - angle[0], TINY)
+    turn = (2.0 * np.pi / period) * x
+    return np.asarray(np.column_stack([np.sin(turn), np.cos(turn)]) - means)
+
+
+def stroke() -> dict[str, Shape]:
+    """The range of positions, as shapes that the record sets; models of earlier versions may lack it."""
+
+    def low(s: Signals) -> tuple[float, float]:
+        return float(np.min(s.p)), float(np.min(s.p))
+
+    def high(s: Signals) -> tuple[float, float]:
+        return float(np.max(s.p)), float(np.max(s.p))
+
+    return {"low": Shape("m", low, trials=1, added=True), "high": Shape("m", high, trials=1, added=True)}

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.effects.building_blocks import direction, since_reversal
+from accelcal.effects.building_blocks import direction, since_reversal, wave
 from accelcal.effects.registry import Search, Shape, Traits, Variable, effect, family
 from accelcal.signals.signals import TINY, Signals
 
@@ -26,6 +27,8 @@ CUBIC = 3
 """Degree of the polynomials, which by themselves are a coarse curve: fewer coefficients are detected sooner."""
 KNOT_NOISE = 6.0
 """Least distance of knots in standard deviations of the variable, whose noise would otherwise blur the pieces."""
+INNER_MEANS = np.array([23.0, *(24.0,) * (PIECES - 3), 23.0]) / (24.0 * PIECES)
+"""Mean of each inner spline over the range; 1/24 of the first and the last lies outside."""
 COSINES = tuple(f"c{j}" for j in range(1, 13))
 AGES = (0.02, 0.1, 0.5, 2.5)
 """Times since a reversal at which the response has a knot, s."""
@@ -63,15 +66,16 @@ def splines(x: Array, low: float, high: float) -> Array:
 
 def curve(x: Array, low: float, high: float, first: int = 1) -> Array:
     """Basis of the cubic splines on [low, high] without degrees below `first`: Legendre polynomials up to the cubic,
-    then the inner splines; x is held at the ends; (n, 10 - first)."""
-    return np.column_stack([legendre(x, low, high, CUBIC)[:, first:], splines(x, low, high)[:, 2:-2]])
+    then the inner splines less their means, so that no sum of columns holds a constant; x is held at the ends;
+    (n, 10 - first)."""
+    inner = splines(x, low, high)[:, 2:-2] - INNER_MEANS
+    return np.column_stack([legendre(x, low, high, CUBIC)[:, first:], inner])
 
 
 def rippled(x: Array, low: float, high: float, period: float) -> Array:
     """A smooth curve over [low, high] and a ripple: Legendre polynomials of degree 2 and up, then sine and cosine; as
     many columns as a curve without its straight line, (n, 8)."""
-    angle = (2.0 * np.pi / period) * x
-    return np.column_stack([legendre(x, low, high, len(CURVATURE) - 1)[:, 2:], np.sin(angle), np.cos(angle)])
+    return np.column_stack([legendre(x, low, high, len(CURVATURE) - 1)[:, 2:], wave(x, period, low, high)])
 
 
 def bumped(x: Array, low: float, high: float, centre: float, width: float) -> Array:
@@ -79,7 +83,13 @@ def bumped(x: Array, low: float, high: float, centre: float, width: float) -> Ar
     bump and its slope; as many columns as a curve, (n, 9)."""
     u = (x - centre) / width
     bump = np.exp(-0.5 * u * u)
-    return np.column_stack([legendre(x, low, high, len(CURVE) - 2)[:, 1:], bump, u * bump])
+    ends = (np.array([low, high]) - centre) / width
+    area, edge = (
+        np.diff(np.sqrt(np.pi / 2.0) * scipy.special.erf(ends / np.sqrt(2.0))),
+        -np.diff(np.exp(-0.5 * ends**2)),
+    )
+    means = np.concatenate([area, edge]) * width / (high - low)  # of bump and slope over the range
+    return np.column_stack([legendre(x, low, high, len(CURVE) - 2)[:, 1:], bump - means[0], u * bump - means[1]])
 
 
 def legendre(x: Array, low: float, high: float, degree: int) -> Array:

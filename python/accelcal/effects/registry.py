@@ -34,6 +34,9 @@ class Shape:
     """What is read off the record where no grid of trials would meet the right value: instants of jumps, periods in
     position, periods in acceleration, the place and width of something local."""
 
+    added: bool = False
+    """Whether models that were stored before it existed lack it."""
+
     @property
     def refined(self) -> bool:
         """Whether its value is found by likelihood."""
@@ -41,8 +44,9 @@ class Shape:
 
     @property
     def optional(self) -> bool:
-        """Whether an effect without it has the function's own default: a form that a record may propose."""
-        return not callable(self.bounds) and self.bounds[0] == self.bounds[1]
+        """Whether an effect without it has the function's own default: a form that a record may propose, or an
+        addition."""
+        return self.added or (not callable(self.bounds) and self.bounds[0] == self.bounds[1])
 
     def grid(self, s: Signals) -> Array:
         """Values to try first, (trials,)."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.building_blocks import waves
+from accelcal.effects.building_blocks import stroke, wave, waves
 from accelcal.effects.registry import Search, Shape, effect
 from accelcal.signals.signals import Signals
 
@@ -120,18 +120,18 @@ def rail_curve(s: Signals) -> Array:
     symbol="cw",
     scale=1e-3,
     source="no published figure; 0.1 mrad of waviness",
-    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")},
+    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")} | stroke(),
     parts=("sin", "cos"),
 )
-def rail_wave(s: Signals, period: float) -> Array:
+def rail_wave(s: Signals, period: float, low: float = 0.0, high: float = 0.0) -> Array:
     """The rail is wavy: gravity along the stage changes periodically with place.
 
-    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period).
+    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period), less its mean over the stroke, which is bias.
     Looks like: a residual periodic in position, the same in both directions and at any speed.
     Easily confused with: encoder_cyclic, rail_curve, bias_step.
     Separate by: two speeds: a wave of the rail stays, a wave of the encoder grows with the square of speed.
     """
-    return wave(s, period)
+    return s.rig.polarity * wave(s.p, period, low, high)
 
 
 @effect(
@@ -141,22 +141,16 @@ def rail_wave(s: Signals, period: float) -> Array:
     symbol="c2",
     scale=1e-3,
     source="as rail_wave; linear motors: Gieras, Piech, Tomczuk 2011, Linear Synchronous Motors, section 3.6",
-    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")},
+    shapes={"period": Shape("m", waves, trials=8, spacing="log", picked="waves")} | stroke(),
     parts=("sin", "cos"),
     search=Search(beside="rail_wave"),
 )
-def rail_second_wave(s: Signals, period: float) -> Array:
+def rail_second_wave(s: Signals, period: float, low: float = 0.0, high: float = 0.0) -> Array:
     """A second wave of the rail with a period of its own: cogging of poles beside that of slots.
 
-    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period).
+    Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period), less its mean over the stroke, which is bias.
     Looks like: a residual periodic in position once a wave of the rail is in the model.
     Easily confused with: encoder_cyclic, shape_of_position.
     Separate by: two speeds; a stroke of many periods.
     """
-    return wave(s, period)
-
-
-def wave(s: Signals, period: float) -> Array:
-    """Sine and cosine over position, as the stage is pushed, (n, 2)."""
-    angle = (2.0 * np.pi / period) * s.p
-    return s.rig.polarity * np.column_stack([np.sin(angle), np.cos(angle)])
+    return s.rig.polarity * wave(s.p, period, low, high)
