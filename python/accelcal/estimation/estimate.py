@@ -327,6 +327,23 @@ def require_band(run: PreparedRun, band: float | None) -> None:
         )
 
 
+def require_channels(fit: Fit, recording: Recording) -> None:
+    """Refuse a recording without a channel that an effect of the model is made of.
+
+    Raises
+    ------
+    RecordingError
+        Naming effect and channel.
+    """
+    for term in fit.model.terms:
+        for name in term.effect.needs:
+            if name not in recording.side:
+                raise RecordingError(
+                    f"{recording.name or 'recording'}: {term.effect.name} of the model needs the channel {name}, which "
+                    "was not recorded; declare it or the orientation in the sidecar, or fit a model without it"
+                )
+
+
 def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
     """Refuse what cannot be a sensor; remarks on what is implausible.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
-from accelcal.estimation.estimate import Fit
+from accelcal.estimation.estimate import Fit, require_channels
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
@@ -124,6 +124,7 @@ class Prediction:
         withheld: float = math.inf,
     ) -> Prediction:
         """Prepare a recording under a fit's parameters, noise and origins."""
+        require_channels(fit, recording)
         run = prepare(recording, fit.origins, start=start, end=end, withheld=withheld)
         return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
 
