@@ -32,7 +32,7 @@ def test_real_recording_loads_and_is_described(sidecar):
     assert len(recording.accel) > 1000
     assert len(recording.position) > 1000
     assert recording.rig.assumptions
-    assert describe(recording)["channels"]["accel"]["rate_hz"] > 80
+    assert describe(recording)["channels"]["accel"]["rate_hz"] > 45  # the slowest, a seismic station, has 50 Hz
     print(summarise(recording))
 
 

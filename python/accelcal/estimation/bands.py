@@ -18,12 +18,14 @@ TRIAL_BANDS = 9
 """Bands that are tried where the noise is not white."""
 THINNED_TOP = 0.45
 """Highest of them in rates of the readings, where those were thinned."""
-JUDGED_PERIODS = 40.0
-"""Periods of a band in a record below which no verdict is possible: twenty blocks of two periods."""
+JUDGED_PERIODS = 44.0
+"""Periods of a band in a record below which no verdict is possible: twenty blocks of two, and those in
+which the filter settles."""
 LEAST_SIGNAL = 1.0
 """Power of the motion over that of the residual below which a band holds no signal."""
 ALIKE = 2.0
-"""Ratio of two uncertainties, each from the scatter of a few blocks, up to which neither band is the better one."""
+"""Ratio of two uncertainties, each from the scatter of a few blocks, or of two shares of motion, up to which neither
+band is the better one."""
 DIFFERENT = 1.5
 """Half 95 % intervals, added in squares, by which scale or delay must differ to change with the band: three standard
 deviations, for the few pairs that are compared."""
@@ -88,14 +90,17 @@ def best_band(trials: Sequence[BandTrial]) -> float | None:
     """The band that determines the scale factor best, Hz; None where there is no trial.
 
     One that holds no signal, or leaves too few periods for a verdict, is taken only where there is no other. Of those
-    whose relative uncertainties a few blocks do not tell apart, the one with most motion above its residual is taken.
+    whose relative uncertainties a few blocks do not tell apart, and that hold as much motion above their residual, the
+    fastest is taken: it has most periods.
     """
     if not trials:
         return None
     grade = {one: (one.signal < LEAST_SIGNAL, one.periods < JUDGED_PERIODS) for one in trials}
     level = [one for one in trials if grade[one] == min(grade.values())]
     least = min(one.relative for one in level)
-    return max((one for one in level if one.relative <= ALIKE * least), key=lambda one: one.signal).band
+    alike = [one for one in level if one.relative <= ALIKE * least]
+    most = max(one.signal for one in alike)
+    return max(one.band for one in alike if ALIKE * one.signal >= most)
 
 
 def change_with_band(trials: Sequence[BandTrial]) -> str | None:

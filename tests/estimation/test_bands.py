@@ -1,0 +1,50 @@
+"""The band of a record whose noise is not white, and references without noise of their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.recording import Channel, Recording
+from accelcal.estimation.bands import BandTrial, best_band, change_with_band
+
+
+def trial(band: float, signal: float = 100.0, scale: float = 1.0, half: float = 0.01, delay: float = 0.0) -> BandTrial:
+    return BandTrial(band, 60.0 * band, signal, scale, half, delay, 1e-4)
+
+
+def test_a_band_needs_signal_and_periods() -> None:
+    assert best_band([trial(1.0, signal=0.5, half=1e-5), trial(2.0)]) == 2.0
+    assert best_band([trial(0.1, half=1e-5), trial(2.0)]) == 2.0
+    assert best_band([trial(0.1, half=1e-5)]) == 0.1  # better than none
+    assert best_band([trial(1.0, half=0.02), trial(2.0, half=0.1)]) == 1.0
+    assert best_band([trial(1.0, signal=10.0), trial(2.0, half=0.015)]) == 2.0  # few blocks do not tell them apart
+    assert best_band([]) is None
+
+
+def test_an_answer_that_changes_with_the_band_is_said() -> None:
+    assert change_with_band([trial(1.0), trial(2.0), trial(4.0)]) is None
+    said = change_with_band([trial(1.0, scale=1.2), trial(2.0), trial(4.0, delay=3e-3)])
+    assert said is not None
+    assert "the scale and the delay change with the band" in said
+    assert change_with_band([trial(1.0, scale=1.2, signal=0.1), trial(2.0), trial(4.0), trial(8.0)]) is None
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+@pytest.mark.parametrize("rate", [50.0, 100.0])
+def test_a_reference_without_noise_is_fitted(noise: float, rate: float) -> None:
+    rng = np.random.default_rng(int(rate))
+    t = np.arange(0.0, 30.0, 1.0 / rate)
+    f, phase, a = rng.uniform(0.2, 3.0, 12), rng.uniform(0.0, 2.0 * np.pi, 12), rng.uniform(0.3, 1.0, 12) / 12.0
+    waves = np.sin(2.0 * np.pi * np.outer(f, t) + phase[:, None])
+    output = -1.01 * a @ waves + 0.02 + noise * rng.standard_normal(len(t))
+    made = Recording(
+        accel=Channel("accel", t, output, "m/s²"),
+        position=Channel("position", t, (a / (2.0 * np.pi * f) ** 2) @ waves, "m"),
+        rig=ac.Rig(),
+        name="smooth.csv",
+    )
+    found = ac.fit(ac.Model.linear(), made)  # "innovation variance ... is not positive" without a floor of R
+    assert found["scale_factor"].value == pytest.approx(0.01, abs=2e-4)
+    assert found["bias"].value == pytest.approx(0.02, abs=1e-4)

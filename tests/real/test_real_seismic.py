@@ -1,0 +1,91 @@
+"""Seismometer and accelerometer on one pier during an earthquake, against a regression in one band."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy
+
+import accelcal as ac
+from accelcal import io
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording, RecordingError
+from accelcal.diagnosis.one_axis import require_one_axis
+from accelcal.effects import side_channels
+
+HERE = Path(__file__).parent
+HALVES = ((135.0, 175.0), (175.0, 240.0))
+"""Parts of the earthquake, s: onset with the S wave, and coda."""
+BAND = 0.2, 2.6
+"""Hz"""
+TRUTH = {"e": (-0.009, "bnn", 0.085), "n": (-0.019, "bne", -0.087)}
+"""k, cross axis and its coefficient, by axis."""
+
+
+@cache
+def recording(axis: str) -> Recording:
+    folder = os.environ.get("ACCELCAL_REAL_DATA")
+    if not folder:
+        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
+    found = sorted(Path(folder).rglob(f"bpaw_{axis}.csv"))
+    if not found:
+        pytest.skip(f"bpaw_{axis}.csv is not under {folder}")
+    return io.load(found[0], rig=HERE / f"bpaw_{axis}.toml")
+
+
+def in_band(y: Array) -> Array:
+    sections = scipy.signal.butter(4, BAND, "bandpass", fs=50.0, output="sos")
+    return np.asarray(scipy.signal.sosfiltfilt(sections, y))
+
+
+def reference(made: Recording) -> Array:
+    """Acceleration of the seismometer at its readings, m/s²."""
+    t = made.position.t
+    return np.asarray(scipy.interpolate.make_interp_spline(t, made.position.y, k=5)(t, 2))
+
+
+def delayed(t: Array, y: Array, by: float) -> Array:
+    """Samples `by` s later; straight lines between them would take 1 % of 2.6 Hz."""
+    return np.asarray(scipy.interpolate.make_interp_spline(t, y, k=5)(t - by))
+
+
+@pytest.mark.parametrize("axis", ["e", "n"])
+def test_the_accelerometer_is_late_by_cross_correlation(axis: str) -> None:
+    made = recording(axis)
+    t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
+    delays = np.linspace(-0.02, 0.02, 81)
+    best = max(delays, key=lambda d: float(output @ delayed(t, motion, d)))
+    assert best == pytest.approx(7.4e-3, abs=0.8e-3)
+
+
+@pytest.mark.parametrize("axis", ["e", "n"])
+@pytest.mark.parametrize("half", [0, 1])
+def test_each_half_gives_delay_and_cross_axis_and_predicts_the_other(axis: str, half: int) -> None:
+    made = recording(axis)
+    k, cross, coefficient = TRUTH[axis]
+    side_channels([(name, channel.unit) for name, channel in made.side.items()])
+    start, end = HALVES[half]
+    found = ac.fit(ac.Model.linear().add(cross), made, start=start, end=end)
+    print(axis, half, found, found.runs[0].noise.band)
+    t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
+    predicted = found.values().scale * delayed(t, motion, found["time_offset"].value)
+    predicted += found[cross].value * in_band(made.side[cross].y)
+    other = (t > HALVES[1 - half][0]) & (t < HALVES[1 - half][1] - 2.0)
+    share = float(np.std(output[other] - predicted[other]) / np.std(output[other]))
+    print(f"held out {share:.4f}")
+    assert found["time_offset"].value == pytest.approx(7.4e-3, abs=0.8e-3)
+    assert found[cross].value == pytest.approx(coefficient, abs=0.012)
+    assert found["scale_factor"].value == pytest.approx(k, abs=0.01)
+    assert share <= 0.012
+
+
+def test_another_axis_of_the_ground_is_not_this_one() -> None:
+    east, north = recording("e"), recording("n")
+    require_one_axis([east, north])
+    with pytest.raises(RecordingError, match="not one axis of one body"):
+        require_one_axis([replace(east, position=north.position)])
