@@ -107,8 +107,13 @@ class Model:
         if len(set(self.effects)) != len(self.effects):
             raise ValueError(f"an effect can enter a model once; found {', '.join(self.effects)}")
         for name in self.effects:
-            needed = {shape for shape, declared in find(name).shapes.items() if not declared.optional}
-            missing = needed - set(self.shapes.get(name, {}))
+            usual = {shape: declared.usual for shape, declared in find(name).shapes.items()}
+            given = {shape: value for shape, value in usual.items() if value is not None} | dict(
+                self.shapes.get(name, {})
+            )
+            if given != self.shapes.get(name, {}):
+                object.__setattr__(self, "shapes", {**self.shapes, name: given})
+            missing = set(usual) - set(given)
             if missing:
                 raise ValueError(f"{name} needs a value of {', '.join(sorted(missing))}")
         known = {term.name for term in self.terms}

@@ -43,10 +43,12 @@ class Shape:
         return self.trials > 1
 
     @property
-    def optional(self) -> bool:
-        """Whether an effect without it has the function's own default: a form that a record may propose, or an
-        addition."""
-        return self.added or (not callable(self.bounds) and self.bounds[0] == self.bounds[1])
+    def usual(self) -> float | None:
+        """Value where none is given, of a form that only a record proposes or of an addition; None where one is
+        needed."""
+        if self.added:
+            return 0.0
+        return self.bounds[0] if not callable(self.bounds) and self.bounds[0] == self.bounds[1] else None
 
     def grid(self, s: Signals) -> Array:
         """Values to try first, (trials,)."""
