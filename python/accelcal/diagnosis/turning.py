@@ -23,20 +23,14 @@ from accelcal.diagnosis.policy import (
 )
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
-from accelcal.effects import BUILT_IN
+from accelcal.effects import BUILT_IN, OF_TIME
 from accelcal.estimation.estimate import Fit, result, solve_runs
 from accelcal.model import Model
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import accel_residual, compare
 from accelcal.validation.prediction import Prediction
 
-OF_TIME = frozenset(
-    {
-        LINE,
-        *(name for e in BUILT_IN if e.function_of == "t" for name in (e.name, *e.covers)),
-        *(e.name for e in BUILT_IN if e.port == "process"),
-    }
-)
+FOLLOW_TIME = OF_TIME | {LINE, *(effect.name for effect in BUILT_IN if effect.port == "process")}
 """Effects that follow time alone, as the turning of a sensor does."""
 
 
@@ -84,12 +78,12 @@ def turning_sensor(
     rig, accel = fitted.recordings[0].rig, fitted.recordings[0].accel
     limit = ordinary(rig)
     floor = output_noise(rig, accel.t, accel.y)
-    following = [n for n in model.effects if n in OF_TIME and n in sizes and sizes[n].value > limit]
+    following = [n for n in model.effects if n in FOLLOW_TIME and n in sizes and sizes[n].value > limit]
     if not following and excess(where.accel_residual, where.band, floor) <= limit:
         return None
     reference = model.drop(*following) if following else model
     for finding in found:
-        if finding.effect not in OF_TIME:
+        if finding.effect not in FOLLOW_TIME:
             reference = finding.enter(reference)
     if reference is not model:
         try:

@@ -36,6 +36,9 @@ from accelcal.effects.user_file import EffectsFileError, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""
+OF_TIME = frozenset(name for effect in BUILT_IN if effect.function_of == "t" for name in (effect.name, *effect.covers))
+"""Effects that are functions of time alone."""
+
 _BY_NAME = {effect.name: effect for effect in BUILT_IN}
 
 
@@ -74,6 +77,7 @@ def found_by(test: NoiseTestKind) -> Effect:
 __all__ = [
     "BUILT_IN",
     "CATALOGUE",
+    "OF_TIME",
     "Effect",
     "EffectsFileError",
     "ExpressionError",

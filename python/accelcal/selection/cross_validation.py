@@ -24,7 +24,7 @@ from accelcal.diagnosis.policy import (
     VALIDATION_SIGMA,
     VALIDATION_SPREAD,
 )
-from accelcal.effects import BUILT_IN, Effect, find
+from accelcal.effects import OF_TIME, Effect, find
 from accelcal.estimation.columns import evaluated, whitened_columns
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run_state import RunState
@@ -36,8 +36,6 @@ SINGULAR = 1e-9
 """Eigenvalues of the scaled information below this share are directions that the remaining blocks do not determine."""
 CENTRES = 4
 """Drifts taken per horizon."""
-OF_TIME = frozenset(name for effect in BUILT_IN if effect.function_of == "t" for name in (effect.name, *effect.covers))
-"""Effects that are functions of time alone."""
 
 
 @dataclass(frozen=True, slots=True)

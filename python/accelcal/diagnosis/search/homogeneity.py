@@ -20,6 +20,7 @@ from accelcal.diagnosis.policy import (
 from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import score_gain
 from accelcal.diagnosis.search.scores import RUN_SPACING, CandidateScores
+from accelcal.effects import OF_TIME
 
 FREQUENCY_BANDS = 16
 """Bands from one cosine of the run to half the rate of the rows, equally wide in the logarithm."""
@@ -76,7 +77,7 @@ class PartSizes:
 def exempt(item: Hypothesis) -> bool:
     """Whether the parts of a record are not asked for one size: what happens once, and what follows time alone."""
     effect = item.effect
-    return "instant" in item.shape or effect.function_of == "t" or effect.name == "warm_up"
+    return "instant" in item.shape or bool(effect.name in OF_TIME and effect.shapes)
 
 
 class PartScores:

@@ -93,6 +93,8 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     dof = count if explained is None else count - np.add.reduceat(explained[1:], edges)
     kept = dof > LEAST_DOF
     level = np.add.reduceat(power, edges)[kept] / dof[kept]
+    if not np.any(level > 0.0):  # a planned motion leaves nothing
+        return None
     centre = np.exp(np.add.reduceat(np.log(f), edges) / count)[kept]
     shapes = spectral_shapes(centre, crossover)
     _, _, by_white = most_likely(shapes[:, [0, 3]], level, dof[kept])
