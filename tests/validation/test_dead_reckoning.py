@@ -104,7 +104,7 @@ class OneNodeAfterTheOther:
             def motion(E, last=last, dv=dv_last, dp=dp_last, p=p_bare, v=v_bare, node=node):
                 dp_new = dp + h * dv - g * h**2 * (2.0 * last + E) / 6.0
                 dv_new = dv - g * h * (last + E) / 2.0
-                return p + dp_new, v + dv_new, b[node] - g * E, jerk[node] - g * (E - last) / h
+                return p + dp_new, v + dv_new, b[node] - g * E, jerk[node]
 
             E = self.settle(node, motion, E)
             dv, dp = dv_last - g * h * (last + E) / 2.0, dp_last + h * dv_last - g * h**2 * (2.0 * last + E) / 6.0
@@ -178,8 +178,7 @@ def test_effects_that_look_ahead_satisfy_their_equation_on_the_whole_path(name: 
     for _ in range(300):  # over the whole horizon at once, as long as it takes
         dv = -gain * integral(E, STEP)
         dp = np.concatenate([[0.0], np.cumsum(STEP * dv[:-1] - gain * STEP**2 * (2.0 * E[:-1] + E[1:]) / 6.0)])
-        a, rate = b - gain * E, np.diff(E, prepend=E[0]) / STEP
-        jerk = derivative(bare, STEP)[BEGIN:] - gain * rate
+        a, jerk = b - gain * E, derivative(bare, STEP)[BEGIN:]
         ahead = [p_bare + dp, v_bare + dv, a, jerk]
         whole = [
             np.concatenate([y[: BEGIN + 1], new[1:]])

@@ -1,7 +1,7 @@
 """Dead reckoning with effects: motion stepped forward in time from the output alone, from many starts at once.
 
 At nodes t_j the output implies the acceleration a_j = b_j - g E_j: b_j without effects, g = polarity/(1 + k), and
-E_j = sum c_i e_i at the simulated motion itself. The effects move velocity and position by
+E_j = sum c_i e_i at the simulated motion itself, with the jerk of the output. The effects move velocity and position by
 
     dv_j = dv_(j-1) - g h (E_(j-1) + E_j)/2,    dp_j = dp_(j-1) + h dv_(j-1) - g h² (2 E_(j-1) + E_j)/6,
 
@@ -33,7 +33,7 @@ ROUNDS = 12
 """Iterations of a window before it is halved."""
 FEW = 6
 """Iterations up to which the next window is twice as long."""
-NEWTON_ROUNDS = 60
+NEWTON_ROUNDS = 20
 """Iterations at one node."""
 TOGETHER = 1 << 15
 """Nodes of all starts that are solved at once: their arrays stay in the cache."""
@@ -356,8 +356,8 @@ class Simulation:
         if window.start == 0:
             zero = np.zeros_like(effects)
             return (bare.p, bare.v, bare.a - gain * effects, bare.jerk), (zero, zero)
-        dv, dp, rate = _core.displaced(*self._before(window), -gain * effects)
-        return (bare.p + dp, bare.v + dv, bare.a - gain * effects, bare.jerk + rate), (dv, dp)
+        dv, dp = _core.displaced(*self._before(window), -gain * effects)
+        return (bare.p + dp, bare.v + dv, bare.a - gain * effects, bare.jerk), (dv, dp)
 
     def _effects(self, window: slice, bare: Carried, motion: Motion) -> Array:
         """Effects at given motion, (n, w) m/s²."""

@@ -6,8 +6,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyReadwriteArr
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-/// Displacement by effects at the nodes of each path, (paths, nodes) each: velocity, m/s, position, m, and the rate of
-/// change of the added acceleration, m/s^3.
+/// Displacement by effects at the nodes of each path, (paths, nodes) each: velocity, m/s, and position, m.
 ///
 /// `last` (paths, 3) is the displacement at the node before: acceleration, velocity, position; `steps` and `added`
 /// (paths, nodes) are the time since the node before, s, and the added acceleration, m/s^2.
@@ -17,25 +16,24 @@ pub fn displaced<'py>(
     last: PyReadonlyArray2<'py, f64>,
     steps: PyReadonlyArray2<'py, f64>,
     added: PyReadonlyArray2<'py, f64>,
-) -> PyResult<[Bound<'py, PyArray2<f64>>; 3]> {
+) -> PyResult<[Bound<'py, PyArray2<f64>>; 2]> {
     let (n, w) = (steps.shape()[0], steps.shape()[1]);
     if last.shape() != [n, 3] || added.shape() != [n, w] || w == 0 {
         return Err(PyValueError::new_err("the last displacements, steps and accelerations are of different shapes"));
     }
     let (last, steps, added) = (last.as_slice()?, steps.as_slice()?, added.as_slice()?);
-    let (mut v, mut p, mut rate) = (vec![0.0; n * w], vec![0.0; n * w], vec![0.0; n * w]);
+    let (mut v, mut p) = (vec![0.0; n * w], vec![0.0; n * w]);
     py.detach(|| {
         for (path, last) in last.chunks_exact(3).enumerate() {
             let mut at = Displacement { a: last[0], v: last[1], p: last[2] };
             for i in path * w..(path + 1) * w {
-                rate[i] = (added[i] - at.a) / steps[i];
                 at = at.after(steps[i], added[i]);
                 (v[i], p[i]) = (at.v, at.p);
             }
         }
     });
     let shaped = |y: Vec<f64>| PyArray1::from_vec(py, y).reshape([n, w]);
-    Ok([shaped(v)?, shaped(p)?, shaped(rate)?])
+    Ok([shaped(v)?, shaped(p)?])
 }
 
 /// Accelerations at the nodes of each path by one step of Newton's method, (paths, nodes) m/s^2.

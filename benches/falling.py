@@ -1,0 +1,93 @@
+"""The falling error: with the effect that was hidden added, the drift on an unseen record falls.
+
+Run from the top of the repository: python -m benches.falling [--records 300] [--seed 1] [--out build/falling]
+Each world of `tests/worlds` hides one effect of position, velocity or memory at 20 standard deviations. The model is
+fitted without it and with it, and both drift on another motion of the same world, under one filter.
+Outcomes are kept line by line in OUT/outcomes.jsonl; an interrupted run goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from tests.hidden.trials import MOTIONS, Trial, draw
+
+from accelcal import io, workflow
+from accelcal.model import Model
+from accelcal.validation.ruler import Ruler
+
+EFFECTS = (
+    *("coulomb", "velocity", "velocity_odd", "velocity_squared", "acceleration_velocity"),
+    *("rail_slope", "rail_curve", "rail_wave", "encoder_nonlinearity", "encoder_backlash"),
+    *("hysteresis", "sensor_lag", "creep", "self_heating"),
+)
+"""Of position, velocity and memory."""
+SHARE = 0.98
+"""Of the records in which the drift after 10 s has to fall."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing, then print figure, count and threshold."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--records", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("build/falling"))
+    chosen = parser.parse_args(arguments)
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    path = chosen.out / "outcomes.jsonl"
+    done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    keys = {outcome["key"] for outcome in done}
+    for number in range(chosen.records):
+        trial = Trial(8, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), 20.0)
+        if trial.key in keys:
+            continue
+        done.append(outcome_of(trial))
+        with path.open("a") as file:
+            file.write(json.dumps(done[-1]) + "\n")
+    scored = [outcome for outcome in done if "base" in outcome]
+    worse = [outcome["key"] for outcome in scored if outcome["added"] > outcome["base"]]
+    skipped = len(done) - len(scored)
+    print(f"drift after 10 s falls in {len(scored) - len(worse)} of {len(scored)} (>= {SHARE:.0%}); {skipped} skipped")
+    for key in worse:
+        print(f"  rises: {key}")
+    return int(len(worse) > (1.0 - SHARE) * len(scored))
+
+
+def outcome_of(trial: Trial) -> dict[str, Any]:
+    """Drift on an unseen motion without and with the effect that is hidden, m."""
+    begin = time.process_time()
+    try:
+        world = draw(trial)
+    except ValueError as refused:
+        return {"key": trial.key, "skipped": str(refused)}
+    other = next(m for m in (*MOTIONS, *MOTIONS) if m != world.motion and m not in ("tones", "long_rest"))
+    settled = world.settled()
+    with tempfile.TemporaryDirectory() as folder:
+        recording = io.load(settled.record().write(folder))
+        unseen = io.load(settled.again(other, world.seed + 1).record().write(Path(folder), "unseen"))
+        base = workflow.fit(Model.linear(), recording)
+        try:
+            added = workflow.add(base, recording, trial.names[0])
+        except ValueError as refused:
+            return {"key": trial.key, "skipped": str(refused)}
+        ruler = Ruler.of([base, added])
+        before, after = (workflow.compare(fit, unseen, ruler=ruler) for fit in (base, added))
+    drifts = [compared.coast_rms.get(10.0) for compared in (before, after)]
+    if None in drifts:
+        return {"key": trial.key, "skipped": "shorter than 10 s"}
+    seconds = time.process_time() - begin
+    found = {"base": drifts[0], "added": drifts[1], "floor": after.coast_floor.get(10.0), "seconds": seconds}
+    return {"key": trial.key, "motion": other, "sensor": world.sensor, **found}
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
