@@ -34,7 +34,8 @@ def record(start: float = 0.0, rig: Rig | None = None) -> tuple[Signals, np.ndar
     v -= np.mean(v)
     p = integral(v, STEP)
     a = rig.polarity * (bare + rig.gravity)
-    side = {"temperature": 3.0 * np.sin(0.9 * t), "a_y": 0.4 * np.cos(5.0 * t)}
+    needed = sorted({name for effect in BUILT_IN for name in effect.needs})
+    side = {name: 0.4 * np.cos((1.0 + number) * t) for number, name in enumerate(needed)}
     jerk = rig.polarity * derivative(bare, STEP)
     return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.02, rig=rig, cutoff=10.0, side=side), bare
 

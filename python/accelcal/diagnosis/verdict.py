@@ -253,10 +253,11 @@ def unsteady_effects(found: Scan) -> tuple[Remark, ...]:
     """Remarks on effects that would have entered, had they one size in all parts of the runs and happened once."""
     sigma = {candidate.effect: candidate.snr for candidate in found.candidates}
     return tuple(
-        remark("no_single_size", effect=one.effect, sigma=sigma.get(one.effect, 0.0), sizes=one.unequal.text)
+        remark("no_single_size", effect=one.effect, sigma=sigma[one.effect], sizes=one.unequal.text)
         if one.unequal
-        else remark("recurs", effect=one.effect, sigma=sigma.get(one.effect, 0.0))
+        else remark("recurs", effect=one.effect, sigma=sigma[one.effect])
         for one in found.changing
+        if one.effect in sigma  # of those that explain part of what is left at the end
     )
 
 
