@@ -21,6 +21,8 @@ from accelcal.validation.dead_reckoning import DeadReckoning, Starts
 
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
+DIVERGED = 1e9
+"""Largest error of a prediction that is told, m: effects that amplify what they act on grow beyond every number."""
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 
@@ -44,6 +46,11 @@ class Coasting:
 def rms(y: Array) -> float | None:
     """Root mean square; None of nothing."""
     return float(np.sqrt(np.mean(y**2))) if len(y) else None
+
+
+def finite(y: Array) -> Array:
+    """Predictions, those that have diverged at the largest error that is told."""
+    return np.clip(np.nan_to_num(y, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED), -DIVERGED, DIVERGED)
 
 
 class Prediction:
@@ -169,7 +176,7 @@ class Prediction:
                 std[batch] = np.sqrt(variance)
                 added, _ = self.ahead.displacement(moved.part(batch), at)
             rezeroed[batch] += added
-        return frozen, rezeroed, std
+        return finite(frozen), finite(rezeroed), finite(std)
 
     def _open_floor(self, k: NDArray[np.intp], t: Array) -> Array:
         """Standard deviation of predictions from readings `k` (m,) to times `t` (m, n) from noise, start state and what
