@@ -28,6 +28,8 @@ error of the readings that is white as an acceleration passes every test of inno
 STILL_THERE = 0.5
 """Density of the innovations there, over that of white ones, below which the fitted noise stands for something slower:
 an effect that the model lacks."""
+MOTION_BELOW = 0.5
+"""Share of the output's power below the crossover from which on the readings determine the motion."""
 OCTAVE_BELOW = 0.5
 """That power is taken from this share of the crossover on."""
 NEARLY_NYQUIST = 0.45
@@ -106,13 +108,19 @@ class RunState:
 
     @property
     def beyond_output(self) -> bool:
-        """Whether the noise that is laid on the output is larger than all that the output shows near the crossover."""
+        """Whether the noise that is laid on the output is larger than all that the output shows near the crossover.
+
+        It biases the scale factor where the readings determine the motion, so most of the output must lie below.
+        """
         run, crossover = self.run, self.run.crossover(self.noise)
         y, rate = run.undone.y, 1.0 / run.accel_step
         segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
         f, density = spectral_density(y, rate, segment)
         near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
         if np.count_nonzero(near) < FEWEST_LINES // 2:
+            return False
+        moving = f > f[1]  # without the mean
+        if np.sum(density[moving & (f <= crossover)]) < MOTION_BELOW * np.sum(density[moving]):
             return False
         shown = float(np.median(density[near] * (1.0 + (2.0 * np.pi * f[near] * run.tau(self.values)) ** 2)))
         laid = 2.0 * self.noise.q * self.values.scale**2

@@ -79,7 +79,7 @@ def slow_noise(r: Array, rate: float, crossover: float, explained: Array | None 
     Notes
     -----
     Sums of squared cosine coefficients are gamma distributed with half the bins as shape: iterated least squares with
-    the inverse of the squared mean as weight is their likelihood (derivations D3.8).
+    the inverse of the squared mean as weight is their likelihood (derivations D3.6).
     """
     n = len(r)
     if n < 64:
