@@ -147,15 +147,17 @@ def fit(
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
     )
-    found = every
-    if reject_outliers:
-        found = fit_without_outliers(every, several, start=start, end=end, band=band)
-        slow = slow_residual(found, several[0])
-        if slow is not None:
-            tilt = float(slow.values["tilt_deg"])
-            found = replace(found, tilt=tilt, remarks=(f"{slow.sentence}.", *found.remarks))
-    found = with_agreement(found, several)
-    return replace(found, remarks=(*(f"{note.sentence}." for note in broken), *found.remarks)) if broken else found
+    found = every if not reject_outliers else fit_without_outliers(every, several, start=start, end=end, band=band)
+    found = with_breaks(with_agreement(found, several), broken)
+    slow = slow_residual(found, several[0]) if reject_outliers else None
+    if slow is None:
+        return found
+    return replace(found, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *found.remarks))
+
+
+def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
+    """The fit with the remarks on breaks before its own."""
+    return replace(fit, remarks=(*(f"{note.sentence}." for note in broken), *fit.remarks)) if broken else fit
 
 
 def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
@@ -218,7 +220,7 @@ def add(
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
-    several, _ = usable_recordings(listed(recordings))
+    several, broken = usable_recordings(listed(recordings))
     model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
@@ -237,7 +239,7 @@ def add(
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
-    return fit_without_outliers(grown, several)
+    return with_breaks(fit_without_outliers(grown, several), broken)
 
 
 @one_thread
@@ -251,9 +253,9 @@ def drop(
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
-    several, _ = usable_recordings(listed(recordings))
+    several, broken = usable_recordings(listed(recordings))
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
-    return fit_without_outliers(left, several)
+    return with_breaks(fit_without_outliers(left, several), broken)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:

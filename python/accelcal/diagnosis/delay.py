@@ -14,7 +14,8 @@ from accelcal.estimation.gauss_newton import ROUNDS_OF_GROWN, Solution, estimate
 
 DELAY_CLASS = tuple(effect.name for effect in BUILT_IN if effect.traits.delay_class)
 FREEDOM_OF_BLOCK = 4
-"""Independent numbers in a block of two periods: a sine and a cosine of each."""
+"""Independent numbers in a block of two periods: a sine and a cosine of each. They bound the scatter where blocks are
+fewer."""
 DELAY_EXPERIMENT = "a common trigger on both channels; motion at frequencies above 1/(10 tau), where lag and delay part"
 
 
@@ -44,16 +45,15 @@ def delay_is_significant(fit: Fit, found: Scan, alpha: float) -> bool:
 
     It is judged for a low-pass exactly as declared: the tolerance of the low-pass is subtracted from the delay, so it
     must not be part of the standard deviation as well. Where the record is too short for a verdict, its few blocks
-    determine the scatter of scores to a few degrees of freedom, two for each of the two periods of a block, less one:
-    Student's distribution replaces the normal one, so that a block or two need tens of standard deviations.
+    determine the scatter of scores to as many degrees of freedom less one, at least the three of one block: Student's
+    distribution replaces the normal one, so that a handful of blocks needs tens of standard deviations.
     """
     if found.blocks < 1:
         return False
     tolerance = fit.rig.offset_tolerance + fit.rig.lowpass_tolerance
     chance = alpha / max(1, found.examined) / 2.0
-    required = -float(
-        special.ndtri(chance) if found.enough else special.stdtrit(FREEDOM_OF_BLOCK * found.blocks - 1, chance)
-    )
+    freedom = max(found.blocks, FREEDOM_OF_BLOCK) - 1
+    required = -float(special.ndtri(chance) if found.enough else special.stdtrit(freedom, chance))
     names = [e.name for e in fit.free]
     lowpass = names.index("lowpass_error") if "lowpass_error" in names else None
     for i in (i for i, name in enumerate(names) if name == "time_offset"):

@@ -80,7 +80,7 @@ EXCITING_SHARE = 0.05
 """Information of a part, over the mean of all parts, from which it excites an effect. What leaks in from its
 neighbours is less. [share; tests/diagnosis/search/test_homogeneity.py]"""
 
-COHERENCE_ALPHA = 1e-4
+TRANSVERSE_ALPHA = 1e-4
 """False-alarm rate of a coherence of the residual with a side channel, over all bands. It is a remark, not a name.
 [probability; tests/diagnosis/test_transverse.py]"""
 COHERENCE_LEAST_SHARE = 0.05
@@ -370,15 +370,17 @@ def thresholds() -> tuple[Threshold, ...]:
     Raises
     ------
     ValueError
-        If a docstring is not "What it decides. The reason. [unit; guard]".
+        If a name is defined twice, or a docstring is not "What it decides. The reason. [unit; guard]".
     """
     source = Path(__file__).read_text(encoding="utf-8")
     headings = {n: line.strip("# -") for n, line in enumerate(source.splitlines(), 1) if line.startswith("# ----")}
-    found = []
+    found: list[Threshold] = []
     for node, after in pairwise(ast.parse(source).body):
         if not (isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)):
             continue
         name = node.targets[0].id
+        if any(threshold.name == name for threshold in found):
+            raise ValueError(f"{name} is defined twice")
         value = after.value if isinstance(after, ast.Expr) else None
         text = value.value if isinstance(value, ast.Constant) else ""
         said = re.fullmatch(r"(.*?\.) (.*\.) \[([^;]*); (\S*)\]", " ".join(str(text).split()))

@@ -41,7 +41,9 @@ def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
     pooled = POOLED_SHARE * np.sum([normal.gram for normal in normals], axis=0)
     value, variance = np.empty((len(states), len(terms))), np.empty((len(states), len(terms)))
     for r, (state, normal) in enumerate(zip(states, normals, strict=True)):
-        inverse = np.linalg.pinv(normal.gram + pooled, hermitian=True)
+        gram = normal.gram + pooled
+        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        inverse = np.linalg.pinv(gram / np.outer(size, size), hermitian=True) / np.outer(size, size)
         wider = inverse if normal.spread is None else inverse @ normal.spread @ inverse
         shared = slice(0, len(terms))
         at = np.array([state.values.by_name[term.name] for term in terms])
@@ -49,7 +51,7 @@ def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
         variance[r] = np.maximum(np.diag(inverse), np.diag(wider))[shared]
     p = len(terms) * different(value, 1.0 / variance)
     k = int(np.argmin(p))
-    if p[k] > HOMOGENEITY_ALPHA:
+    if not p[k] <= HOMOGENEITY_ALPHA:
         return None
     r, others, sigma = odd_one_out(value[:, k], variance[:, k])
     name = states[r].run.recording.name or f"recording {r + 1}"

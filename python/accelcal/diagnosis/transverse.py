@@ -11,8 +11,9 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.policy import COHERENCE_ALPHA, COHERENCE_LEAST_SHARE
+from accelcal.diagnosis.policy import COHERENCE_LEAST_SHARE, TRANSVERSE_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
 from accelcal.signals.signals import Signals
@@ -60,7 +61,11 @@ def transverse_coherence(
     """
     explained = {name for effect in effects for name in find(effect).needs}
     t, residual = where.accel_residual
-    channels = {name: c for name, c in recording.side.items() if name not in explained and len(c.t) > 64}
+    channels = {
+        name: c
+        for name, c in recording.side.items()
+        if name not in {*explained, *DERIVED, "temperature"} and len(c.t) > 64
+    }
     a = np.interp(t - origin, s.t, s.a)
     bands = [
         band
@@ -70,7 +75,9 @@ def transverse_coherence(
         )
     ]
     found = [
-        band for band in bands if band.p_value * len(bands) < COHERENCE_ALPHA and band.coherence > COHERENCE_LEAST_SHARE
+        band
+        for band in bands
+        if band.p_value * len(bands) < TRANSVERSE_ALPHA and band.coherence > COHERENCE_LEAST_SHARE
     ]
     return tuple(
         remark(

@@ -303,7 +303,7 @@ def verdict_and_sentence(
             "too_short",
             f"The record is too short for a verdict: {found.blocks} blocks, {VERDICT_LEAST_BLOCKS} are needed, so the "
             "search for missing effects is withheld. Trials that are fitted together add up their blocks: "
-            f"{pooled(found)} like this one are enough.",
+            f"{pooled(found, len(profiled.runs))} of this length are enough.",
         )
     if cause is not None and cause.forbids_names:
         return "unexplained", (
@@ -344,9 +344,11 @@ def verdict_and_sentence(
     )
 
 
-def pooled(found: Scan) -> str:
+def pooled(found: Scan, runs: int) -> str:
     """How many trials of this length a verdict needs, in words."""
-    return f"{math.ceil(VERDICT_LEAST_BLOCKS / found.blocks)}" if found.blocks else f"{VERDICT_LEAST_BLOCKS} or more"
+    if not found.blocks:
+        return f"more than {VERDICT_LEAST_BLOCKS * runs}"
+    return f"{math.ceil(VERDICT_LEAST_BLOCKS * runs / found.blocks)}"
 
 
 def noise_ratio(profiled: Fit) -> float:

@@ -246,6 +246,7 @@ def prepare(
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
     every = reading_stride(t, z, part, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
+    starts = new_starts(recording, t)
     if every > 1:
         t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
     run = PreparedRun(
@@ -257,7 +258,7 @@ def prepare(
         accel_step=usual_step(part.t),
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
-        restarts=tuple(time for time in new_starts(recording, t) if t[0] < time <= min(t[-1], withheld)),
+        restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
         every=every,
     )
     return run if every_reading else without_repeated_counts(run)

@@ -9,7 +9,7 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal.diagnosis.contribution import Importance, split
 from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
 from accelcal.diagnosis.search.scan import Verdict
-from accelcal.diagnosis.verdict import Diagnosis, verdict_and_sentence
+from accelcal.diagnosis.verdict import Diagnosis, unsteady_effects, verdict_and_sentence
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
@@ -72,7 +72,7 @@ class Improvement:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
         cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)
-        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause)
+        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady_effects(last.scan))
 
     @property
     def sentence(self) -> str:

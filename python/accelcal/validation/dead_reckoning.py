@@ -259,7 +259,7 @@ class Simulation:
         self.variances = starts.variances.copy()
         self.motion = tuple(np.zeros((n, m)) for _ in range(4)) if ahead.lagging else ()
         self.reference = [self._reference(i) for i in range(n)] if ahead.lagging else []
-        self.largest = 0.0
+        self.largest: Array = np.zeros((n, 1))
         self.lost = np.interp(self.paths.t, known.t, ahead.lost)
 
     def run(self) -> Paths:
@@ -285,16 +285,20 @@ class Simulation:
     def _advance(self, window: slice, effects: Array) -> int | None:
         """Solve the nodes of a window from a first guess of the effects; None where it does not converge."""
         bare, guess = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), effects
-        rounding = 0.0
+        rounding: Array | float = 0.0
+        diverged = ~np.isfinite(self.paths.dp[:, [max(window.start - 1, 0)]])
         with np.errstate(over="ignore", invalid="ignore"):
             for count in range(ROUNDS):
                 motion, displacement = self._motion(window, bare, effects)
                 found = self._effects(window, bare, motion)
                 change = np.abs(found - effects)
-                largest = max(self.largest, np.max(np.abs(found), initial=0.0))
-                if not np.any(change > TOLERANCE * largest + rounding):
+                largest = np.maximum(self.largest, largest_of(found))
+                finite = np.isfinite(found)
+                if np.all((finite & (change <= TOLERANCE * largest + rounding)) | diverged):
                     self._keep(window, bare, found)
                     return count + 1
+                if not np.all(finite | diverged):
+                    break
                 effects, rounding = self._corrected(window, bare, motion, displacement, found)
             if window.stop - window.start > 1:
                 return None
@@ -303,7 +307,7 @@ class Simulation:
 
     def _corrected(
         self, window: slice, bare: Carried, motion: Motion, displacement: tuple[Array, Array], found: Array
-    ) -> tuple[Array, float]:
+    ) -> tuple[Array, Array | float]:
         """The next iterate of the effects, (n, w) m/s²: linear in position and velocity about the last; and what
         rounding of these alone makes of the effects."""
         ahead = self.ahead
@@ -320,13 +324,13 @@ class Simulation:
             _core.corrected(before, steps, displacement, -ahead.gain * found, (slopes[0], slopes[1])) / -ahead.gain
         )
         moving = zip(slopes, (bare.p, bare.v), strict=True)
-        return effects, EPSILON * sum(float(np.max(np.abs(slope)) * np.max(np.abs(y))) for slope, y in moving)
+        return effects, EPSILON * sum(largest_of(slope) * largest_of(y) for slope, y in moving)
 
     def _at_node(self, window: slice, bare: Carried, effects: Array) -> Array:
         """Effects at one node, where no iteration of the path converged: Newton's method with halved steps, (n, 1)
         m/s²."""
         tried = self._effects(window, bare, self._motion(window, bare, effects)[0])
-        size, missing = np.max(np.abs(tried), initial=0.0), tried - effects
+        size, missing = np.abs(tried), tried - effects
         share = np.ones_like(effects)
         for _ in range(NEWTON_ROUNDS):
             small = np.maximum(SMALL * np.abs(missing), TOLERANCE * size + TINY)
@@ -406,7 +410,7 @@ class Simulation:
         paths = self.paths
         motion, (paths.dv[:, window], paths.dp[:, window]) = self._motion(window, bare, effects)
         paths.effects[:, window] = effects
-        self.largest = max(self.largest, float(np.max(np.abs(effects), initial=0.0)))
+        self.largest = np.maximum(self.largest, largest_of(effects))
         for kept, new in zip(self.motion, motion, strict=False):
             kept[:, window] = new
 
@@ -439,6 +443,11 @@ class Simulation:
         """Simulated motion at nodes that are solved."""
         paths, gain = self.paths, self.ahead.gain
         return bare.p + paths.dp[:, rows], bare.v + paths.dv[:, rows], bare.a - gain * paths.effects[:, rows], bare.jerk
+
+
+def largest_of(y: Array) -> Array:
+    """Largest magnitude on each path, (n, 1)."""
+    return np.asarray(np.max(np.abs(y), axis=1, keepdims=True, initial=0.0))
 
 
 def total(terms: Terms, s: Signals) -> Array:

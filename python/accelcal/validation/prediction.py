@@ -163,7 +163,7 @@ class Prediction:
         unit_p, unit_v = self.unit_p[k], self.unit_v[k]
         rezeroed = frozen + constant[:, None] * (unit_p[:, None] + h * unit_v[:, None] + h**2 / 2.0)
         std = self._open_floor(k, t[rows])
-        if self.ahead is None or len(k) == 0:
+        if self.ahead is None or rows.size == 0:
             return frozen, rezeroed, std
         origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
         plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)

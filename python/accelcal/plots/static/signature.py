@@ -11,6 +11,7 @@ import numpy as np
 
 from accelcal import formatting
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import LEVERS, TURNED
 from accelcal.effects import Effect, spelled
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
@@ -107,7 +108,8 @@ def card_motion() -> Signals:
     (rise, tau), (swing, slow) = WARMING, DRAUGHT
     temperature = rise * (1.0 - np.exp(-t / tau)) + swing * np.sin(2.0 * np.pi * slow * t)
     side = {"temperature": temperature, "a_y": 0.2 * np.sin(2.0 * np.pi * 0.4 * t)}
-    return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.0, rig=ADXL105_RIG, cutoff=0.2 * RATE, side=side)
+    swinging = {name: 0.05 * np.sin(2.0 * np.pi * (0.3 + 0.1 * n) * t) for n, name in enumerate((*TURNED, *LEVERS))}
+    return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.0, rig=ADXL105_RIG, cutoff=0.2 * RATE, side=side | swinging)
 
 
 def at_encoder(effect: Effect) -> bool:
