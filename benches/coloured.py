@@ -6,8 +6,6 @@ Run from the top of the repository: python -m benches.coloured [--part noise] [-
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
 import tempfile
 import time
@@ -20,6 +18,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from benches.outcomes import run_all
 from tests.hidden.trials import MIXES
 from tests.hidden.verdicts import at_most, share
 from tests.regimes.hidden import OutOfReach, plant
@@ -175,7 +174,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     holds = True
     for part in chosen.part or PARTS:
         trials = [t for t in plan(part, chosen.records, chosen.seed) if not chosen.kind or t.kind in chosen.kind]
-        outcomes = run_all(trials, chosen.out / f"{part}.jsonl", chosen.processes)
+        outcomes = run_all(run, trials, chosen.out / f"{part}.jsonl", chosen.processes)
         for line in rows(outcomes):
             print(line)
         ran = [o for o in outcomes if "effects" in o]
@@ -197,20 +196,6 @@ def rows(outcomes: Sequence[dict[str, Any]]) -> Iterator[str]:
     for o in sorted(outcomes, key=lambda o: (o["kind"], o["number"])):
         said = o.get("skipped") or o.get("error") or f"{o['verdict']}; {o['classes']}; {o['seconds']:.1f} s"
         yield f"{o['kind']} {o['number']}: {said}"
-
-
-def run_all(trials: Sequence[Trial], path: Path, processes: int) -> list[dict[str, Any]]:
-    """Run the trials that have no outcome yet; return the outcomes of all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    known = {outcome["key"]: outcome for outcome in map(json.loads, lines)}
-    missing = [trial for trial in trials if trial.key not in known]
-    with multiprocessing.Pool(processes) as pool, path.open("a", encoding="utf-8") as file:
-        for outcome in pool.imap_unordered(run, missing):
-            known[outcome["key"]] = outcome
-            file.write(json.dumps(outcome) + "\n")
-            file.flush()
-    return [known[trial.key] for trial in trials]
 
 
 if __name__ == "__main__":

@@ -9,16 +9,15 @@ Outcomes are kept line by line in OUT/outcomes.jsonl; an interrupted run goes on
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from benches.outcomes import Outcome, run_all
 from tests.hidden.trials import Trial, draw
 
 from accelcal import io, workflow
@@ -42,17 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/falling"))
     chosen = parser.parse_args(arguments)
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    path = chosen.out / "outcomes.jsonl"
-    done = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    keys = {outcome["key"] for outcome in done}
-    for number in range(chosen.records):
-        trial = Trial(8, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), 20.0)
-        if trial.key in keys:
-            continue
-        done.append(outcome_of(trial))
-        with path.open("a") as file:
-            file.write(json.dumps(done[-1]) + "\n")
+    trials = [
+        Trial(8, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), 20.0) for number in range(chosen.records)
+    ]
+    done = run_all(run, trials, chosen.out / "outcomes.jsonl", 1)
     scored = [outcome for outcome in done if "base" in outcome]
     worse = [outcome["key"] for outcome in scored if not outcome["added"] <= outcome["base"]]
     skipped = len(done) - len(scored)
@@ -62,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(len(worse) > (1.0 - SHARE) * len(scored))
 
 
-def outcome_of(trial: Trial) -> dict[str, Any]:
+def run(trial: Trial) -> Outcome:
     """Drift on an unseen motion without and with the effect that is hidden, m."""
     begin = time.process_time()
     try:

@@ -7,8 +7,6 @@ Outcomes are kept line by line in OUT/barN.jsonl; an interrupted run goes on whe
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
 import traceback
 from collections.abc import Sequence
@@ -16,6 +14,7 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from benches.outcomes import kept, run_all
 from tests.hidden.trials import Outcome, Trial, plan, run
 from tests.hidden.verdicts import Line, lines
 
@@ -38,7 +37,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for group in chosen.group or (1, 2, 3, 4, 5, 6, 7, 8):
         if group != 7:
             trials = list(plan(group, chosen.records or RECORDS[group], chosen.seed, effects))
-            outcomes = run_all(trials, chosen.out / f"group{group}.jsonl")
+            outcomes = run_all(guarded, trials, chosen.out / f"group{group}.jsonl", 2)
         else:
             outcomes = [o for b in (1, 2) for o in kept(chosen.out / f"group{b}.jsonl")]
         for line in lines(group, outcomes):
@@ -57,32 +56,6 @@ Each record comes from `tests/worlds`, simulators that share no formula with the
 sidecar, and was read back by the public interface, which knew the base model only. `make bench-hidden` repeats it.
 
 """
-
-
-def kept(path: Path) -> list[Outcome]:
-    """Outcomes of earlier runs; a last line that was cut off is left out."""
-    if not path.exists():
-        return []
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines():
-        try:
-            found.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return found
-
-
-def run_all(trials: Sequence[Trial], path: Path) -> list[Outcome]:
-    """Run the trials that have no outcome yet on two processes; return the outcomes of all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known = {outcome["key"]: outcome for outcome in kept(path)}
-    missing = [trial for trial in trials if trial.key not in known]
-    with multiprocessing.Pool(2) as pool, path.open("a", encoding="utf-8") as file:
-        for outcome in pool.imap_unordered(guarded, missing):
-            known[outcome["key"]] = outcome
-            file.write(json.dumps(outcome) + "\n")
-            file.flush()
-    return [known[trial.key] for trial in trials]
 
 
 def guarded(trial: Trial) -> Outcome:

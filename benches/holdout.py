@@ -8,8 +8,6 @@ python -m benches.holdout [--records 12] [--seed 1] [--kind flicker ...] [--real
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
 import signal
 import tempfile
@@ -20,11 +18,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from benches.outcomes import Outcome, run_all
 from tests.regimes.regimes import TABLE
 from tests.regimes.slow import HONEST, KINDS, build
 from tests.worlds import MOTIONS, Hidden, Nuisances, World, at_d
@@ -51,8 +49,6 @@ position = { column = "position", unit = "m" }
 accel = { column = "accel", unit = "m/s^2" }
 """
 """Of a real recording that has none."""
-
-Outcome = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,17 +191,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--workers", type=int, default=2)
     chosen = parser.parse_args(arguments)
     trials = list(plan(chosen.records, chosen.seed, chosen.kind, chosen.real))
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    path = chosen.out / "outcomes.jsonl"
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    known = {outcome["key"]: outcome for outcome in map(json.loads, filter(None, lines))}
-    missing = [trial for trial in trials if trial.key not in known]
-    with multiprocessing.Pool(chosen.workers, maxtasksperchild=8) as pool, path.open("a", encoding="utf-8") as file:
-        for outcome in pool.imap_unordered(run, missing):
-            known[outcome["key"]] = outcome
-            file.write(json.dumps(outcome) + "\n")
-            file.flush()
-    outcomes = [known[trial.key] for trial in trials]
+    outcomes = run_all(run, trials, chosen.out / "outcomes.jsonl", chosen.workers)
     hold = [report(f"{g}: ", [o for o in outcomes if g in ("all", o["group"])]) for g in groups(outcomes)]
     return 0 if all(hold) else 1
 

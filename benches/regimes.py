@@ -7,8 +7,6 @@ Names may hold * and ?. Outcomes are kept line by line in OUT; an interrupted ru
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
 import os
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
@@ -16,9 +14,10 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from benches.outcomes import run_all
 from tests.regimes.judge import hidden_lines, lines, rows, unreachable
 from tests.regimes.regimes import TABLE
-from tests.regimes.trials import Outcome, Trial, plan, plan_hidden, run
+from tests.regimes.trials import plan, plan_hidden, run
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     trials = list((plan_hidden if chosen.hidden else plan)(names, chosen.records, chosen.seed))
     path = chosen.out / ("hidden.jsonl" if chosen.hidden else "null.jsonl")
-    outcomes = run_all(trials, path, chosen.workers)
+    outcomes = run_all(run, trials, path, chosen.workers)
     print("\n".join(rows(outcomes)))
     for pair in unreachable(outcomes):
         print(f"out of reach: {pair}")
@@ -49,33 +48,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for line in found:
         print(line.text)
     return 0 if all(line.holds for line in found) else 1
-
-
-def kept(path: Path) -> list[Outcome]:
-    """Outcomes of earlier runs; a last line that was cut off is left out."""
-    found = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else []:
-        try:
-            found.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return found
-
-
-def run_all(trials: Sequence[Trial], path: Path, workers: int) -> list[Outcome]:
-    """Run the trials that have no outcome yet in worker processes; return the outcomes of all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    known = {outcome["key"]: outcome for outcome in kept(path)}
-    missing = [trial for trial in trials if trial.key not in known]
-    if missing:
-        cut = path.exists() and not path.read_bytes().endswith(b"\n") and path.stat().st_size > 0
-        with multiprocessing.Pool(workers, maxtasksperchild=8) as pool, path.open("a", encoding="utf-8") as file:
-            file.write("\n" if cut else "")
-            for outcome in pool.imap_unordered(run, missing):
-                known[outcome["key"]] = outcome
-                file.write(json.dumps(outcome) + "\n")
-                file.flush()
-    return [known[trial.key] for trial in trials]
 
 
 if __name__ == "__main__":

@@ -7,15 +7,14 @@ Outcomes are kept line by line in OUT; an interrupted run goes on where it stopp
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from benches.outcomes import Outcome, run_all
 from tests.hidden.trials import Trial, draw
 
 from accelcal import workflow
@@ -34,19 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("build/turning"))
     chosen = parser.parse_args(arguments)
-    chosen.out.mkdir(parents=True, exist_ok=True)
-    path = chosen.out / "one_axis.jsonl"
-    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
-    known = {one["key"]: one for one in map(json.loads, lines)}
-    outcomes = []
-    with path.open("a", encoding="utf-8") as file:
-        for number in range(chosen.records):
-            trial = Trial(2, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), STRENGTH)
-            outcome = known.get(trial.key) or run(trial)
-            if trial.key not in known:
-                file.write(json.dumps(outcome) + "\n")
-                file.flush()
-            outcomes.append(outcome)
+    trials = [
+        Trial(2, number, chosen.seed, (EFFECTS[number % len(EFFECTS)],), STRENGTH) for number in range(chosen.records)
+    ]
+    outcomes = run_all(run, trials, chosen.out / "one_axis.jsonl", 1)
     judged = [one for one in outcomes if "skipped" not in one]
     turning = [one for one in judged if "turning_sensor" in one["codes"]]
     told = [one for one in judged if one["effect"] in one["members"]]
@@ -57,9 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return int(len(turning) > MOST * len(judged))
 
 
-def run(trial: Trial) -> dict[str, Any]:
+def run(trial: Trial) -> Outcome:
     """Draw, write, load, improve: remarks and names."""
-    outcome: dict[str, Any] = {"key": trial.key, "effect": trial.names[0]}
+    outcome: Outcome = {"key": trial.key, "effect": trial.names[0]}
     try:
         world = draw(trial)
     except ValueError as refused:
