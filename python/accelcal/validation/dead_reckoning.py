@@ -6,8 +6,8 @@ E_j = sum c_i e_i at the simulated motion itself, with the jerk of the output. T
     dv_j = dv_(j-1) - g h (E_(j-1) + E_j)/2,    dp_j = dp_(j-1) + h dv_(j-1) - g h² (2 E_(j-1) + E_j)/6,
 
 exact for E straight between nodes, implicit in E_j and stable for friction of any slope (derivations 6.9). The nodes of
-a window are solved together by iteration, for all starts at once; a window that does not converge is halved, down to
-one node, where Newton's method solves. So the result is that of one node after the other.
+a window are solved together by Newton's method, for all starts at once; a window that does not converge is halved, down
+to one node, where the method halves its steps. So the result is that of one node after the other.
 """
 
 from __future__ import annotations
@@ -33,6 +33,8 @@ ROUNDS = 12
 """Iterations of a window before it is halved."""
 FEW = 6
 """Iterations up to which the next window is twice as long."""
+SLOPES_HOLD = 1e-3
+"""Share of the last change below which an iteration keeps its slopes."""
 NEWTON_ROUNDS = 20
 """Iterations at one node."""
 TOGETHER = 1 << 15
@@ -55,6 +57,8 @@ TINY = 1e-300
 Terms = Sequence[tuple[Term, float]]
 Motion = tuple[Array, Array, Array, Array]
 """Position, velocity, acceleration and its derivative."""
+Displacement = tuple[Array, Array]
+"""Velocity and position that effects have added."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +104,7 @@ class DeadReckoning:
 
     Parameters
     ----------
-    values : coefficients.
+    values : scale factor and coefficients.
     known : motion over the whole record as far as it is known: the output's acceleration, effects subtracted.
     bare : acceleration that the output implies without effects at the times of `known`, (n,) m/s².
     carried : velocity and position that this acceleration has added since the first time, (n,) m/s and m.
@@ -111,7 +115,7 @@ class DeadReckoning:
     def __init__(
         self, values: Values, known: Signals, bare: Array, carried: tuple[Array, Array], density: float, lost: Array
     ) -> None:
-        self.values, self.density, self.lost = values, density, lost
+        self.density, self.lost = density, lost
         self.gain = known.rig.polarity / values.scale
         self.known = replace(known, a_corner=known.a_width, v_corner=known.v_width)
         gravity = known.gravity
@@ -120,24 +124,19 @@ class DeadReckoning:
         self.carried_v, self.carried_p = carried
         self.local, self.lagging = split(values.additive("output"), known)
         self.local_read, self.lagging_read = split(values.additive("position"), known)
-        acting = (*self.local, *self.lagging)
-        self.on_p = any(follows(term, known, "p") for term, _ in acting)
-        self.on_v = any(follows(term, known, "v") for term, _ in acting)
-        # Differences that an iteration uses for slopes: shares of what position and velocity change over.
-        self.small_p, self.small_v = SMALL * max(float(np.ptp(known.p)), CORNER), 1e-3 * self.known.v_width
-        self.lagged_effects = total(self.lagging, self.known) if self.lagging else np.empty(0)
+        self.followers = tuple([i for i, (term, _) in enumerate(self.local) if follows(term, known, y)] for y in "pva")
         # What the output alone determines, no simulated motion changes; nor does it what looks ahead.
+        moved = [one for one in self.lagging if follows(one[0], known, "p") or follows(one[0], known, "v")]
+        self.feeds_back = bool(self.followers[0] or self.followers[1] or moved)
+        # Differences that slopes are taken on: shares of what a variable changes over.
+        widths = max(float(np.ptp(known.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
+        self.small = tuple(SMALL * width for width in widths)
+        self.known_effects = np.asarray(total(self.local, self.known))
+        self.lagged_effects = total(self.lagging, self.known) if self.lagging else np.empty(0)
         self.lagging = [
-            (term, c)
-            for term, c in self.lagging
-            if self.feeds_back
-            and (follows(term, known, "p") or follows(term, known, "v") or not looks_ahead(term, known))
+            one for one in self.lagging if self.feeds_back and (one in moved or not looks_ahead(one[0], known))
         ]
-
-    @property
-    def feeds_back(self) -> bool:
-        """Whether the effects depend on simulated position or velocity."""
-        return self.on_p or self.on_v
+        self.read_lagged = total(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""
@@ -166,12 +165,11 @@ class DeadReckoning:
     def _read(self, starts: Starts, paths: Paths, t: Array, dp: Array) -> Array:
         """What effects add to the readings themselves at times `t` of each path, (n, k) m."""
         known, read = self.known, np.zeros_like(t)
-        every = total(self.lagging_read, known) if self.lagging_read else None
         for i in range(len(t)):
             motion = self._motion_at(starts, paths, i, t[i], dp[i])
             if self.local_read:
                 read[i] += total(self.local_read, motion)
-            if every is None:
+            if not self.lagging_read:
                 continue
             nodes = slice(int(paths.first[i]), min(int(paths.first[i]) + paths.t.shape[1] - 1, len(known.t)))
             simulated = self._motion_at(starts, paths, i, known.t[nodes], None)
@@ -180,7 +178,7 @@ class DeadReckoning:
             change = (total(self.lagging_read, joined(known, before, simulated)) - reference)[
                 nodes.start - before.start :
             ]
-            read[i] += np.interp(t[i], known.t, every) + np.interp(t[i], known.t[nodes], change)
+            read[i] += np.interp(t[i], known.t, self.read_lagged) + np.interp(t[i], known.t[nodes], change)
         return read
 
     def _motion_at(self, starts: Starts, paths: Paths, i: int, t: Array, dp: Array | None) -> Signals:
@@ -267,12 +265,12 @@ class Simulation:
         paths, ahead = self.paths, self.ahead
         n, m = paths.t.shape
         most = m if ahead.lagging else max(1, TOGETHER // n)
-        self._advance(slice(0, 1), np.zeros((n, 1)))
+        self._advance(slice(0, 1))
         paths.variance[:, 0] = self.variances[:, 0]
         begin, width = 1, min(most, m)
         while begin < m:
             window = slice(begin, min(begin + width, m))
-            rounds = self._advance(window, np.repeat(paths.effects[:, begin - 1 : begin], window.stop - begin, axis=1))
+            rounds = self._advance(window)
             if rounds is None:
                 width = max(1, (window.stop - begin) // 2)
                 continue
@@ -282,15 +280,17 @@ class Simulation:
                 width = min(2 * width, most)
         return paths
 
-    def _advance(self, window: slice, effects: Array) -> int | None:
-        """Solve the nodes of a window from a first guess of the effects; None where it does not converge."""
-        bare, guess = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), effects
+    def _advance(self, window: slice) -> int | None:
+        """Solve the nodes of a window; number of iterations, None where they do not converge."""
+        bare, effects = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), self._guess(window)
+        guess, slopes, before = effects, None, np.inf
         rounding: Array | float = 0.0
         diverged = ~np.isfinite(self.paths.dp[:, [max(window.start - 1, 0)]])
         with np.errstate(over="ignore", invalid="ignore"):
             for count in range(ROUNDS):
                 motion, displacement = self._motion(window, bare, effects)
-                found = self._effects(window, bare, motion)
+                columns = self._local(window, bare, motion)
+                found = self._effects(window, motion, columns)
                 change = np.abs(found - effects)
                 largest = np.maximum(self.largest, largest_of(found))
                 finite = np.isfinite(found)
@@ -299,38 +299,68 @@ class Simulation:
                     return count + 1
                 if not np.all(finite | diverged):
                     break
-                effects, rounding = self._corrected(window, bare, motion, displacement, found)
+                left = float(np.max(np.where(diverged, 0.0, change / (largest + TINY))))
+                if slopes is None or left > SLOPES_HOLD * before:
+                    slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
+                    rounding = self._rounding(bare, slopes)
+                before = left
+                effects = self._corrected(window, displacement, effects, found, slopes)
             if window.stop - window.start > 1:
                 return None
             self._keep(window, bare, self._at_node(window, bare, guess))
         return ROUNDS
 
-    def _corrected(
-        self, window: slice, bare: Carried, motion: Motion, displacement: tuple[Array, Array], found: Array
-    ) -> tuple[Array, Array | float]:
-        """The next iterate of the effects, (n, w) m/s²: linear in position and velocity about the last; and what
-        rounding of these alone makes of the effects."""
-        ahead = self.ahead
-        if window.start == 0 or not ahead.feeds_back:
-            return found, 0.0
-        local = self._local(window, bare, *motion)
-        slopes = []
-        for row, (acts, size) in enumerate(((ahead.on_p, ahead.small_p), (ahead.on_v, ahead.small_v))):
-            other = [*motion]
-            other[row] = motion[row] + size
-            slopes.append((self._local(window, bare, *other) - local) * (ahead.gain / size) if acts else 0.0 * local)
-        before, steps = self._before(window)
-        effects = (
-            _core.corrected(before, steps, displacement, -ahead.gain * found, (slopes[0], slopes[1])) / -ahead.gain
+    def _guess(self, window: slice) -> Array:
+        """Effects to begin with: they change as along the known motion, (n, w) m/s²."""
+        ahead, t = self.ahead, self.paths.t
+        along = np.interp(t[:, window], ahead.known.t, ahead.known_effects)
+        if window.start == 0:
+            return np.asarray(along)
+        last = window.start - 1
+        return np.asarray(
+            along + (self.paths.effects[:, [last]] - np.interp(t[:, [last]], ahead.known.t, ahead.known_effects))
         )
-        moving = zip(slopes, (bare.p, bare.v), strict=True)
-        return effects, EPSILON * sum(largest_of(slope) * largest_of(y) for slope, y in moving)
+
+    def _slope(self, window: slice, bare: Carried, motion: Motion, columns: list[Array], row: int) -> Array | float:
+        """How the effects change with position, velocity or acceleration (`row`), (n, w); 0 where none follows it."""
+        following, size = self.ahead.followers[row], self.ahead.small[row]
+        if not following:
+            return 0.0
+        other = [*motion]
+        other[row] = motion[row] + size
+        moved = self._local(window, bare, other, following)
+        return np.asarray(sum(y - columns[i] for i, y in zip(following, moved, strict=True)) / size)
+
+    def _rounding(self, bare: Carried, slopes: Sequence[Array | float]) -> Array | float:
+        """What rounding of the motion alone makes of the effects, (n, 1) m/s²."""
+        moving = zip(slopes, (bare.p, bare.v, bare.a), strict=True)
+        gain = abs(self.ahead.gain)
+        return sum(
+            (gain * EPSILON * largest_of(y) * largest_of(slope) for slope, y in moving if not isinstance(slope, float)),
+            0.0,
+        )
+
+    def _corrected(
+        self, window: slice, displacement: Displacement, effects: Array, found: Array, slopes: Sequence[Array | float]
+    ) -> Array:
+        """The next iterate of the effects, (n, w) m/s²: linear in the motion about the last, where `found` acted."""
+        gain, (on_p, on_v, on_a) = self.ahead.gain, slopes
+        if not isinstance(on_a, float):
+            # E = found + on_a (-gain) (E - effects) + what position and velocity change
+            scale = 1.0 / np.where(np.abs(1.0 + gain * on_a) > 0.1, 1.0 + gain * on_a, 1.0)
+            found = effects + scale * (found - effects)
+            on_p, on_v = scale * on_p, scale * on_v
+        if window.start == 0 or (isinstance(on_p, float) and isinstance(on_v, float)):
+            return found
+        falling = [np.ascontiguousarray(np.broadcast_to(gain * slope, found.shape)) for slope in (on_p, on_v)]
+        last, steps = self._before(window)
+        return _core.corrected(last, steps, displacement, -gain * found, (falling[0], falling[1])) / -gain
 
     def _at_node(self, window: slice, bare: Carried, effects: Array) -> Array:
         """Effects at one node, where no iteration of the path converged: Newton's method with halved steps, (n, 1)
         m/s²."""
-        tried = self._effects(window, bare, self._motion(window, bare, effects)[0])
-        size, missing = np.abs(tried), tried - effects
+        missing = self._missing(window, bare, effects)
+        size = np.abs(missing + effects)
         share = np.ones_like(effects)
         for _ in range(NEWTON_ROUNDS):
             small = np.maximum(SMALL * np.abs(missing), TOLERANCE * size + TINY)
@@ -346,7 +376,8 @@ class Simulation:
 
     def _missing(self, window: slice, bare: Carried, effects: Array) -> Array:
         """What the effects at the motion that follows from given effects exceed these by, (n, w) m/s²."""
-        return self._effects(window, bare, self._motion(window, bare, effects)[0]) - effects
+        motion, _ = self._motion(window, bare, effects)
+        return self._effects(window, motion, self._local(window, bare, motion)) - effects
 
     def _before(self, window: slice) -> tuple[Array, Array]:
         """What the effects have added up to the node before a window, (n, 3), and the steps to its nodes, (n, w) s."""
@@ -354,7 +385,7 @@ class Simulation:
         before = np.column_stack([-self.ahead.gain * paths.effects[:, last], paths.dv[:, last], paths.dp[:, last]])
         return before, np.ascontiguousarray(self.steps[:, last : window.stop - 1])
 
-    def _motion(self, window: slice, bare: Carried, effects: Array) -> tuple[Motion, tuple[Array, Array]]:
+    def _motion(self, window: slice, bare: Carried, effects: Array) -> tuple[Motion, Displacement]:
         """Simulated motion under given effects, and the velocity and position that they add, (n, w) each."""
         gain = self.ahead.gain
         if window.start == 0:
@@ -363,21 +394,25 @@ class Simulation:
         dv, dp = _core.displaced(*self._before(window), -gain * effects)
         return (bare.p + dp, bare.v + dv, bare.a - gain * effects, bare.jerk), (dv, dp)
 
-    def _effects(self, window: slice, bare: Carried, motion: Motion) -> Array:
-        """Effects at given motion, (n, w) m/s²."""
-        found = self._local(window, bare, *motion)
+    def _effects(self, window: slice, motion: Motion, columns: list[Array]) -> Array:
+        """Effects at given motion, of which those without memory are `columns`, (n, w) m/s²."""
+        found = np.zeros_like(motion[0])
+        for column in columns:
+            found += column
         if len(self.ahead.lagged_effects):
             found += np.interp(self.paths.t[:, window], self.ahead.known.t, self.ahead.lagged_effects)
         if self.ahead.lagging and window.start > 0:
             found += self._changes(window, motion)
         return found
 
-    def _local(self, window: slice, bare: Carried, p: Array, v: Array, a: Array, jerk: Array) -> Array:
-        """Sum of the effects without memory at given motion, (n, w) m/s²."""
-        t, shape = self.paths.t[:, window], p.shape
-        t, p, v, a, jerk = (np.ascontiguousarray(y).reshape(-1) for y in (t, p, v, a, jerk))
-        signals = self.ahead.signals(t, p, v, a, jerk, bare.side)
-        return total(self.ahead.local, signals).reshape(shape)
+    def _local(
+        self, window: slice, bare: Carried, motion: Sequence[Array], rows: Sequence[int] | None = None
+    ) -> list[Array]:
+        """Effects without memory, or some of them, at given motion, (n, w) m/s² each."""
+        ahead, shape = self.ahead, motion[0].shape
+        terms = ahead.local if rows is None else [ahead.local[i] for i in rows]
+        t, p, v, a, jerk = (np.ascontiguousarray(y).reshape(-1) for y in (self.paths.t[:, window], *motion))
+        return [y.reshape(shape) for y in contributions(terms, ahead.signals(t, p, v, a, jerk, bare.side))]
 
     def _changes(self, window: slice, motion: Motion) -> Array:
         """What simulated motion has changed in the effects with memory, (n, w) m/s²."""
@@ -421,28 +456,28 @@ class Simulation:
         """
         ahead, paths = self.ahead, self.paths
         t = np.ascontiguousarray(paths.t[:, window.start - 1 : window.stop])
-        on_p, on_v = np.zeros((2, *t.shape))
+        slopes = np.zeros((2, *t.shape))
         if ahead.feeds_back:
             around = slice(window.start - 1, window.stop)
             bare = Carried.of(ahead, self.starts, t)
-            motion = np.array(self._motion_of(around, bare))
-            for row, (acts, slope) in enumerate(((ahead.on_p, on_p), (ahead.on_v, on_v))):
-                if not acts:
-                    continue
+            effects = paths.effects[:, around]
+            motion = (
+                bare.p + paths.dp[:, around],
+                bare.v + paths.dv[:, around],
+                bare.a - ahead.gain * effects,
+                bare.jerk,
+            )
+            for row, following in enumerate(ahead.followers[:2]):
                 size = np.maximum(np.sqrt(np.maximum(self.variances[:, [2 * row]], 0.0)), 1e-12)
-                high, low = motion.copy(), motion.copy()
-                high[row] += size
-                low[row] -= size
-                slope[:] = (self._local(around, bare, *high) - self._local(around, bare, *low)) / (2.0 * size)
+                high, low = [*motion], [*motion]
+                high[row], low[row] = motion[row] + size, motion[row] - size
+                sides = (self._local(around, bare, other, following) for other in (high, low))
+                for above, below in zip(*sides, strict=True):
+                    slopes[row] += (above - below) / (2.0 * size)
         lost = np.diff(self.lost[:, window.start - 1 : window.stop], axis=1)
         paths.variance[:, window] = _core.dead_reckoning_variance(
-            self.variances, np.diff(t, axis=1), ahead.gain * on_p, ahead.gain * on_v, lost, ahead.density
+            self.variances, np.diff(t, axis=1), ahead.gain * slopes[0], ahead.gain * slopes[1], lost, ahead.density
         )
-
-    def _motion_of(self, rows: slice, bare: Carried) -> tuple[Array, Array, Array, Array]:
-        """Simulated motion at nodes that are solved."""
-        paths, gain = self.paths, self.ahead.gain
-        return bare.p + paths.dp[:, rows], bare.v + paths.dv[:, rows], bare.a - gain * paths.effects[:, rows], bare.jerk
 
 
 def largest_of(y: Array) -> Array:
@@ -450,12 +485,14 @@ def largest_of(y: Array) -> Array:
     return np.asarray(np.max(np.abs(y), axis=1, keepdims=True, initial=0.0))
 
 
+def contributions(terms: Terms, s: Signals) -> list[Array]:
+    """What each of some terms contributes at the times of `s`, (n,) each."""
+    return [c * column for (_, c), column in zip(terms, evaluate([term for term, _ in terms], s), strict=True)]
+
+
 def total(terms: Terms, s: Signals) -> Array:
     """Sum of some terms at the times of `s`, (n,)."""
-    found = np.zeros(len(s.t))
-    for (_, c), column in zip(terms, evaluate([term for term, _ in terms], s), strict=True):
-        found += c * column
-    return found
+    return sum(contributions(terms, s), np.zeros(len(s.t)))
 
 
 def split(
