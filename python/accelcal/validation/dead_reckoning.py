@@ -35,6 +35,9 @@ FEW = 6
 """Iterations up to which the next window is twice as long."""
 SLOPES_HOLD = 1e-3
 """Share of the last change below which an iteration keeps its slopes."""
+UNSOLVED = 1e-3
+"""Share of the effects that may be left at one node. With more its equation has no solution: the effects have run away
+with the motion, and the path ends."""
 NEWTON_ROUNDS = 20
 """Iterations at one node."""
 TOGETHER = 1 << 15
@@ -146,8 +149,9 @@ class DeadReckoning:
 
     def displacement(self, starts: Starts, t: Array) -> tuple[Array, Array]:
         """What the effects add to readings at times `t` (n, k) s behind the starts, and the variance of the simulated
-        position, (n, k) m and m²."""
-        paths = Simulation(self, starts, float(np.max(t - starts.t[:, None]))).run()
+        position, (n, k) m and m²; not a number once the effects have run away with the motion."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            paths = Simulation(self, starts, float(np.max(t - starts.t[:, None]))).run()
         added, variance = np.empty_like(t), np.empty_like(t)
         for i in range(len(t)):
             node = np.clip(np.searchsorted(paths.t[i], t[i], side="right") - 1, 0, paths.t.shape[1] - 2)
@@ -286,28 +290,29 @@ class Simulation:
         guess, slopes, before = effects, None, np.inf
         rounding: Array | float = 0.0
         diverged = ~np.isfinite(self.paths.dp[:, [max(window.start - 1, 0)]])
-        with np.errstate(over="ignore", invalid="ignore"):
-            for count in range(ROUNDS):
-                motion, displacement = self._motion(window, bare, effects)
-                columns = self._local(window, bare, motion)
-                found = self._effects(window, motion, columns)
-                change = np.abs(found - effects)
-                largest = np.maximum(self.largest, largest_of(found))
-                finite = np.isfinite(found)
-                if np.all((finite & (change <= TOLERANCE * largest + rounding)) | diverged):
-                    self._keep(window, bare, found)
-                    return count + 1
-                if not np.all(finite | diverged):
-                    break
-                left = float(np.max(np.where(diverged, 0.0, change / (largest + TINY))))
-                if slopes is None or left > SLOPES_HOLD * before:
-                    slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
-                    rounding = self._rounding(bare, slopes)
-                before = left
-                effects = self._corrected(window, displacement, effects, found, slopes)
-            if window.stop - window.start > 1:
-                return None
-            self._keep(window, bare, self._at_node(window, bare, guess))
+        for count in range(ROUNDS):
+            motion, displacement = self._motion(window, bare, effects)
+            columns = self._local(window, bare, motion)
+            found = self._effects(window, motion, columns)
+            change = np.abs(found - effects)
+            largest = np.maximum(self.largest, largest_of(found))
+            finite = np.isfinite(found)
+            if np.all((finite & (change <= TOLERANCE * largest + rounding)) | diverged):
+                self._keep(window, bare, found)
+                return count + 1
+            if not np.all(finite | diverged):
+                break
+            left = float(np.max(np.where(diverged, 0.0, change / (largest + TINY))))
+            if slopes is None or left > SLOPES_HOLD * before:
+                slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
+                rounding = self._rounding(bare, slopes)
+            before = left
+            effects = self._corrected(window, displacement, effects, found, slopes)
+        if window.stop - window.start > 1:
+            return None
+        found = self._at_node(window, bare, guess)
+        unsolved = np.abs(self._missing(window, bare, found)) > UNSOLVED * np.maximum(self.largest, np.abs(found))
+        self._keep(window, bare, np.where(unsolved, np.nan, found))
         return ROUNDS
 
     def _guess(self, window: slice) -> Array:
@@ -445,7 +450,7 @@ class Simulation:
         paths = self.paths
         motion, (paths.dv[:, window], paths.dp[:, window]) = self._motion(window, bare, effects)
         paths.effects[:, window] = effects
-        self.largest = np.maximum(self.largest, largest_of(effects))
+        self.largest = np.fmax(self.largest, largest_of(effects))
         for kept, new in zip(self.motion, motion, strict=False):
             kept[:, window] = new
 

@@ -21,8 +21,9 @@ from accelcal.validation.dead_reckoning import DeadReckoning, Starts
 
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
-DIVERGED = 1e9
-"""Largest error of a prediction that is told, m: effects that amplify what they act on grow beyond every number."""
+DIVERGED = 100.0
+"""Largest error by effects that is told, as a multiple of the travel: effects that amplify what they act on grow
+beyond every number."""
 WARM_UP = 5.0
 """Seconds before the first start point; a quarter of shorter records."""
 
@@ -48,9 +49,9 @@ def rms(y: Array) -> float | None:
     return float(np.sqrt(np.mean(y**2))) if len(y) else None
 
 
-def finite(y: Array) -> Array:
-    """Predictions, those that have diverged at the largest error that is told."""
-    return np.clip(np.nan_to_num(y, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED), -DIVERGED, DIVERGED)
+def within(limit: float, y: Array) -> Array:
+    """Values of at most a limit, which also stands for those that are none."""
+    return np.clip(np.nan_to_num(y, nan=limit, posinf=limit, neginf=-limit), -limit, limit)
 
 
 class Prediction:
@@ -168,15 +169,16 @@ class Prediction:
         origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
         plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)
         moved = replace(plain, p=plain.p + constant * unit_p, v=plain.v + constant * unit_v, constant=constant)
+        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
             added, variance = self.ahead.displacement(plain.part(batch), at)
-            frozen[batch] += added
+            frozen[batch] += within(limit, added)
             if self.ahead.feeds_back:
-                std[batch] = np.sqrt(variance)
+                std[batch] = within(limit, np.sqrt(variance))
                 added, _ = self.ahead.displacement(moved.part(batch), at)
-            rezeroed[batch] += added
-        return finite(frozen), finite(rezeroed), finite(std)
+            rezeroed[batch] += within(limit, added)
+        return frozen, rezeroed, std
 
     def _open_floor(self, k: NDArray[np.intp], t: Array) -> Array:
         """Standard deviation of predictions from readings `k` (m,) to times `t` (m, n) from noise, start state and what
