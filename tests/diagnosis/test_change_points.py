@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from accelcal import io
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import faults
 from accelcal.estimation.run import prepare
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Vibration, simulate
+
+from ..real.recordings import recording
 
 RIGS = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
 MOTIONS = ("tones", "interleaved", "moves", "fast", "rests", "bursts", "chirp")
@@ -122,12 +121,7 @@ REAL = {
 
 @pytest.mark.parametrize("name", REAL)
 def test_breaks_of_real_records(name):
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    found = sorted(Path(folder).rglob(f"{name}.csv")) if folder else []
-    if not found:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    recording = io.load(found[0], rig=Path(__file__).parents[1] / "real" / f"{name}.toml")
-    breaks = usable(recording).breaks
+    breaks = usable(recording(name)).breaks
     print(name, breaks)
     expected = REAL[name]
     if expected is None:

@@ -1,7 +1,6 @@
 """A sensor that turns is noticed by its slow residual; what another effect explains, or a bias may do, is not."""
 
 import dataclasses
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,8 @@ from accelcal.data.rig import STANDARD_GRAVITY, Rig, Sensor
 from accelcal.diagnosis.turning import output_noise, tilt
 from accelcal.io.sidecar import read_sidecar
 from accelcal.io.write import write_sidecar
+
+from ..real.recordings import file_of
 
 ROOT = Path(__file__).parents[2]
 
@@ -88,11 +89,7 @@ def test_the_key_is_read_and_written(tmp_path):
 
 
 def real(name, rig):
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    files = sorted(Path(folder).rglob(f"{name}.csv")) if folder else []
-    if not files:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    return io.load(files[0], rig=rig)
+    return io.load(file_of(name), rig=rig)
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])

@@ -6,34 +6,20 @@ The recordings are not part of this repository: ACCELCAL_REAL_DATA names the fol
 from __future__ import annotations
 
 import math
-import os
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from accelcal import io
-from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
 from accelcal.validation.evaluation import compare
 
-HERE = Path(__file__).parent
+from .recordings import recording
+
 BEFORE_IMPACT = {"start": 0.005, "end": 0.185}
 """Extension, then retraction, before the water is touched, s."""
 BAND = 300.0
-
-
-@cache
-def recording(name: str) -> Recording:
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    if not folder:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    found = sorted(Path(folder).rglob(f"{name}.csv"))
-    if not found:
-        pytest.skip(f"{name}.csv is not under {folder}")
-    return io.load(found[0], rig=HERE / f"{name}.toml")
 
 
 @cache

@@ -3,32 +3,18 @@
 The recordings are not part of this repository: ACCELCAL_REAL_DATA names the folder that holds them.
 """
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from accelcal import io
 from accelcal.data.summary import describe, summarise
 
-HERE = Path(__file__).parent
-SIDECARS = sorted(HERE.glob("*.toml"))
+from .recordings import HERE
+from .recordings import recording as real
 
 
-def load(sidecar):
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    if not folder:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    found = sorted(Path(folder).rglob(f"{sidecar.stem}.csv"))
-    if not found:
-        pytest.skip(f"{sidecar.stem}.csv is not under {folder}")
-    return io.load(found[0], rig=sidecar)
-
-
-@pytest.mark.parametrize("sidecar", SIDECARS, ids=lambda path: path.stem)
-def test_real_recording_loads_and_is_described(sidecar):
-    recording = load(sidecar)
+@pytest.mark.parametrize("name", sorted(path.stem for path in HERE.glob("*.toml")))
+def test_real_recording_loads_and_is_described(name):
+    recording = real(name)
     assert len(recording.accel) > 1000
     assert len(recording.position) > 1000
     assert recording.rig.assumptions
@@ -40,7 +26,7 @@ def test_real_recording_loads_and_is_described(sidecar):
     "name", ["cyberdiver_ext_ret_trial1", "cyberdiver_ext_ret_trial2", "cyberdiver_15npmm_6mps_trial1"]
 )
 def test_rate_of_the_sensor_is_recovered_from_held_repeats(name):
-    recording = load(HERE / f"{name}.toml")
+    recording = real(name)
     assert "held_repeats" in [finding.kind for finding in recording.findings if finding.channel == "accel"]
     rate = describe(recording)["channels"]["accel"]["rate_hz"]
     assert rate == pytest.approx(26_667, rel=0.015)  # ODR of the data sheet, which allows its clock a few percent
@@ -49,7 +35,7 @@ def test_rate_of_the_sensor_is_recovered_from_held_repeats(name):
 
 @pytest.mark.parametrize("name", ["broad_trial10", "broad_trial15"])
 def test_blanked_reference_samples_become_gaps(name):
-    recording = load(HERE / f"{name}.toml")
+    recording = real(name)
     assert len(recording.position) < len(recording.accel)
     assert [finding.kind for finding in recording.findings] == ["orientation", "gap"]
     assert 9.0 < np.median(recording.accel.y) < 10.5  # the sensor's z axis points up
@@ -57,7 +43,7 @@ def test_blanked_reference_samples_become_gaps(name):
 
 @pytest.mark.parametrize("name", ["rocket_gw1_nosecone", "rocket_gw1_airbrakes_bay", "rocket_jackpot4"])
 def test_height_of_a_rocket_is_warned_about_and_kept(name):
-    recording = load(HERE / f"{name}.toml")
+    recording = real(name)
     assert "implausible_travel" in [finding.kind for finding in recording.findings]
     assert recording.side["temperature"].unit == "degC"
     assert recording.rig.gravity == 9.80665

@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 import scipy
 
 import accelcal as ac
-from accelcal import io
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.effects import side_channels
 
-HERE = Path(__file__).parent
+from .recordings import recording
+
 HALVES = ((135.0, 175.0), (175.0, 240.0))
 """Parts of the earthquake, s: onset with the S wave, and coda."""
 BAND = 0.2, 2.6
 """Hz"""
 TRUTH = {"e": (-0.009, "bnn", 0.085), "n": (-0.019, "bne", -0.087)}
 """k, cross axis and its coefficient, by axis."""
-
-
-@cache
-def recording(axis: str) -> Recording:
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    if not folder:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    found = sorted(Path(folder).rglob(f"bpaw_{axis}.csv"))
-    if not found:
-        pytest.skip(f"bpaw_{axis}.csv is not under {folder}")
-    return io.load(found[0], rig=HERE / f"bpaw_{axis}.toml")
 
 
 def in_band(y: Array) -> Array:
@@ -56,7 +42,7 @@ def delayed(t: Array, y: Array, by: float) -> Array:
 
 @pytest.mark.parametrize("axis", ["e", "n"])
 def test_the_accelerometer_is_late_by_cross_correlation(axis: str) -> None:
-    made = recording(axis)
+    made = recording(f"bpaw_{axis}")
     t, output, motion = made.accel.t, in_band(made.accel.y), in_band(reference(made))
     delays = np.linspace(-0.02, 0.02, 81)
     best = max(delays, key=lambda d: float(output @ delayed(t, motion, d)))
@@ -66,7 +52,7 @@ def test_the_accelerometer_is_late_by_cross_correlation(axis: str) -> None:
 @pytest.mark.parametrize("axis", ["e", "n"])
 @pytest.mark.parametrize("half", [0, 1])
 def test_each_half_gives_delay_and_cross_axis_and_predicts_the_other(axis: str, half: int) -> None:
-    made = recording(axis)
+    made = recording(f"bpaw_{axis}")
     k, cross, coefficient = TRUTH[axis]
     side_channels([(name, channel.unit) for name, channel in made.side.items()])
     start, end = HALVES[half]
@@ -85,7 +71,7 @@ def test_each_half_gives_delay_and_cross_axis_and_predicts_the_other(axis: str, 
 
 
 def test_another_axis_of_the_ground_is_not_this_one() -> None:
-    east, north = recording("e"), recording("n")
+    east, north = recording("bpaw_e"), recording("bpaw_n")
     require_one_axis([east, north])
     with pytest.raises(RecordingError, match="not one axis of one body"):
         require_one_axis([replace(east, position=north.position)])

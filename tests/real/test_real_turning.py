@@ -5,32 +5,20 @@ The recordings are not part of this repository: ACCELCAL_REAL_DATA names the fol
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pytest
 
 import accelcal as ac
-from accelcal import io
-from accelcal.data.recording import Recording
 
-SIDECARS = Path(__file__).parent / "turning"
+from .recordings import recording
+
 MOST_LEFT = {"broad_trial10": 0.15, "broad_trial15": 0.70}
 """Of the held-out residual below 10 Hz, m/s²; the regression leaves 0.11 of the slow one."""
-
-
-def recording(name: str, sidecar: str) -> Recording:
-    folder = os.environ.get("ACCELCAL_REAL_DATA")
-    found = sorted(Path(folder).rglob(f"{name}.csv")) if folder else []
-    if not found:
-        pytest.skip("ACCELCAL_REAL_DATA is not set: real recordings are not at hand")
-    return io.load(found[0], rig=SIDECARS / f"{sidecar}.toml")
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 @pytest.mark.parametrize("name", list(MOST_LEFT))
 def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -> None:
-    whole = recording(name, f"broad_{axis}")
+    whole = recording(name, f"turning/broad_{axis}")
     first, last = whole.position.t[0], whole.position.t[-1]
     middle = float(0.5 * (first + last))
     found = ac.fit(ac.Model.linear(), whole.part(first, middle))
@@ -44,7 +32,7 @@ def test_the_published_orientation_gives_the_sensor_back(name: str, axis: str) -
 
 
 def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
-    whole = recording("drive", "car_gyroscope")
+    whole = recording("drive", "turning/car_gyroscope")
     found = ac.fit(ac.Model.linear(), whole.part(0.0, 40.0))
     left = ac.compare(found, whole.part(40.0, 60.0), band=1.0).accel_rms
     print(f"car: {found}; held out below 1 Hz: {left:.3f} m/s²")
@@ -56,7 +44,7 @@ def test_a_gyroscope_takes_the_road_out_of_the_scale_factor() -> None:
 
 
 def test_without_it_tilt_comes_first() -> None:
-    whole = recording("drive", "car")
+    whole = recording("drive", "turning/car")
     fitted = ac.fit(ac.Model.linear(), whole)
     assert fitted.remarks[0].startswith("A tilt of")
     assert fitted.values().scale < 0.9  # not the sensor's, and said so

@@ -28,7 +28,7 @@ from accelcal.diagnosis.relation import (
     BandRelation,
     RelationColumns,
     _solve,
-    _unexplained,
+    unexplained,
 )
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL
@@ -151,12 +151,12 @@ def _split(relation: BandRelation) -> float | None:
         return None
     forward = np.cumsum(gram, axis=0)
     backward = forward[-1] - forward
-    before, behind = _unexplained(forward[:-1]), _unexplained(backward[:-1])
+    before, behind = unexplained(forward[:-1]), unexplained(backward[:-1])
     n1, n2 = forward[:-1, -1, -1], backward[:-1, -1, -1]
     k = np.arange(1, K)
     with np.errstate(divide="ignore", invalid="ignore"):
         power1, power2 = before[0] / n1, behind[0] / n2
-        whole = _unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
+        whole = unexplained(forward[-1:])[0][0] / forward[-1, -1, -1]
         gain = 0.5 * (K * np.log(whole) - k * np.log(power1) - (K - k) * np.log(power2))
         lost = (behind[1] < BREAK_EXPLAINED) & (power2 > BREAK_POWER_RATIO * power1)
     possible = lost & (k >= RELATION_LEAST_BLOCKS) & (K - k >= 2) & np.isfinite(gain)

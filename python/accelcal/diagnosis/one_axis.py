@@ -25,7 +25,7 @@ from accelcal.diagnosis.policy import (
     RELATION_LEAST_SEGMENTS,
     UNDECLARED_BIAS_INSTABILITY,
 )
-from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, _unexplained
+from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.processing import low_pass, quintic
 from accelcal.signals.series import grid_step, interpolation_spread
@@ -128,7 +128,7 @@ def related_in_part(run: PreparedRun) -> bool:
         before = np.concatenate([np.zeros((1, 6, 6)), np.cumsum(gram, axis=0)])
         for length in {max(RELATION_LEAST_BLOCKS, len(gram) // part) for part in (1, 2, 4, 8)}:
             begins = np.arange(0, len(gram) - length + 1, max(1, length // 2))
-            share = _unexplained(before[begins + length] - before[begins])[1]
+            share = unexplained(before[begins + length] - before[begins])[1]
             gain = -0.5 * length * np.log1p(-np.minimum(share, 1.0 - 1e-15))
             if np.any((gain > RELATED_LOG_LIKELIHOOD) & (share > RELATED_SHARE)):
                 return True

@@ -134,7 +134,7 @@ def _solve(gram: Array) -> Array:
     return np.asarray(np.linalg.solve(A + ridge, gram[..., :4, 4][..., None])[..., 0])
 
 
-def _unexplained(gram: Array) -> tuple[Array, Array]:
+def unexplained(gram: Array) -> tuple[Array, Array]:
     """Sum of squares that the best relation leaves, and the share of the variance that it explains; (K,)."""
     c = _solve(gram)
     left = np.maximum(gram[:, 4, 4] - np.einsum("ki,ki->k", c, gram[:, :4, 4]), 1e-12 * gram[:, 4, 4] + 1e-300)

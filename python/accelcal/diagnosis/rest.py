@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.policy import RELATION_LEAST_BLOCKS, REST_LOG_LIKELIHOOD, REST_NOISE_RATIO
-from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, _unexplained
+from accelcal.diagnosis.relation import BANDS_PER_DECADE, MOST_BLOCKS, RelationColumns, unexplained
 from accelcal.estimation.estimate import require_motion
 from accelcal.estimation.gauss_newton import NotIdentifiable
 from accelcal.estimation.run import PreparedRun, prepare
@@ -74,7 +74,7 @@ def explained(run: PreparedRun) -> bool:
         gram, _ = columns.in_band(float(band)).blocks(MOST_BLOCKS)
         if len(gram) < 2:
             continue
-        share = float(_unexplained(gram.sum(axis=0, keepdims=True))[1][0])
+        share = float(unexplained(gram.sum(axis=0, keepdims=True))[1][0])
         periods = float(band) * float(run.t[-1] - run.t[0])
         if -0.5 * periods * np.log1p(-min(share, 1.0 - 1e-15)) > REST_LOG_LIKELIHOOD:
             return True

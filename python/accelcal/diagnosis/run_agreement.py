@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import special
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.search.homogeneity import different
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.run_state import RunState
@@ -64,13 +64,6 @@ def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
         sigma=sigma,
         p=float(p[k]),
     )
-
-
-def different(value: Array, weight: Array) -> Array:
-    """Probability, for each parameter, that runs differ as much if they have one value; (runs, m) each -> (m,)."""
-    mean = np.sum(weight * value, axis=0) / np.sum(weight, axis=0)
-    chi2 = np.sum(weight * (value - mean) ** 2, axis=0)
-    return np.asarray(special.gammaincc(0.5 * (len(value) - 1), 0.5 * chi2))
 
 
 def odd_one_out(value: Array, variance: Array) -> tuple[int, float, float]:

@@ -91,12 +91,7 @@ def turning_sensor(
         except ValueError:
             if following:
                 return None
-    rms = excess(where.accel_residual, where.band, floor)
-    degrees = tilt(rms, rig)
-    if rms <= limit or degrees > TURNING_MOST_DEGREES:
-        return None
-    band = min(TURNING_BAND, where.band)
-    return remark("turning_sensor", tilt_deg=degrees, rms=rms, band=band, bias_instability=limit)
+    return _remark_on("turning_sensor", rig, excess(where.accel_residual, where.band, floor), where.band)
 
 
 def slow_residual(fit: Fit, recording: Recording) -> Remark | None:
@@ -104,19 +99,23 @@ def slow_residual(fit: Fit, recording: Recording) -> Remark | None:
     instability, or orientation was recorded."""
     if orientation_recorded(recording):
         return None
-    run, limit = fit.runs[0], ordinary(fit.rig)
+    run = fit.runs[0]
     try:
         ahead = Prediction.of(fit, recording, start=run.start, end=run.end)
     except ValueError:
         return None
     band = min(ahead.crossover, 0.2 / ahead.run.reading_step)
     t, residual, _ = accel_residual(ahead, band)
-    rms = excess((t, residual), band, output_noise(fit.rig, recording.accel.t, recording.accel.y))
-    degrees = tilt(rms, fit.rig)
+    floor = output_noise(fit.rig, recording.accel.t, recording.accel.y)
+    return _remark_on("slow_residual", fit.rig, excess((t, residual), band, floor), band)
+
+
+def _remark_on(code: str, rig: Rig, rms: float, band: float) -> Remark | None:
+    """A remark on a slow residual of `rms` m/s² up to `band` Hz, where a tilt that a sensor may have explains it."""
+    limit, degrees = ordinary(rig), tilt(rms, rig)
     if rms <= limit or degrees > TURNING_MOST_DEGREES:
         return None
-    band = min(TURNING_BAND, band)
-    return remark("slow_residual", tilt_deg=degrees, rms=rms, band=band, bias_instability=limit)
+    return remark(code, tilt_deg=degrees, rms=rms, band=min(TURNING_BAND, band), bias_instability=limit)
 
 
 def orientation_recorded(recording: Recording) -> bool:

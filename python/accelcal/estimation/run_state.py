@@ -113,9 +113,8 @@ class RunState:
         It biases the scale factor where the readings determine the motion, so most of the output must lie below.
         """
         run, crossover = self.run, self.run.crossover(self.noise)
-        y, rate = run.undone.y, 1.0 / run.accel_step
-        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
-        f, density = spectral_density(y, rate, segment)
+        rate = 1.0 / run.accel_step
+        f, density = resolved(run.undone.y, rate, crossover)
         near = (f > OCTAVE_BELOW * crossover) & (f <= min(crossover, NEARLY_NYQUIST * rate))
         if np.count_nonzero(near) < FEWEST_LINES // 2:
             return False
@@ -129,8 +128,7 @@ class RunState:
     def _left_near(self, crossover: float) -> float:
         """Density of the whitened innovations near the crossover over that of white noise of variance 1."""
         y, rate = self.whitened[self.counts], 1.0 / self.run.reading_step
-        segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
-        f, density = spectral_density(y, rate, segment)
+        f, density = resolved(y, rate, crossover)
         near = density[(f > OCTAVE_BELOW * crossover) & (f <= crossover)]
         return float(np.median(near)) * 0.5 * rate if len(near) else 0.0
 
@@ -144,3 +142,9 @@ class RunState:
         return self.beyond_output or any(
             abs(float(np.mean(y[lag:] * y[:-lag]))) > COLOURED * power for lag in (1, 2, 3)
         )
+
+
+def resolved(y: Array, rate: float, crossover: float) -> tuple[Array, Array]:
+    """Frequencies, Hz, and one-sided density of samples, from segments as long as lines near the crossover need."""
+    segment = min(len(y), 2 ** max(6, math.ceil(math.log2(2.0 * FEWEST_LINES * rate / crossover))))
+    return spectral_density(y, rate, segment)

@@ -77,7 +77,7 @@ def compare(
     if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
         found = bin_residual(ahead, t_res, residual, motion, seen_band)
         bins = (*found, spectrum(ahead, residual, seen_band))
-    delta, delta_std = ahead.constant_at(len(run.t) - 1)
+    delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))
     gain = abs(fit.values().scale)
     simulated = ahead.simulate()
     return Comparison(

@@ -136,17 +136,13 @@ class Prediction:
         run = prepare(recording, fit.origins, start=start, end=end, withheld=withheld)
         return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
 
-    def constant_at(self, k: int) -> tuple[float, float]:
-        """Constant acceleration estimated from the innovations up to reading `k`, with standard deviation, m/s²."""
-        information = float(self.information[k])
-        if information <= 0.0:
-            return 0.0, math.inf
-        return float(self.evidence[k]) / information, information**-0.5
-
-    def _constants(self, k: NDArray[np.intp]) -> Array:
-        """Constant acceleration estimated from the innovations up to readings `k`, zero where there are none, m/s²."""
+    def constants(self, k: NDArray[np.intp]) -> tuple[Array, Array]:
+        """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:
+        0 and infinite where there is nothing to estimate it from."""
         information = self.information[k]
-        return np.asarray(np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=information > 0.0))
+        told = information > 0.0
+        value = np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=told)
+        return value, np.where(told, np.where(told, information, 1.0) ** -0.5, math.inf)
 
     def along(self, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         """Readings at `rows` predicted from reading `k`: frozen, rezeroed and standard deviation, (n,) m each."""
@@ -160,7 +156,7 @@ class Prediction:
         h = t[rows] - t[before]
         driven = self.moved[rows] - self.moved[before] - h * self.travelled[before]
         frozen = self.p[before] + h * self.v[before] + driven
-        constant = self._constants(k)
+        constant, _ = self.constants(k)
         unit_p, unit_v = self.unit_p[k], self.unit_v[k]
         rezeroed = frozen + constant[:, None] * (unit_p[:, None] + h * unit_v[:, None] + h**2 / 2.0)
         std = self._open_floor(k, t[rows])

@@ -26,6 +26,13 @@ FREQUENCY_BANDS = 16
 """Bands from one cosine of the run to half the rate of the rows, equally wide in the logarithm."""
 
 
+def different(value: Array, weight: Array) -> Array:
+    """Probability, for each parameter, that parts differ as much if they have one value; (parts, m) each -> (m,)."""
+    mean = np.sum(weight * value, axis=0) / np.sum(weight, axis=0)
+    chi2 = np.sum(weight * (value - mean) ** 2, axis=0)
+    return np.asarray(special.gammaincc(0.5 * (len(value) - 1), 0.5 * chi2))
+
+
 @dataclass(frozen=True, slots=True)
 class PartSizes:
     """Sizes of an effect in those parts of the runs that excite it, over its size in all of them."""
@@ -69,9 +76,8 @@ class PartSizes:
             return cls.none()
         size, variance = 1.0 + score[kept] / information[kept], 1.0 / information[kept]
         weight = 1.0 / (variance + EQUAL_SIZE_SHARE**2)
-        mean = float(weight @ size / np.sum(weight))
-        p = special.gammaincc(0.5 * (len(size) - 1), 0.5 * float(weight @ (size - mean) ** 2))
-        return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), float(p), of_what)
+        p = float(different(size[:, None], weight[:, None])[0])
+        return cls(tuple(size.tolist()), tuple(np.sqrt(variance).tolist()), p, of_what)
 
 
 def exempt(item: Hypothesis) -> bool:
