@@ -147,8 +147,10 @@ def fit(
     every = estimate(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
     )
-    found = every if not reject_outliers else fit_without_outliers(every, several, start=start, end=end, band=band)
-    found = with_breaks(with_agreement(found, several), broken)
+    found, used = every, tuple(several)
+    if reject_outliers:
+        found, used = fit_without_outliers(every, several, start=start, end=end, band=band)
+    found = with_breaks(with_agreement(found, used), broken)
     slow = slow_residual(found, several[0]) if reject_outliers else None
     if slow is None:
         return found
@@ -161,7 +163,8 @@ def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
 
 
 def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
-    """The fit with the remark on a recording that disagrees with the others; the fit itself where all agree."""
+    """The fit with the remark on a recording that disagrees with the others, as they were fitted; the fit itself where
+    all agree."""
     if len(recordings) < 2:
         return fit
     prepared = (
@@ -180,11 +183,11 @@ def fit_without_outliers(
     start: float | None = None,
     end: float | None = None,
     band: float | None = None,
-) -> Fit:
-    """The model fitted again without outliers; the fit itself where there are none."""
+) -> tuple[Fit, tuple[Recording, ...]]:
+    """The model fitted again without outliers, and what it was fitted to; the fit itself where there are none."""
     states = restored_states(fit, recordings)
     if states is not None and not any(outliers_found(run_noise_tests(state)) for state in states):
-        return fit
+        return fit, tuple(recordings)
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
@@ -192,9 +195,10 @@ def fit_without_outliers(
     clean = clean_fit(recordings, solve)
     rejected = clean.rejected(recordings)
     if not rejected:
-        return fit
+        return fit, tuple(recordings)
     kept = result(clean.solution)
-    return replace(kept, remarks=(*(f"{channel.sentence}." for channel in rejected), *kept.remarks))
+    remarks = (*(f"{channel.sentence}." for channel in rejected), *kept.remarks)
+    return replace(kept, remarks=remarks), clean.recordings
 
 
 @one_thread
@@ -239,7 +243,7 @@ def add(
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
     grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
-    return with_breaks(fit_without_outliers(grown, several), broken)
+    return with_breaks(fit_without_outliers(grown, several)[0], broken)
 
 
 @one_thread
@@ -255,7 +259,7 @@ def drop(
     """
     several, broken = usable_recordings(listed(recordings))
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
-    return with_breaks(fit_without_outliers(left, several), broken)
+    return with_breaks(fit_without_outliers(left, several)[0], broken)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:

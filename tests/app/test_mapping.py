@@ -41,5 +41,8 @@ def test_a_part_of_a_quaternion_or_no_direction_is_refused() -> None:
     with pytest.raises(ac.RecordingError, match="no column is q_z; an attitude needs q_w, q_x, q_y, q_z"):
         mapping.sidecar_from("", chosen()[:-1])
     with pytest.raises(ac.RecordingError, match='input axis "0, up": expected x, y, z or three numbers'):
-        mapping.sidecar_from("", chosen(), Axis("0, up"))
-    assert "input_axis = [0.0, 0.6, 0.8]" in mapping.sidecar_from("", chosen(), Axis("0, 0.6, 0.8"))
+        mapping.sidecar_from("", chosen(), Axis("0, up", "sensor to ENU"))
+    with pytest.raises(ac.RecordingError, match="say what the quaternion maps: sensor to ENU, or ENU to sensor"):
+        mapping.sidecar_from("", chosen(), Axis("x"))
+    made = mapping.sidecar_from("", chosen(), Axis("0, 0.6, 0.8", "sensor to ENU"))
+    assert "input_axis = [0.0, 0.6, 0.8]" in made

@@ -89,7 +89,8 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
     Raises
     ------
     RecordingError
-        If two columns are the same channel, a quaternion has not all its columns, or the text is no TOML.
+        If two columns are the same channel, a quaternion has not all its columns or nothing says what it maps, or the
+        text is no TOML.
     """
     axis = axis or Axis()
     used = [c for c in chosen if c.channel != NOT_USED]
@@ -125,7 +126,10 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
     if quaternion:
         attitude = table.setdefault("attitude", tomlkit.table())
         attitude["columns"] = [quaternion[name] for name in QUATERNION]
-        attitude["maps"] = axis.maps or attitude.get("maps", "sensor to ENU")
+        maps = axis.maps or attitude.get("maps", "")
+        if not maps:
+            raise RecordingError("say what the quaternion maps: sensor to ENU, or ENU to sensor")
+        attitude["maps"] = maps
     if axis.input_axis.strip():
         document.setdefault("rig", tomlkit.table())["input_axis"] = _direction(axis.input_axis.strip())
     return tomlkit.dumps(document)
