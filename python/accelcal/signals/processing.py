@@ -28,15 +28,20 @@ def low_pass(y: Array, rate: float, cutoff: float) -> Array:
     """
     if cutoff >= 0.45 * rate or len(y) < 8:
         return y
-    sections = low_pass_sections(rate, cutoff)
+    sections, steady = low_pass_sections(rate, cutoff)
     padding = int(min(len(y) - 1, 3 * rate / cutoff))
-    return np.asarray(scipy.signal.sosfiltfilt(sections, y, padlen=padding), dtype=np.float64)
+    # scipy.signal.sosfiltfilt, which would find the steady state anew in every call
+    padded = np.concatenate([2.0 * y[0] - y[padding:0:-1], y, 2.0 * y[-1] - y[-2 : -padding - 2 : -1]])
+    forwards, _ = scipy.signal.sosfilt(sections, padded, zi=steady * padded[0])
+    backwards, _ = scipy.signal.sosfilt(sections, forwards[::-1], zi=steady * forwards[-1])
+    return np.ascontiguousarray(backwards[::-1][padding : padding + len(y)])
 
 
-@lru_cache(maxsize=1)
-def low_pass_sections(rate: float, cutoff: float) -> Array:
-    """Second-order sections of that low-pass, cached: each round of a fit needs them again."""
-    return np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"), dtype=np.float64)
+@lru_cache(maxsize=16)
+def low_pass_sections(rate: float, cutoff: float) -> tuple[Array, Array]:
+    """Second-order sections of that low-pass, and their state for a constant of 1; each round of a fit needs them."""
+    sections = np.asarray(scipy.signal.butter(ORDER, cutoff, fs=rate, output="sos"), dtype=np.float64)
+    return sections, np.asarray(scipy.signal.sosfilt_zi(sections), dtype=np.float64)
 
 
 def derivative(y: Array, step: float) -> Array:
