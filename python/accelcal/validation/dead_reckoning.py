@@ -12,6 +12,7 @@ to one node, where the method halves its steps. So the result is that of one nod
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -147,11 +148,11 @@ class DeadReckoning:
         size = max(1, int(HELD / nodes))
         return [slice(begin, begin + size) for begin in range(0, count, size)]
 
-    def displacement(self, starts: Starts, t: Array) -> tuple[Array, Array]:
+    def displacement(self, starts: Starts, t: Array, limit: float = math.inf) -> tuple[Array, Array]:
         """What the effects add to readings at times `t` (n, k) s behind the starts, and the variance of the simulated
-        position, (n, k) m and m²; not a number once the effects have run away with the motion."""
+        position, (n, k) m and m²; not a number once they have run away with the motion, by `limit` m or altogether."""
         with np.errstate(over="ignore", invalid="ignore"):
-            paths = Simulation(self, starts, float(np.max(t - starts.t[:, None]))).run()
+            paths = Simulation(self, starts, float(np.max(t - starts.t[:, None])), limit).run()
         added, variance = np.empty_like(t), np.empty_like(t)
         for i in range(len(t)):
             node = np.clip(np.searchsorted(paths.t[i], t[i], side="right") - 1, 0, paths.t.shape[1] - 2)
@@ -251,8 +252,8 @@ def ahead_at(ahead: DeadReckoning, t: Array) -> tuple[Array, Array]:
 class Simulation:
     """Paths of several starts while they are simulated, window by window."""
 
-    def __init__(self, ahead: DeadReckoning, starts: Starts, horizon: float) -> None:
-        self.ahead, self.starts, known = ahead, starts, ahead.known
+    def __init__(self, ahead: DeadReckoning, starts: Starts, horizon: float, limit: float) -> None:
+        self.ahead, self.starts, self.limit, known = ahead, starts, limit, ahead.known
         n, m = len(starts.t), int(horizon / known.step) + 3
         first = np.searchsorted(known.t, starts.t, side="right")
         grid = known.t[0] + known.step * (first[:, None] + np.arange(m - 1))
@@ -289,20 +290,20 @@ class Simulation:
         bare, effects = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), self._guess(window)
         guess, slopes, before = effects, None, np.inf
         rounding: Array | float = 0.0
-        diverged = ~np.isfinite(self.paths.dp[:, [max(window.start - 1, 0)]])
         for count in range(ROUNDS):
             motion, displacement = self._motion(window, bare, effects)
             columns = self._local(window, bare, motion)
-            found = self._effects(window, motion, columns)
-            change = np.abs(found - effects)
+            # What lies behind a node where a path ends changes nothing before it.
+            ended = np.logical_or.accumulate(~(np.abs(displacement[1]) < self.limit), axis=1)
+            found = np.where(ended, 0.0, self._effects(window, motion, columns))
+            change = np.where(ended, 0.0, np.abs(found - effects))
             largest = np.maximum(self.largest, largest_of(found))
-            finite = np.isfinite(found)
-            if np.all((finite & (change <= TOLERANCE * largest + rounding)) | diverged):
-                self._keep(window, bare, found)
+            if np.all(change <= TOLERANCE * largest + rounding):
+                self._keep(window, bare, np.where(ended, np.nan, found))
                 return count + 1
-            if not np.all(finite | diverged):
+            if not np.all(np.isfinite(found)):
                 break
-            left = float(np.max(np.where(diverged, 0.0, change / (largest + TINY))))
+            left = float(np.max(change / (largest + TINY)))
             if slopes is None or left > SLOPES_HOLD * before:
                 slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
                 rounding = self._rounding(bare, slopes)
@@ -337,13 +338,13 @@ class Simulation:
         return np.asarray(sum(y - columns[i] for i, y in zip(following, moved, strict=True)) / size)
 
     def _rounding(self, bare: Carried, slopes: Sequence[Array | float]) -> Array | float:
-        """What rounding of the motion alone makes of the effects, (n, 1) m/s²."""
-        moving = zip(slopes, (bare.p, bare.v, bare.a), strict=True)
+        """What rounding of the motion alone makes of the effects, (n, 1) m/s²; 0 on a path that has ended."""
         gain = abs(self.ahead.gain)
-        return sum(
-            (gain * EPSILON * largest_of(y) * largest_of(slope) for slope, y in moving if not isinstance(slope, float)),
-            0.0,
-        )
+        total: Array | float = 0.0
+        for slope, y in zip(slopes, (bare.p, bare.v, bare.a), strict=True):
+            if not isinstance(slope, float):
+                total = total + gain * EPSILON * largest_of(y) * largest_of(slope)
+        return np.nan_to_num(total)
 
     def _corrected(
         self, window: slice, displacement: Displacement, effects: Array, found: Array, slopes: Sequence[Array | float]

@@ -168,11 +168,11 @@ class Prediction:
         limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
-            added, variance = self.ahead.displacement(plain.part(batch), at)
+            added, variance = self.ahead.displacement(plain.part(batch), at, limit)
             frozen[batch] += within(limit, added)
             if self.ahead.feeds_back:
                 std[batch] = within(limit, np.sqrt(variance))
-                added, _ = self.ahead.displacement(moved.part(batch), at)
+                added, _ = self.ahead.displacement(moved.part(batch), at, limit)
             rezeroed[batch] += within(limit, added)
         return frozen, rezeroed, std
 
