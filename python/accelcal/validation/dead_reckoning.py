@@ -148,11 +148,24 @@ class DeadReckoning:
         size = max(1, int(HELD / nodes))
         return [slice(begin, begin + size) for begin in range(0, count, size)]
 
-    def displacement(self, starts: Starts, t: Array, limit: float = math.inf) -> tuple[Array, Array]:
-        """What the effects add to readings at times `t` (n, k) s behind the starts, and the variance of the simulated
-        position, (n, k) m and m²; not a number once they have run away with the motion, by `limit` m or altogether."""
+    def displacement(
+        self, starts: Starts, t: Array, limit: float = math.inf, floor: bool = True
+    ) -> tuple[Array, Array]:
+        """What the effects add to readings, and the variance of the simulated position.
+
+        Parameters
+        ----------
+        starts : where the paths begin.
+        t : times of the readings, (n, k) s, all behind their starts.
+        limit : m; a path that effects move further has ended.
+        floor : if False, the variance is not followed, and 0.
+
+        Returns
+        -------
+        Displacement of readings and variance, (n, k) m and m²; not a number once a path has ended.
+        """
         with np.errstate(over="ignore", invalid="ignore"):
-            paths = Simulation(self, starts, float(np.max(t - starts.t[:, None])), limit).run()
+            paths = Simulation(self, starts, float(np.max(t - starts.t[:, None])), limit).run(floor)
         added, variance = np.empty_like(t), np.empty_like(t)
         for i in range(len(t)):
             node = np.clip(np.searchsorted(paths.t[i], t[i], side="right") - 1, 0, paths.t.shape[1] - 2)
@@ -223,19 +236,22 @@ class Carried:
     side: dict[str, Array]
 
     @classmethod
-    def of(cls, ahead: DeadReckoning, starts: Starts, t: Array) -> Carried:
-        """At times `t`, (n, m) s: between nodes the acceleration is straight."""
+    def of(cls, ahead: DeadReckoning, starts: Starts, t: Array, nodes: NDArray[np.intp] | None = None) -> Carried:
+        """At times `t`, (n, m) s, which are those of `nodes` if these are given: between them the acceleration is
+        straight."""
         known = ahead.known
         begin_p, begin_v = ahead_at(ahead, starts.t)
         since = t - starts.t[:, None]
-        position, velocity = ahead_at(ahead, t)
+        position, velocity = ahead_at(ahead, t) if nodes is None else (ahead.carried_p[nodes], ahead.carried_v[nodes])
+
+        def at(y: Array) -> Array:
+            return np.interp(t, known.t, y) if nodes is None else y[nodes]
+
         constant = starts.constant[:, None]
         v = velocity - begin_v[:, None] + starts.v[:, None]
         p = position - begin_p[:, None] + starts.p[:, None] + since * (starts.v - begin_v)[:, None]
-        a = np.interp(t, known.t, ahead.bare)
-        jerk = np.interp(t, known.t, ahead.jerk)
-        side = {name: np.interp(t, known.t, y) for name, y in known.side.items()}
-        return cls(p + 0.5 * constant * since**2, v + constant * since, a + constant, jerk, side)
+        side = {name: at(y) for name, y in known.side.items()}
+        return cls(p + 0.5 * constant * since**2, v + constant * since, at(ahead.bare) + constant, at(ahead.jerk), side)
 
 
 def ahead_at(ahead: DeadReckoning, t: Array) -> tuple[Array, Array]:
@@ -263,10 +279,9 @@ class Simulation:
         self.motion = tuple(np.zeros((n, m)) for _ in range(4)) if ahead.lagging else ()
         self.reference = [self._reference(i) for i in range(n)] if ahead.lagging else []
         self.largest: Array = np.zeros((n, 1))
-        self.lost = np.interp(self.paths.t, known.t, ahead.lost)
 
-    def run(self) -> Paths:
-        """Simulate to the end."""
+    def run(self, floor: bool) -> Paths:
+        """Simulate to the end, the variance too where a `floor` is asked for."""
         paths, ahead = self.paths, self.ahead
         n, m = paths.t.shape
         most = m if ahead.lagging else max(1, TOGETHER // n)
@@ -279,7 +294,8 @@ class Simulation:
             if rounds is None:
                 width = max(1, (window.stop - begin) // 2)
                 continue
-            self._spread(window)
+            if floor:
+                self._spread(window)
             begin = window.stop
             if rounds <= FEW:
                 width = min(2 * width, most)
@@ -287,7 +303,7 @@ class Simulation:
 
     def _advance(self, window: slice) -> int | None:
         """Solve the nodes of a window; number of iterations, None where they do not converge."""
-        bare, effects = Carried.of(self.ahead, self.starts, self.paths.t[:, window]), self._guess(window)
+        bare, effects = self._bare(window), self._guess(window)
         guess, slopes, before = effects, None, np.inf
         rounding: Array | float = 0.0
         for count in range(ROUNDS):
@@ -316,16 +332,29 @@ class Simulation:
         self._keep(window, bare, np.where(unsolved, np.nan, found))
         return ROUNDS
 
+    def _nodes(self, window: slice) -> NDArray[np.intp] | None:
+        """Nodes of the whole record that a window stands for, (n, w); None where it begins with the starts, or reaches
+        beyond the record."""
+        if window.start == 0 or int(np.max(self.paths.first)) + window.stop - 2 >= len(self.ahead.known.t):
+            return None
+        return self.paths.first[:, None] + np.arange(window.start - 1, window.stop - 1)
+
+    def _along(self, window: slice, y: Array) -> Array:
+        """What is known over the whole record, over a window, (n, w)."""
+        nodes = self._nodes(window)
+        return np.interp(self.paths.t[:, window], self.ahead.known.t, y) if nodes is None else y[nodes]
+
+    def _bare(self, window: slice) -> Carried:
+        """Motion without effects over a window."""
+        return Carried.of(self.ahead, self.starts, self.paths.t[:, window], self._nodes(window))
+
     def _guess(self, window: slice) -> Array:
         """Effects to begin with: they change as along the known motion, (n, w) m/s²."""
-        ahead, t = self.ahead, self.paths.t
-        along = np.interp(t[:, window], ahead.known.t, ahead.known_effects)
+        along = self._along(window, self.ahead.known_effects)
         if window.start == 0:
-            return np.asarray(along)
-        last = window.start - 1
-        return np.asarray(
-            along + (self.paths.effects[:, [last]] - np.interp(t[:, [last]], ahead.known.t, ahead.known_effects))
-        )
+            return along
+        last = slice(window.start - 1, window.start)
+        return along + (self.paths.effects[:, last] - self._along(last, self.ahead.known_effects))
 
     def _slope(self, window: slice, bare: Carried, motion: Motion, columns: list[Array], row: int) -> Array | float:
         """How the effects change with position, velocity or acceleration (`row`), (n, w); 0 where none follows it."""
@@ -406,7 +435,7 @@ class Simulation:
         for column in columns:
             found += column
         if len(self.ahead.lagged_effects):
-            found += np.interp(self.paths.t[:, window], self.ahead.known.t, self.ahead.lagged_effects)
+            found += self._along(window, self.ahead.lagged_effects)
         if self.ahead.lagging and window.start > 0:
             found += self._changes(window, motion)
         return found
@@ -465,7 +494,7 @@ class Simulation:
         slopes = np.zeros((2, *t.shape))
         if ahead.feeds_back:
             around = slice(window.start - 1, window.stop)
-            bare = Carried.of(ahead, self.starts, t)
+            bare = self._bare(around)
             effects = paths.effects[:, around]
             motion = (
                 bare.p + paths.dp[:, around],
@@ -480,7 +509,7 @@ class Simulation:
                 sides = (self._local(around, bare, other, following) for other in (high, low))
                 for above, below in zip(*sides, strict=True):
                     slopes[row] += (above - below) / (2.0 * size)
-        lost = np.diff(self.lost[:, window.start - 1 : window.stop], axis=1)
+        lost = np.diff(self._along(slice(window.start - 1, window.stop), ahead.lost), axis=1)
         paths.variance[:, window] = _core.dead_reckoning_variance(
             self.variances, np.diff(t, axis=1), ahead.gain * slopes[0], ahead.gain * slopes[1], lost, ahead.density
         )

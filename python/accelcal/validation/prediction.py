@@ -149,8 +149,9 @@ class Prediction:
         frozen, rezeroed, std = self._predict(np.array([k]), rows[None, :])
         return frozen[0], rezeroed[0], std[0]
 
-    def _predict(self, k: NDArray[np.intp], rows: NDArray[np.intp]) -> tuple[Array, Array, Array]:
-        """Readings at `rows` (m, n) predicted from the readings `k` (m,): frozen, rezeroed and standard deviation."""
+    def _predict(self, k: NDArray[np.intp], rows: NDArray[np.intp], rezero: bool = True) -> tuple[Array, Array, Array]:
+        """Readings at `rows` (m, n) predicted from the readings `k` (m,): frozen, rezeroed and standard deviation; only
+        the first is complete unless `rezero`."""
         t = self.run.t
         before = k[:, None]
         h = t[rows] - t[before]
@@ -168,11 +169,11 @@ class Prediction:
         limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
-            added, variance = self.ahead.displacement(plain.part(batch), at, limit)
+            added, variance = self.ahead.displacement(plain.part(batch), at, limit, rezero)
             frozen[batch] += within(limit, added)
-            if self.ahead.feeds_back:
+            if self.ahead.feeds_back and rezero:
                 std[batch] = within(limit, np.sqrt(variance))
-                added, _ = self.ahead.displacement(moved.part(batch), at, limit)
+                added, _ = self.ahead.displacement(moved.part(batch), at, limit, floor=False)
             rezeroed[batch] += within(limit, added)
         return frozen, rezeroed, std
 
@@ -224,7 +225,7 @@ class Prediction:
             at = at[:: max(1, len(at) // MOST_STARTS)]
         if len(at) == 0:
             return None
-        error = self.run.readings[at + k] - self._predict(at, (at + k)[:, None])[0][:, 0]
+        error = self.run.readings[at + k] - self._predict(at, (at + k)[:, None], rezero=False)[0][:, 0]
         return float(np.sqrt(np.mean(error**2)))
 
     def simulate(self) -> tuple[Array, Array, Array, Array]:
