@@ -12,10 +12,11 @@ from accelcal.estimation.columns import whitened_columns
 from accelcal.estimation.estimate import solve_runs
 from accelcal.selection.cross_validation import (
     PairedChange,
+    alike,
     belongs_to_its_time,
-    blocked,
     cross_validate,
     left_out,
+    pieces,
     refusing,
     rows_of,
 )
@@ -45,9 +46,11 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
     solution = fitted([record(1, cubic=1e-3)], "cubic")
     (state,) = solution.states
     terms = solution.model.free
-    grams, drifts = blocked(state, terms, rows_of(solution, 0, 0), len(terms), 1)
+    fine, _, readings = pieces(state, terms, rows_of(solution, 0, 0), len(terms), 16)
+    blocks = alike(readings, np.zeros(len(readings)), 1, 16)
+    grams = np.add.reduceat(fine, blocks)
     found, _ = left_out(
-        grams, (grams, drifts), np.ones(len(terms), dtype=bool), np.zeros(len(terms)), np.zeros(len(terms))
+        grams, (grams, grams), np.ones(len(terms), dtype=bool), np.zeros(len(terms)), np.zeros(len(terms))
     )
     X = np.concatenate([columns for _, columns in whitened_columns(state, terms)])
     y, t = state.whitened[state.counts], state.run.t[state.counts]
@@ -56,7 +59,7 @@ def test_leaving_a_block_out_equals_a_fit_without_it():
     for number in (0, 7, 15):
         inside = block == number
         x = np.linalg.lstsq(X[~inside], y[~inside], rcond=None)[0]
-        alone = np.mean((y[inside] - X[inside] @ x) ** 2) * len(y) / len(grams)
+        alone = np.sum((y[inside] - X[inside] @ x) ** 2)
         assert found[number] == pytest.approx(alone, rel=1e-6)
 
 
@@ -83,6 +86,33 @@ def test_two_runs_are_cut_into_blocks_together():
     assert step.blocks == 16
     assert step.sigma < -3.0
     assert drift.ratio < 0.9
+
+
+def test_blocks_share_time_and_power_alike():
+    readings, energy = np.full(256, 10.0), np.zeros(256)
+    energy[100:104] = 1.0  # of the first run; the second run shows nothing of the effect
+    blocks = alike(readings, energy, 2, 16)
+    sums = np.add.reduceat(energy, blocks)
+    assert len(blocks) == len(np.unique(blocks)) <= 32
+    assert 128 in blocks
+    assert np.max(sums) <= 1.0  # a piece is the least that a block can be
+    assert np.max(np.diff([*blocks, 256])) <= 17  # and twice the average length the most
+    even = alike(readings, np.zeros(256), 2, 16)
+    assert np.all(np.diff(even) == 8)
+
+
+def burst(seed, **truth):
+    """A record of 40 s whose motion comes in bursts."""
+    rng = np.random.default_rng(seed)
+    made = ac.simulate("bursts", seconds=40.0, rig=ac.CXL02_RIG, parameters={**BASE, **truth}, rng=rng).recording
+    return made
+
+
+def test_an_effect_that_a_burst_shows_is_spread_over_blocks():
+    changes = cross_validate(fitted([burst(7, cubic=4e-4)], "cubic"), ("cubic",))
+    print(changes)
+    assert changes[0].spread > 4.0
+    assert refusing(changes) is None
 
 
 def test_an_effect_of_one_block_is_not_refused_for_that():

@@ -127,7 +127,8 @@ no larger. [samples; tests/selection/test_budget.py]"""
 # ---- validation: which effects may stay ----
 
 VALIDATION_BLOCKS = 16
-"""Blocks of time into which the fitted runs are cut together for cross-validation. More would be shorter than slow
+"""Blocks, alike in time and power of the effect, into which the fitted runs are cut together for cross-validation. More
+would be shorter than slow
 noise, fewer would not determine the scatter of the differences. [blocks; tests/selection/test_cross_validation.py]"""
 VALIDATION_LEAST_BLOCKS = 8
 """Blocks below which cross-validation refuses no effect. A standard error from fewer is too uncertain. [blocks;
@@ -139,9 +140,9 @@ VALIDATION_LEAST_FALL = 0.5
 """Fall of one of the errors on left-out blocks, in paired standard errors, without which an effect that is spread over
 several blocks does not enter. Of what slow noise alone explains, half has no fall at all. [sigma;
 tests/selection/test_cross_validation.py]"""
-VALIDATION_SPREAD = 4.0
-"""Blocks of equal power over which an effect must be spread for that. One that lives in a few is not predicted there
-from the others. [blocks; tests/selection/test_cross_validation.py]"""
+VALIDATION_SPREAD = 2.0
+"""Blocks of equal power over which an effect must be spread for that. One that lives in a single one is not predicted
+there from the others. [blocks; tests/selection/test_cross_validation.py]"""
 VALIDATION_RISE = 0.05
 """Rise of the rms drift on left-out blocks, as a share, below which it does not matter. An effect of high frequencies
 leaves the drift as it is, up to chance. [share; tests/selection/test_cross_validation.py]"""

@@ -1,6 +1,7 @@
 """Blocked cross-validation of an effect that is to enter a model, within the fitted runs (derivations D8).
 
-Every run is cut into blocks of time. The coefficients of both models, with the effect and without it, are estimated
+Every run is cut into blocks, which share the time and what the effect contributes alike: a burst that holds most of it
+is cut into several. The coefficients of both models, with the effect and without it, are estimated
 from all blocks but one, by linear algebra on Gram matrices that are summed block by block, and the block that was left
 out is predicted with them. The differences of the errors are paired, so that their scatter from block to block is that
 of the comparison itself. Data that are held out take no part in it.
@@ -13,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.diagnosis.policy import (
@@ -36,11 +38,13 @@ SINGULAR = 1e-9
 """Eigenvalues of the scaled information below this share are directions that the remaining blocks do not determine."""
 CENTRES = 4
 """Drifts taken per horizon."""
+PIECES = 8
+"""Pieces of equal time in a block of average length; blocks are made of whole pieces."""
 
 
 @dataclass(frozen=True, slots=True)
 class PairedChange:
-    """Mean square error on left-out blocks without an effect and with it."""
+    """Square error on left-out blocks without an effect and with it, summed in each, mean of all blocks."""
 
     measure: str
     """What is squared: the one-step prediction error over its standard deviation, or the drift, m."""
@@ -76,7 +80,7 @@ def refusing(changes: Sequence[PairedChange]) -> PairedChange | None:
     """The change for which an effect does not enter; None where it may.
 
     An error that rises significantly refuses it. So does an effect that is spread over several blocks, and yet lets
-    neither error fall by one standard error; one that a few blocks hold cannot be predicted there from the others.
+    neither error fall by half a standard error; what a single block holds cannot be predicted there from the others.
     """
     rising = [change for change in changes if change.rises]
     if not rising and changes and changes[0].spread >= VALIDATION_SPREAD:
@@ -107,11 +111,12 @@ def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequenc
     """
     terms = (*solution.model.free, *leaving)
     width, new = len(solution.layout.slots), [t.effect.name in entering for t, _ in solution.layout.slots]
+    count = max(VALIDATION_LEAST_BLOCKS // 2, VALIDATION_BLOCKS // len(solution.states))
     several = [
-        blocked(state, terms, rows_of(solution, index, len(leaving)), width + len(leaving), len(solution.states))
+        pieces(state, terms, rows_of(solution, index, len(leaving)), width + len(leaving), count)
         for index, state in enumerate(solution.states)
     ]
-    whitened, drifts = (np.concatenate([each[kind] for each in several]) for kind in (0, 1))
+    whitened, drifts, readings = (np.concatenate([each[kind] for each in several]) for kind in range(3))
     reference = np.zeros(width + len(leaving) + 1)  # the coefficient of an effect is counted from zero
     reference[:width] = np.where(new, solution.x, 0.0)
     reference[-1] = 1.0
@@ -122,9 +127,11 @@ def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequenc
     with_them = np.array([*(True for _ in range(width)), *(False for _ in leaving)])
     without = np.array([*(not one for one in new), *(True for _ in leaving)])
     entered = np.array([*new, *(False for _ in leaving)], dtype=np.bool_)
-    energy = powers(whitened, belief, entered, reference)
-    spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
     of_time = all(belongs_to_its_time(find(name)) for name in entering)
+    energy = powers(whitened, belief, entered, reference)
+    blocks = alike(readings, np.zeros_like(energy) if of_time else energy, len(solution.states), count)
+    energy, whitened, drifts = (np.add.reduceat(each, blocks) for each in (energy, whitened, drifts))
+    spread = float(np.sum(energy)) ** 2 / max(float(np.sum(energy**2)), 1e-300)
     scored = whitened, drifts
     if of_time:  # as on another recording: its own part is fitted anew there, what it does to all others counts
         scored = profiled(whitened, entered, belief), profiled(drifts, entered, np.zeros_like(belief))
@@ -168,7 +175,7 @@ def profiled(grams: Array, own: Flags, belief: Array) -> Array:
 def left_out(
     whitened: Array, scored: tuple[Array, Array], kept: Flags, belief: Array, mean: Array
 ) -> tuple[Array, Array]:
-    """Mean square errors of each block under coefficients that all other blocks determine, (blocks,) each.
+    """Square errors of each block, summed, under coefficients that all other blocks determine, (blocks,) each.
 
     `whitened` holds the Gram matrices that determine them, `scored` those of whitened readings and drifts.
 
@@ -214,38 +221,57 @@ def with_reference(grams: Array, reference: Array) -> Array:
     return turned
 
 
-def blocked(state: RunState, terms: Sequence[Term], rows: Sequence[int], width: int, runs: int) -> tuple[Array, Array]:
-    """Gram matrices of [X y] of a run block by block, per row: of whitened readings and of drifts.
+def alike(readings: Array, energy: Array, runs: int, count: int) -> NDArray[np.intp]:
+    """First piece of each block: blocks of a run are alike in readings and power of the effect together.
+
+    Parameters
+    ----------
+    readings, energy : of each piece, runs one behind the other, (pieces,).
+    runs, count : number of runs, and of blocks in each.
+    """
+    firsts = []
+    for run, (number, power) in enumerate(zip(np.split(readings, runs), np.split(energy, runs), strict=True)):
+        share = number / max(float(np.sum(number)), 1.0)
+        if np.sum(power) > 0.0:
+            share = 0.5 * (share + power / np.sum(power))
+        middle = np.cumsum(share) - 0.5 * share
+        block = np.minimum((count * middle).astype(np.intp), count - 1)
+        firsts.append(run * len(number) + np.unique(block, return_index=True)[1])
+    return np.concatenate(firsts)
+
+
+def pieces(
+    state: RunState, terms: Sequence[Term], rows: Sequence[int], width: int, count: int
+) -> tuple[Array, Array, Array]:
+    """Gram matrices of [X y] of a run piece by piece: of whitened readings and of drifts; and the number of readings.
 
     Parameters
     ----------
     state, terms : the run and the m columns.
     rows : row of each column, and of the innovations, among all coefficients, (m + 1,).
     width : number of all coefficients.
-    runs : number of runs that are cut into blocks together.
+    count : number of blocks that are made of the pieces.
     """
-    count = max(VALIDATION_LEAST_BLOCKS // 2, VALIDATION_BLOCKS // runs)
+    fine = PIECES * count
     counted = state.run.t[state.counts]
-    edges = np.quantile(counted, np.linspace(0.0, 1.0, count + 1)) if len(counted) else np.zeros(count + 1)
-    grams = np.zeros((2, count, len(rows), len(rows)))
-    number = np.zeros((2, count))
+    edges = np.quantile(counted, np.linspace(0.0, 1.0, fine + 1)) if len(counted) else np.zeros(fine + 1)
+    grams = np.zeros((2, fine, len(rows), len(rows)))
+    number = np.zeros(fine)
 
     def collect(kind: int, t: Array, columns: Array) -> None:
         ends = np.searchsorted(t, edges[1:-1])
-        for block, part in enumerate(np.split(columns, ends)):
-            grams[kind, block] += part.T @ part
-            number[kind, block] += len(part)
+        for piece, part in enumerate(np.split(columns, ends)):
+            grams[kind, piece] += part.T @ part
+            number[piece] += len(part) if kind == 0 else 0
 
     for readings, columns in whitened_columns(state, terms):
         kept = state.counts[readings]
         collect(0, state.run.t[readings][kept], np.column_stack([columns, state.whitened[readings][kept]]))
     horizon = min(VALIDATION_HORIZON, (edges[-1] - edges[0]) / count / 3.0)
     collect(1, *drift_rows(state, terms, horizon))
-    grams /= np.maximum(number, 1.0)[:, :, None, None]
-    grams[0] *= np.mean(number[0])  # estimates add information of readings
-    whole = np.zeros((2, count, width + 1, width + 1))
-    whole[np.ix_(range(2), range(count), rows, rows)] = grams
-    return whole[0], whole[1]
+    whole = np.zeros((2, fine, width + 1, width + 1))
+    whole[np.ix_(range(2), range(fine), rows, rows)] = grams
+    return whole[0], whole[1], number
 
 
 def drift_rows(state: RunState, terms: Sequence[Term], horizon: float) -> tuple[Array, Array]:
