@@ -328,8 +328,9 @@ def names_of(outcome: Outcome) -> set[str]:
 
 
 def share_of(outcome: Outcome, plain: Outcome) -> float:
-    """Held-out error over that of the unplanted recording."""
-    return float(outcome["error"]["accel"] / plain["error"]["accel"])
+    """Held-out drift after 1 s, or one-step error of a shorter record, over that of the unplanted recording."""
+    kind = "one_step" if plain["error"]["1"] is None else "1"
+    return float(outcome["error"][kind] / plain["error"][kind])
 
 
 def in_class(outcome: Outcome, plain: Outcome) -> bool:
