@@ -144,7 +144,8 @@ def test_effects_come_with_their_columns() -> None:
 
 
 def test_a_step_of_w2_costs_few_empty_calls() -> None:
-    found = cost(WORKLOADS["W2"], rounds=60)
+    # Other work on the machine slows a step more than an empty call, for a while: the least of three tries counts.
+    found = min((cost(WORKLOADS["W2"], rounds=60) for _ in range(3)), key=lambda one: one.ratio)
     print(f"\nW2 step: {found.step:.0f} ns, {found.ratio:.2f} empty calls of {found.empty:.0f} ns")
     # least of 60 rounds, in turn; the loop's own time is taken off both; 3.5 before each step checked its variances
     assert found.ratio <= 4.0
