@@ -238,6 +238,12 @@ def size_at(d: float, e: Array, m: Motion, output: Array, band: tuple[float, flo
     return d / float(np.sqrt(np.sum(power / noise)))
 
 
+def sampled_at(t: Array, y: Array) -> Array:
+    """Time at which each reading of the output was taken: one that repeats the reading before it was held, (n,) s."""
+    first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0.0)
+    return t[first[np.searchsorted(first, np.arange(len(y)), side="right") - 1]]
+
+
 def planted(trial: Trial, folder: Path) -> Path:
     """Write the recording of a trial, its used part only, under the name of its subject."""
     subject = SUBJECTS[trial.subject]
@@ -248,7 +254,7 @@ def planted(trial: Trial, folder: Path) -> Path:
         m = motion_of(subject)
         e = column(trial.effect, m, below(subject, subject.across, m.t) if subject.across else np.zeros_like(m.t))
         size = size_at(trial.d, e, m, below(subject, subject.output, m.t), subject.band)
-        made[subject.output] += size * np.interp(made["t"], m.t, e)
+        made[subject.output] += size * np.interp(sampled_at(made["t"], made[subject.output]), m.t, e)
     path = folder / f"{trial.subject}.csv"
     with path.open("w", encoding="utf-8", newline="") as stream:
         writer = csv.writer(stream)

@@ -8,7 +8,8 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.contribution import Size
-from accelcal.selection.plausibility import implausible
+from accelcal.estimation.estimate import solve_runs
+from accelcal.selection.plausibility import implausible, undetermined
 
 
 @pytest.fixture(scope="module")
@@ -45,3 +46,18 @@ def test_an_error_of_the_scale_beyond_a_tenth_of_the_travel_is_no_finding(record
 @pytest.mark.parametrize("name", ["encoder_step", "encoder_lag"])
 def test_a_lost_zero_and_a_lag_are_no_errors_of_the_scale(recording, name):
     assert implausible(name, Size(0.05, at_encoder=True), [recording]) is None
+
+
+def test_what_explains_no_more_than_chance_has_no_size():
+    rng = np.random.default_rng(4)
+    truth = {"bias": 0.05, "scale_factor": 0.01}
+    plain = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+    accel = plain.accel
+    curved = dataclasses.replace(plain, accel=dataclasses.replace(accel, y=accel.y + 4e-3 * accel.y**3))
+    model = ac.Model.linear().add("cubic")
+    assert undetermined("cubic", solve_runs(model, [curved])) is None
+    with_lag = ac.Model.linear().add("sensor_lag", shapes={"sensor_lag": {"tau": 1e-4}})
+    note = undetermined("sensor_lag", solve_runs(with_lag, [plain]))
+    assert note is not None
+    assert note.code == "undetermined"
+    assert "no more than chance" in note.sentence

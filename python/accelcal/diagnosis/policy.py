@@ -152,6 +152,9 @@ tests/selection/test_cross_validation.py]"""
 HELDOUT_RISE = 0.05
 """Rise of the held-out error over that of the best step, as a share, that is remarked on if it exceeds two paired
 standard errors. A smaller one changes no decision. [share; tests/selection/test_improvement.py]"""
+DETERMINED_ALPHA = 0.01
+"""Probability of what an effect explains beside all others of the fitted model, under the null, from which it has no
+size. A delay takes up the lag that was found before it. [probability; tests/selection/test_plausibility.py]"""
 PLAUSIBLE_ENCODER_SHARE = 0.1
 """Error of the position channel, over the travel, above which it is no finding. A reference that is wrong by more
 measures no position. [share; tests/selection/test_plausibility.py]"""

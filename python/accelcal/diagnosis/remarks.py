@@ -101,6 +101,11 @@ KINDS: dict[str, Kind] = {
         "beside",
         "{effect} was not added: it would contribute {size:.3g} {unit}, more than the {limit} of {most:.3g} {unit}",
     ),
+    "undetermined": Kind(
+        "beside",
+        "{effect} was not added: beside the other parameters it explains no more than chance (gain {gain:.2g} for "
+        "{coefficients} coefficients)",
+    ),
     "too_short_with": Kind(
         "beside", "{effect} was not added: {blocks} blocks are left with it, {least} are needed for a verdict"
     ),

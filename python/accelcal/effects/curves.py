@@ -49,9 +49,9 @@ def cosines(t: Array, start: float, length: float, weights: Array) -> Array:
 
 
 def splines(x: Array, low: float, high: float) -> Array:
-    """Uniform cubic B-splines on [low, high], which sum to 1; x is held at the ends; (n, PIECES + 3)."""
+    """Uniform cubic B-splines on [low, high], which sum to 1, x held at the ends, NaN where x is; (n, PIECES + 3)."""
     u = np.clip((x - low) * (PIECES / (high - low)), 0.0, PIECES)
-    piece = np.minimum(u.astype(np.intp), PIECES - 1)
+    piece = np.minimum(np.nan_to_num(u).astype(np.intp), PIECES - 1)
     f = u - piece
     g = 1.0 - f
     n = len(x)

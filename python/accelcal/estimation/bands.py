@@ -74,11 +74,11 @@ def answer_of(trial: Solution, band: float, span: float) -> BandTrial | None:
     if "scale_factor" not in slots or not trial.converged:
         return None
     (state,), k = trial.states, slots["scale_factor"]
-    normal, y = normal_equations(state, trial.model.free), state.whitened[state.counts]
+    normal = normal_equations(state, trial.model.free)
     scale = 1.0 + float(trial.x[k])
     if normal.blocks is None:
         return None
-    signal = scale**2 * float(normal.gram[k, k]) / max(float(y @ y), 1e-300)
+    signal = scale**2 * float(normal.gram[k, k]) / max(normal.power, 1e-300)
     quantile = special.stdtrit(np.maximum(1.0, normal.blocks - 1.0), 0.975)
     half = quantile * np.sqrt(np.diag(trial.covariance))
     late = slots.get("time_offset")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.estimation.columns import whitened_columns
+from accelcal.estimation.rows import rows_of_run
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term
 
@@ -27,6 +27,8 @@ class NormalEquations:
     """X'X, (m, m)."""
     score: Array
     """X'y, (m,)."""
+    power: float
+    """y'y."""
     spread: Array | None
     """Sum of outer products of block scores, (m, m); None if it is not asked for or there are fewer than 8 blocks."""
     blocks: Array | None = None
@@ -40,20 +42,22 @@ def normal_equations(state: RunState, terms: Sequence[Term], *, scatter: bool = 
     With `scatter` that of the block scores is summed without a band as well.
     """
     m = len(terms)
-    gram, score = np.zeros((m, m)), np.zeros(m)
-    block = block_of_readings(state) if scatter or state.band is not None else None
-    sums = np.zeros((0 if block is None else int(block[-1]) + 1, m))
+    gram, score, power = np.zeros((m, m)), np.zeros(m), 0.0
+    length = block_length(state)
+    count = int(block_of(state, state.run.t[-1:], length)[0]) + 1 if scatter or state.band is not None else 0
+    sums = np.zeros((count, m))
     squares = np.zeros_like(sums)
-    for readings, columns in whitened_columns(state, terms):
-        kept = state.counts[readings]
+    for t, columns, y in rows_of_run(state, terms):
         gram += columns.T @ columns
-        parts = columns * state.whitened[readings][kept][:, None]
+        parts = columns * y[:, None]
         score += parts.sum(axis=0)
-        if block is not None:
-            np.add.at(sums, block[readings][kept], parts)
-            np.add.at(squares, block[readings][kept], columns**2)
-    spread = sums.T @ sums if len(sums) >= LEAST_BLOCKS else None
-    return NormalEquations(gram, score, spread, None if block is None else effective_number(squares))
+        power += float(y @ y)
+        if count:
+            block = block_of(state, t, length)
+            np.add.at(sums, block, parts)
+            np.add.at(squares, block, columns**2)
+    spread = sums.T @ sums if count >= LEAST_BLOCKS else None
+    return NormalEquations(gram, score, power, spread, effective_number(squares) if count else None)
 
 
 def effective_number(squares: Array) -> Array:
@@ -67,8 +71,12 @@ def information(state: RunState, term: Term) -> float:
     return float(normal_equations(state, [term]).gram[0, 0])
 
 
-def block_of_readings(state: RunState) -> NDArray[np.intp]:
-    """Block of each reading; blocks outlast the memory of the filter, (n,)."""
+def block_length(state: RunState) -> float:
+    """Length of a block, s; blocks outlast the memory of the filter."""
     t = state.run.t
-    length = max(float(t[-1] - t[0]) / MOST_BLOCKS, 1.0 / state.run.crossover(state.noise))
-    return np.asarray((t - t[0]) / length, dtype=np.intp)
+    return max(float(t[-1] - t[0]) / MOST_BLOCKS, 1.0 / state.run.crossover(state.noise))
+
+
+def block_of(state: RunState, t: Array, length: float) -> NDArray[np.intp]:
+    """Block of each instant, (n,)."""
+    return np.asarray((t - state.run.t[0]) / length, dtype=np.intp)

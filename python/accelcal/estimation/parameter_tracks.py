@@ -8,8 +8,8 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
-from accelcal.estimation.columns import whitened_columns
 from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.estimation.rows import rows_of_run
 
 POINTS = 240
 """Instants of a track."""
@@ -56,27 +56,24 @@ def track(
     """
     solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
     state, model = solution.states[0], solution.model
-    run, counts = state.run, state.counts
+    run = state.run
     belief = solution.layout.prior_information(model)
     m = len(model.free)
     gram, score = np.diag(belief), belief * (solution.layout.prior_mean(model) - solution.x)
     at = np.linspace(run.t[0], run.t[-1], points + 1)[1:]
-    last = np.searchsorted(run.t, at, side="right")
     values, std = np.full((points, m), np.nan), np.full((points, m), np.nan)
     k = 0
-    for readings, counted in whitened_columns(state, model.free):
-        columns = np.zeros((readings.stop - readings.start, m))
-        columns[counts[readings]] = counted
-        parts = columns * state.whitened[readings][:, None]
+    for t, columns, y in rows_of_run(state, model.free):
+        ends = np.searchsorted(t, at[k:], side="right")
         begin = 0
-        while begin < len(columns):
-            stop = min(len(columns), int(last[k]) - readings.start) if k < points else len(columns)
-            gram = gram + columns[begin:stop].T @ columns[begin:stop]
-            score = score + np.nansum(parts[begin:stop], axis=0)
-            begin = stop
-            while k < points and last[k] <= readings.start + stop:
+        for end in [*(int(each) for each in ends if each < len(t)), len(t)]:
+            gram = gram + columns[begin:end].T @ columns[begin:end]
+            score = score + columns[begin:end].T @ y[begin:end]
+            if end < len(t):
                 values[k], std[k] = estimate_from(gram, score, solution.x)
                 k += 1
+            begin = end
+    values[k:], std[k:] = estimate_from(gram, score, solution.x)
     if state.band is not None:
         std = std * (np.sqrt(np.diag(solution.covariance)) / std[-1])
     return Track(

@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.data.arrays import Flags
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
-from accelcal.estimation.normal_equations import NormalEquations, block_of_readings, normal_equations
+from accelcal.estimation.normal_equations import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
@@ -72,7 +72,8 @@ def noise_report_in_band(state: RunState, model: Model) -> NoiseReport:
     run, scale = state.run, state.values.scale
     noise = noise_of_blocks(state.noise, normal_equations(state, model.free))
     density, reading = abs(scale) * math.sqrt(2.0 * noise.q), math.sqrt(state.search.noise.r)
-    share = 1.0 / math.sqrt(2.0 * max(1, int(block_of_readings(state)[-1])))
+    blocks = int(float(run.t[-1] - run.t[0]) / block_length(state))
+    share = 1.0 / math.sqrt(2.0 * max(1, blocks))
     return NoiseReport(
         noise=noise,
         all=Level(density, share * density, reading, math.nan, int(state.counts.sum())),

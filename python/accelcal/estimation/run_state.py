@@ -13,6 +13,7 @@ from accelcal.data.arrays import Array, Flags
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter, without_transients
 from accelcal.estimation.initial import initial_coefficients
 from accelcal.estimation.noise import GROWN, LEAST_COUNT, NoiseSearch
+from accelcal.estimation.noise_spectrum import MeasuredSpectrum
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
@@ -53,6 +54,8 @@ class RunState:
     """Band that is imposed on the noise, Hz."""
     search: NoiseSearch
     """Noise by likelihood, before a band is imposed."""
+    spectrum: MeasuredSpectrum | None = None
+    """Measured spectrum of the innovations, where a band is imposed and a fit has measured it."""
     counts: Flags = field(init=False)
     """Readings whose innovations are used, (n,)."""
     whitened: Array = field(init=False)

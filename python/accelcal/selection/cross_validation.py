@@ -27,8 +27,9 @@ from accelcal.diagnosis.policy import (
     VALIDATION_SPREAD,
 )
 from accelcal.effects import OF_TIME, Effect, find
-from accelcal.estimation.columns import evaluated, whitened_columns
+from accelcal.estimation.columns import evaluated
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.rows import rows_of_run
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term
 from accelcal.signals.processing import integral
@@ -264,9 +265,8 @@ def pieces(
             grams[kind, piece] += part.T @ part
             number[piece] += len(part) if kind == 0 else 0
 
-    for readings, columns in whitened_columns(state, terms):
-        kept = state.counts[readings]
-        collect(0, state.run.t[readings][kept], np.column_stack([columns, state.whitened[readings][kept]]))
+    for t, columns, y in rows_of_run(state, terms):
+        collect(0, t, np.column_stack([columns, y]))
     horizon = min(VALIDATION_HORIZON, (edges[-1] - edges[0]) / count / 3.0)
     collect(1, *drift_rows(state, terms, horizon))
     whole = np.zeros((2, fine, width + 1, width + 1))

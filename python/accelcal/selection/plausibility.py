@@ -1,16 +1,19 @@
-"""Physical plausibility of an effect that is to enter a model: no correction is larger than what is corrected."""
+"""Whether an effect that is to enter a model can be told from zero there, and is no larger than what it corrects."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.contribution import Size
-from accelcal.diagnosis.policy import PLAUSIBLE_ENCODER_SHARE
+from accelcal.diagnosis.policy import DETERMINED_ALPHA, PLAUSIBLE_ENCODER_SHARE
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
+from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.normal_equations import normal_equations
 
 
 def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -> Remark | None:
@@ -43,3 +46,31 @@ def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -
     if possible:
         return None
     return remark("implausible", effect=name, size=size.value, unit=unit, limit=limit, most=most)
+
+
+def undetermined(name: str, solution: Solution) -> Remark | None:
+    """Why an effect has no size: what it explains beside all other parameters is no more than chance.
+
+    Parameters
+    ----------
+    name : the effect.
+    solution : fit of the model with it; shape parameters are held at their estimates.
+
+    Returns
+    -------
+    The remark; None where its size is told from zero, or it has none of its own.
+    """
+    own = [i for i, (term, _) in enumerate(solution.layout.slots) if term.effect.name == name]
+    if not own or find(name).port == "process" or find(name).search.prior:
+        return None
+    information = np.diag(solution.layout.prior_information(solution.model))
+    for index, state in enumerate(solution.states):
+        rows = solution.layout.rows(index)
+        information[np.ix_(rows, rows)] += normal_equations(state, solution.model.free).gram
+    size = np.sqrt(np.diag(information))
+    inverse = np.linalg.pinv(information / np.outer(size, size), hermitian=True)
+    x = solution.x[own] * size[own]
+    gain = float(x @ np.linalg.pinv(inverse[np.ix_(own, own)], hermitian=True) @ x)
+    if scipy.special.chdtrc(len(own), gain) < DETERMINED_ALPHA:
+        return None
+    return remark("undetermined", effect=name, gain=gain, coefficients=len(own))

@@ -31,7 +31,7 @@ from accelcal.selection.collinearity import (
     sum_families,
 )
 from accelcal.selection.cross_validation import cross_validate, refusing
-from accelcal.selection.plausibility import implausible
+from accelcal.selection.plausibility import implausible, undetermined
 
 
 @dataclass(slots=True)
@@ -276,12 +276,12 @@ class StepwiseSelection:
         return None
 
     def admitted(self, fitted: CleanFit, name: str, leaving: Sequence[str] = ()) -> JudgedModel | None:
-        """The judged fit with an effect that entered; None where cross-validation or plausibility refuses the effect.
+        """The judged fit with an effect that entered; None where cross-validation or plausibility refuses it.
 
         The held-out data take no part.
         """
         terms = tuple(term for term in self.current.model.free if term.effect.name in leaving)
-        note = validation_rises(fitted.solution, name, terms)
+        note = validation_rises(fitted.solution, name, terms) or undetermined(name, fitted.solution)
         if note is None:
             judged = self.judge(fitted)
             found = judged.verdict.scan
@@ -342,6 +342,7 @@ REASONS = {
     "validation_rises": "the error on left-out blocks rises with it",
     "validation_not_better": "the error on left-out blocks does not fall with it",
     "implausible": "it would be larger than is physically possible",
+    "undetermined": "beside the other parameters it explains no more than chance",
     "too_short_with": "the record is too short for a verdict on the model with it",
 }
 """Why an effect was kept out of the model, by the code of its remark."""

@@ -322,6 +322,7 @@ class Simulation:
             left = float(np.max(change / (largest + TINY)))
             if slopes is None or left > SLOPES_HOLD * before:
                 slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
+                slopes[2] = slopes[2] + self._slope_with_memory(window, motion)
                 rounding = self._rounding(bare, slopes)
             before = left
             effects = self._corrected(window, displacement, effects, found, slopes)
@@ -365,6 +366,20 @@ class Simulation:
         other[row] = motion[row] + size
         moved = self._local(window, bare, other, following)
         return np.asarray(sum(y - columns[i] for i, y in zip(following, moved, strict=True)) / size)
+
+    def _slope_with_memory(self, window: slice, motion: Motion) -> Array | float:
+        """How effects with memory change at a node with the acceleration there, (n, 1), from the last node of a window.
+
+        What a node changes at those behind it is left to the iteration, which it can only delay.
+        """
+        if not self.ahead.lagging or window.start == 0:
+            return 0.0
+        p, v, a, jerk = motion
+        size = self.ahead.small[2]
+        moved = a.copy()
+        moved[:, -1] += size
+        change = self._changes(window, (p, v, moved, jerk)) - self._changes(window, motion)
+        return np.asarray(change[:, -1:] / size)
 
     def _rounding(self, bare: Carried, slopes: Sequence[Array | float]) -> Array | float:
         """What rounding of the motion alone makes of the effects, (n, 1) m/s²; 0 on a path that has ended."""

@@ -51,3 +51,20 @@ def test_a_step_that_comes_and_goes_is_no_step(plain: Simulated) -> None:
     assert any("bias_step" in f.members for f in once.found)
     several = scan([fitted(plain, lambda t: np.where(np.floor(t / 3.0) % 2 == 1, 2e-3, 0.0))], Model.linear())
     assert "bias_step" not in [f.effect for f in several.found]
+
+
+def test_a_part_with_more_noise_has_no_other_size(plain: Simulated) -> None:
+    motion = plain.truth.motion
+    end = float(plain.recording.accel.t[-1])
+    chances = []
+    for seed in range(6):
+        rng = np.random.default_rng([3, seed])
+
+        def cubic_and_noise(t: np.ndarray, rng: np.random.Generator = rng) -> np.ndarray:
+            more = np.where(t > 0.75 * end, 0.1, 0.0) * rng.standard_normal(len(t))
+            return 2e-3 * motion.acceleration(t) ** 3 + more
+
+        found = scan([fitted(plain, cubic_and_noise)], Model.linear()).found
+        chances += [effect.parts.p_value for effect in found if "cubic" in effect.members]
+    assert len(chances) >= 5
+    assert min(chances) > 1e-3  # each by chance in one of a thousand

@@ -99,6 +99,7 @@ class PartScores:
         self.G_by_band: Array = np.zeros((FREQUENCY_BANDS, m, m))
         self.c_by_band: Array = np.zeros((FREQUENCY_BANDS, m))
         squares, counts = np.zeros(FREQUENCY_BANDS), np.zeros(FREQUENCY_BANDS)
+        squares_of_part, counts_of_part = np.zeros(len(self.c)), np.zeros(len(self.c))
         for t, y, X in evidence.rows():
             number = (t / RUN_SPACING + 1e-9).astype(np.intp)
             within = np.minimum(((t - number * RUN_SPACING) * parts / np.take(ends, number)).astype(np.intp), parts - 1)
@@ -107,6 +108,8 @@ class PartScores:
                 here = part == k
                 self.G[k] += X[:, here] @ X[:, here].T
                 self.c[k] += X[:, here] @ y[here]
+                squares_of_part[k] += float(np.sum((y[here] - every @ X[:, here]) ** 2))
+                counts_of_part[k] += np.count_nonzero(here)
             cosines, rest = (scipy.fft.dct(rows, norm="ortho", axis=-1) for rows in (X, y))
             edges = np.geomspace(1.0, len(y), FREQUENCY_BANDS + 1)[1:-1]
             for k, band in enumerate(np.split(np.arange(len(y)), edges.astype(np.intp))):
@@ -116,8 +119,13 @@ class PartScores:
                 counts[k] += len(band)
         self.level = float(np.sum(squares) / np.sum(counts))
         """Mean square of what all finalists leave; far below 1 where a band is imposed on the noise."""
-        self.levels: Array = (squares + MODEL_NOISE_BLOCKS * self.level) / (counts + MODEL_NOISE_BLOCKS)
+        self.levels: Array = self._shrunk(squares, counts)
         """The same in each band of frequency; one of few cosines is shrunk to that of all."""
+        self.levels_of_parts: Array = self._shrunk(squares_of_part, counts_of_part)
+        """The same in each part: a motion that shakes more leaves more."""
+
+    def _shrunk(self, squares: Array, counts: Array) -> Array:
+        return np.asarray((squares + MODEL_NOISE_BLOCKS * self.level) / (counts + MODEL_NOISE_BLOCKS))
 
     def sizes(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:
         """Sizes of a hypothesis in the parts, by what it and the others leave; it scatters `inflation` times more than
@@ -127,7 +135,7 @@ class PartScores:
         estimate = np.zeros(len(e.G))
         estimate[columns] = score_gain(e.G[np.ix_(columns, columns)], e.c[columns])[2]
         score, information = compared(self.G, self.c, estimate, direction_of(e, i, given))
-        scatter = inflation * self.level
+        scatter = inflation * self.levels_of_parts
         return PartSizes.of(score / scatter, information / scatter)
 
     def sizes_by_frequency(self, i: int, given: Sequence[int], inflation: float) -> PartSizes:

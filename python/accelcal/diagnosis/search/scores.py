@@ -19,8 +19,10 @@ from accelcal.diagnosis.search.likelihood_gain import (
     score_gain,
     variance_gain,
 )
-from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise, whitener
+from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.estimation.columns import ColumnFilter
+from accelcal.estimation.noise_spectrum import MeasuredSpectrum, whitener
+from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate
 
@@ -52,7 +54,16 @@ class BaseProjection:
         """Power of the motion itself in the innovations; 0 where the base leaves no scale factor free."""
         self.at: Array = np.array([state.values.by_name.get(term.name, 0.0) for term in terms])
         self.slow_noise: SlowNoise | None = None
-        """Noise that the rows were whitened by, beyond the filter's own."""
+        """Slow noise that the rows were whitened by, beyond the filter's own."""
+        self.measured: MeasuredSpectrum | None = None
+        """Spectrum that they were whitened by before, where no single density describes the run.
+
+        Elsewhere it may be that of a missing effect: only the slow noise that all finalists leave counts.
+        """
+        if state.band is not None:
+            self.measured = state.spectrum or spectrum_of(state, [*plain, *separate])
+        whiten = whitener(self.measured, self.rate)
+        self.B, self.y = whiten(self.B), whiten(self.y)
         self._factorise()
 
     def _factorise(self) -> None:
@@ -92,9 +103,9 @@ class BaseProjection:
             yield self._cached[1:]
             return
         self._cached = None
-        whiten = whitener(self.slow_noise, self.rate)
+        measured, slow = whitener(self.measured, self.rate), whitener(self.slow_noise, self.rate)
         for rows, Z in self.column_filter.stretches(terms):
-            columns = whiten(Z)
+            columns = slow(measured(Z))
             if rows == slice(0, self.column_filter.rows) and Z.size <= MOST_CACHED:
                 self._cached = (terms, rows, columns)
             yield rows, columns

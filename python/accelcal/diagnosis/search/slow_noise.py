@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,18 +125,3 @@ def most_likely(X: Array, level: Array, dof: Array) -> tuple[Array, Array, float
     covariance = np.zeros((len(c), len(c)))
     covariance[np.ix_(used, used)] = np.linalg.pinv(A, hermitian=True)
     return c / size, covariance / np.outer(size, size), likelihood
-
-
-def whitener(noise: SlowNoise | None, rate: float) -> Callable[[Array], Array]:
-    """What divides rows (m, n) by the square root of the spectrum of slow noise."""
-    if noise is None:
-        return lambda rows: rows
-    spectrum = noise
-
-    def whiten(rows: Array) -> Array:
-        n = rows.shape[-1]
-        f = np.maximum(np.arange(float(n)), 0.5) * rate / (2.0 * n)
-        cosines = scipy.fft.dct(rows, norm="ortho", axis=-1)
-        return np.asarray(scipy.fft.idct(cosines / np.sqrt(spectrum(f)), norm="ortho", axis=-1))
-
-    return whiten
