@@ -25,6 +25,7 @@ from accelcal.estimation.gauss_newton import (
     Solution,
     iterate,
 )
+from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
@@ -205,6 +206,7 @@ def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     state = RunState.at(run, values, fit.noise(index), fit.runs[index].noise.band, search_noise=False)
     for _ in range(0 if values.constant else SETTLING - 1):
         state.refresh(values, search_noise=False)
+    state.spectrum = spectrum_of(state, fit.model.free)
     return state
 
 
@@ -226,6 +228,11 @@ def result(solution: Solution) -> Fit:
         "where the estimate is surest"
         for run, b in zip(runs, solution.chosen, strict=False)
         if b is not None
+    ]
+    remarks += [
+        f"{name_of(state.run)}: what the model leaves is not white; readings are weighted by its measured spectrum"
+        for state in states
+        if state.spectrum is not None and state.band is None
     ]
     for run, tried in zip(runs, solution.by_band, strict=False):
         remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
