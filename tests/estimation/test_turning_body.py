@@ -132,8 +132,7 @@ def test_place_and_attitude_give_the_scale_factor_and_the_one_axis_does_not(tmp_
     one_axis = read(tmp_path, table, ONE_AXIS + BASE + ALONG, "one")
     blind = ac.fit(Model.linear(), one_axis)
     assert abs(blind["scale_factor"].value - K) > 50.0 * found["scale_factor"].std
-    assert blind["scale_factor"].std > 2.0 * found["scale_factor"].std  # tilt is slow noise to it
-    assert abs(blind["scale_factor"].value - K) < 4.0 * blind["scale_factor"].std
+    assert blind["scale_factor"].std > 100.0 * found["scale_factor"].std
     assert blind.tilt > 1.0
     assert blind.remarks[0].startswith("A tilt of")
     assert "gravity along a turning axis" in tied_sum(blind, "scale_factor")

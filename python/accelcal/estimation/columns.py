@@ -164,6 +164,11 @@ class ColumnFilter:
         self._last: tuple[slice, _core.Bank] | None = None
 
     @property
+    def rate(self) -> float:
+        """Of the sums, Hz."""
+        return 1.0 / (self.state.run.reading_step * self.group)
+
+    @property
     def whitened(self) -> Array:
         """Sums of the whitened innovations, (rows,)."""
         y = self.state.whitened[self.state.counts][: self.rows * self.group]

@@ -25,29 +25,24 @@ def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
             yield state.run.t[readings][kept], columns, state.whitened[readings][kept]
         return
     sums = ColumnFilter(state)
-    whiten = whitener(state.spectrum, row_rate(sums.times))
+    whiten = whitener(state.spectrum, sums.rate)
     yield sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
 
 
 def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:
     """Spectrum of what the terms leave of a run's innovations; None where it is white."""
     crossover, sums = state.run.crossover(state.noise), ColumnFilter(state)
-    rate, y = row_rate(sums.times), sums.whitened
-    if state.band is None and white(measured_spectrum(y, rate, crossover)):
+    y = sums.whitened
+    if state.band is None and white(measured_spectrum(y, sums.rate, crossover)):
         return None
     X = sums.whole(terms)
     size = np.sqrt(np.maximum(np.sum(X**2, axis=1), 1e-300))
     basis = scipy.linalg.orth((X / size[:, None]).T)
     explained = np.minimum(np.sum(scipy.fft.dct(basis, norm="ortho", axis=0) ** 2, axis=1), 1.0)
-    found = measured_spectrum(y - basis @ (basis.T @ y), rate, crossover, explained)
+    found = measured_spectrum(y - basis @ (basis.T @ y), sums.rate, crossover, explained)
     return None if state.band is None and white(found) else found
 
 
 def white(spectrum: MeasuredSpectrum | None) -> bool:
     """Whether a run needs no spectrum."""
     return spectrum is None or spectrum.white
-
-
-def row_rate(t: Array) -> float:
-    """Rate of rows, Hz; 0 of a single one."""
-    return 1.0 / float(np.median(np.diff(t))) if len(t) > 1 else 0.0

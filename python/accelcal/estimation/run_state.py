@@ -55,7 +55,7 @@ class RunState:
     search: NoiseSearch
     """Noise by likelihood, before a band is imposed."""
     spectrum: MeasuredSpectrum | None = None
-    """Measured spectrum of the innovations, where a band is imposed and a fit has measured it."""
+    """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
     counts: Flags = field(init=False)
     """Readings whose innovations are used, (n,)."""
     whitened: Array = field(init=False)

@@ -14,6 +14,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.effects import find
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.shape_parameters import inverse
 
 
 def implausible(name: str, size: Size | None, recordings: Sequence[Recording]) -> Remark | None:
@@ -67,10 +68,8 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
     for index, state in enumerate(solution.states):
         rows = solution.layout.rows(index)
         information[np.ix_(rows, rows)] += normal_equations(state, solution.model.free).gram
-    size = np.sqrt(np.diag(information))
-    inverse = np.linalg.pinv(information / np.outer(size, size), hermitian=True)
-    x = solution.x[own] * size[own]
-    gain = float(x @ np.linalg.pinv(inverse[np.ix_(own, own)], hermitian=True) @ x)
+    x, covariance = solution.x[own], inverse(information)[np.ix_(own, own)]
+    gain = float(x @ inverse(covariance) @ x)
     if scipy.special.chdtrc(len(own), gain) < DETERMINED_ALPHA:
         return None
     return remark("undetermined", effect=name, gain=gain, coefficients=len(own))

@@ -76,7 +76,7 @@ class BaseProjection:
     @property
     def rate(self) -> float:
         """Of the rows, Hz."""
-        return 1.0 / (self.column_filter.state.run.reading_step * self.column_filter.group)
+        return self.column_filter.rate
 
     def whitened(self, noise: SlowNoise | None) -> BaseProjection:
         """The same run, its rows whitened by the spectrum of slow noise."""
