@@ -36,7 +36,7 @@ RUNAWAY = 5.0
 """A coefficient that grows by more than this factor is not determined apart from its shape: a few readings set both."""
 DOUBLINGS = 9
 """Trial values lie half a standard deviation to either side and at this many doublings of it, less one."""
-REFINEMENTS, FINER = 3, 7
+REFINEMENTS, FINER = 2, 7
 """Times that the bracket of the best value is divided, and into how many."""
 
 
@@ -175,15 +175,15 @@ def most_likely(solution: Solution, shape: LinearisedShape, std: float) -> float
     """Most likely value of a shape parameter, all coefficients profiled: over wide brackets, then ever finer ones."""
     value, away = shape.value, std * 2.0 ** np.arange(-1, DOUBLINGS)
     tried = np.unique(np.clip([*(value - away), value, *(value + away)], *shape.span))
+    gains = profile(solution, shape, tried)
+    if np.max(gains) - gains[np.argmin(np.abs(tried - value))] < INDIFFERENT:
+        return value
     for _ in range(REFINEMENTS):
-        gains = profile(solution, shape, tried)
         k = int(np.argmax(gains))
-        if gains[k] - gains[np.argmin(np.abs(tried - value))] < INDIFFERENT:
-            return value
         low, high = tried[max(k - 1, 0)], tried[min(k + 1, len(tried) - 1)]
-        best = float(tried[k])
-        tried = np.unique([best, *np.linspace(low, high, FINER)])
-    return best
+        tried = np.unique([tried[k], *np.linspace(low, high, FINER)])
+        gains = profile(solution, shape, tried)
+    return float(tried[np.argmax(gains)])
 
 
 def profile(solution: Solution, shape: LinearisedShape, values: Array) -> Array:
