@@ -81,6 +81,8 @@ def run(trial: Trial) -> Outcome:
         "base": drifts[0],
         "added": drifts[1],
         "floor": after.coast_floor.get(10.0),
+        "one_step": [before.one_step_rms, after.one_step_rms],
+        "residual": [before.accel_rms, after.accel_rms],
         "seconds": seconds,
     }
     return {"key": trial.key, "motion": world.motion, "sensor": world.sensor, **found}

@@ -171,6 +171,7 @@ def _(seen: Comparison) -> Card:
             f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; change of set-up or turn-on bias "
             f"{number(setup)} ± {number(std, 2)} m/s².",
             as_sentence(seen.worst),
+            *map(as_sentence, seen.not_carried),
             *seen.remarks,
         ),
     )
@@ -211,7 +212,12 @@ def _(found: Diagnosis) -> Card:
 
 @card.register
 def _(history: History) -> Card:
-    return error_reduction(f"History on {history.steps[0].recording or 'recording'}", history.names, history.steps)
+    return error_reduction(
+        f"History on {history.steps[0].recording or 'recording'}",
+        history.names,
+        history.steps,
+        *map(as_sentence, history.steps[-1].not_carried),
+    )
 
 
 @card.register
@@ -226,6 +232,7 @@ def _(found: Improvement) -> Card:
         typeset(found.sentence),
         *(f"Suspect data: {text}" for text in last.suspect),
         *map(as_sentence, last.notes),
+        *map(as_sentence, found.steps[-1].heldout.not_carried),
     )
 
 

@@ -112,6 +112,8 @@ def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
     show_parameters(found.diagnosis.fit)
     if found.same_run:
         print("held out: the end of the same run, which does not reveal set-up and slow-drift errors")
+    for text in content["steps"][-1]["heldout"]["not_carried"]:
+        print(f"note: {text}")
     show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]], content)
 
 
@@ -393,7 +395,7 @@ def show_comparison(content: dict[str, Any]) -> None:
     console.print(f"largest residual: {content['worst']}", highlight=False)
     for text in broken_lines(content):
         console.print(f"suspect data: {text}", style="bold red", highlight=False)
-    for text in outside_lines(content) or content["remarks"]:
+    for text in (*content["not_carried"], *(outside_lines(content) or content["remarks"])):
         console.print(f"note: {text}", highlight=False)
 
 

@@ -47,6 +47,13 @@ def is_local(effect: Effect) -> bool:
     return not effect.traits.memory and _BY_NAME.get(effect.name) is effect
 
 
+def of_one_record(effect: Effect) -> bool:
+    """Whether an effect belongs to the record that shows it: it lives at one instant or follows a function of time,
+    which says nothing of another record."""
+    of_time = effect.name in OF_TIME or effect.port == "process"
+    return of_time or "instant" in effect.shapes or ("start" in effect.shapes and not effect.shapes["start"].refined)
+
+
 def users_own() -> tuple[Effect, ...]:
     """Registered effects of the user's own (file, expression or decorator), in the order of entry."""
     return tuple(
@@ -97,6 +104,7 @@ __all__ = [
     "found_by",
     "from_expression",
     "is_local",
+    "of_one_record",
     "load_effects",
     "polynomial",
     "side_channel",

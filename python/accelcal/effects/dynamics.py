@@ -185,7 +185,10 @@ def sensor_resonance(s: Signals) -> Array:
     symbol="cc",
     scale=3e-4,
     source="1e-4 to 1e-3, no published figure",
-    shapes={"tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log"), "start": Shape("1", (-1.0, 1.0), trials=3)},
+    shapes={
+        "tau": Shape("s", slow(0.004, 0.25), trials=5, spacing="log"),
+        "start": Shape("1", (-1.0, 1.0), trials=3, at_rest=0.0),
+    },
     traits=Traits(memory=True),
 )
 def creep(s: Signals, tau: float, start: float) -> Array:

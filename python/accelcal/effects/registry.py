@@ -36,6 +36,9 @@ class Shape:
 
     added: bool = False
     """Whether models that were stored before it existed lack it."""
+    at_rest: float | None = None
+    """Of a state that is carried over from before the record: its value where the sensor had long been at rest. Such a
+    state belongs to its record; None for all other parameters."""
 
     @property
     def refined(self) -> bool:

@@ -59,7 +59,10 @@ def view(content: Content) -> dict[str, Any]:
         "importance": importance(content),
         "apart": apart(content),
         "falling": falling(content),
-        "where": [f"{s[:1].upper()}{s[1:]}." for s in (content.diagnosis.where.worst, *content.judged.remarks)],
+        "where": [
+            f"{s[:1].upper()}{s[1:]}."
+            for s in (content.diagnosis.where.worst, *content.judged.not_carried, *content.judged.remarks)
+        ],
         "parameters": [parameter(content, e) for e in (*content.fit.estimates, *content.fit.shapes)],
         "electrical": volts(content),
         "budget": budget(content),

@@ -26,7 +26,7 @@ from accelcal.diagnosis.policy import (
     VALIDATION_SIGMA,
     VALIDATION_SPREAD,
 )
-from accelcal.effects import OF_TIME, Effect, find
+from accelcal.effects import Effect, find, of_one_record
 from accelcal.estimation.columns import evaluated
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.rows import rows_of_run
@@ -94,7 +94,7 @@ def belongs_to_its_time(effect: Effect) -> bool:
 
     Such an effect is fitted anew in each block; it is refused only where the others become worse by it.
     """
-    return effect.port == "process" or effect.name in OF_TIME or bool({"instant", "start"} & set(effect.shapes))
+    return of_one_record(effect) or any(shape.at_rest is not None for shape in effect.shapes.values())
 
 
 def cross_validate(solution: Solution, entering: Sequence[str], leaving: Sequence[Term] = ()) -> list[PairedChange]:

@@ -304,6 +304,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
             for o in comparison.outside
         ],
         "remarks": list(comparison.remarks),
+        "not_carried": list(comparison.not_carried),
         "breaks": list(comparison.breaks),
     }
 

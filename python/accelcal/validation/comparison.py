@@ -140,6 +140,8 @@ class Comparison:
     """Readings beyond the range that the fit has seen, variable by variable; the last entry is any of them."""
     drifts: Mapping[float, tuple[Array, Array]] = field(default_factory=dict)
     """Horizon in s -> start points (n,) s, and rezeroed errors (n,) m, of which `coast_rms` is the rms."""
+    not_carried: tuple[str, ...] = ()
+    """Sentences on effects that belong to the fitted recording and are left out on this one."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
 

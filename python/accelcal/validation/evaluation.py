@@ -17,6 +17,7 @@ from accelcal.estimation.smoothing import side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
+from accelcal.validation.other_record import left_out
 from accelcal.validation.prediction import Prediction, accumulated, rms
 from accelcal.validation.regions import beyond, bin_residual, outside, worst_of
 from accelcal.validation.ruler import Ruler
@@ -102,6 +103,7 @@ def compare(
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
         remarks=beyond(fit, motion),
         outside=outside(fit, ahead, t_res, motion, coasting),
+        not_carried=left_out(fit, recording),
         drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
     )
 

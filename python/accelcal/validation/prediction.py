@@ -18,6 +18,7 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import Signals
 from accelcal.validation.dead_reckoning import DeadReckoning, Starts
+from accelcal.validation.other_record import values_on
 
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
@@ -134,7 +135,7 @@ class Prediction:
         """Prepare a recording under a fit's parameters, noise and origins."""
         require_channels(fit, recording)
         run = prepare(recording, fit.origins, start=start, end=end, withheld=withheld)
-        return cls(run, fit.values(), fit.noise(), fit.validity["frequency"][1], withheld)
+        return cls(run, values_on(fit, recording), fit.noise(), fit.validity["frequency"][1], withheld)
 
     def constants(self, k: NDArray[np.intp]) -> tuple[Array, Array]:
         """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:

@@ -61,6 +61,7 @@ def error(page: Page) -> None:
         figure("noise floor, as this model estimates it" if unsure else "noise floor", floor, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    widgets.lines(nested.models[-1].heldout.not_carried)
     if found is not None and found.verdict not in ("adequate", "too_short"):
         text = "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
         ui.label(text).classes("note")

@@ -1,0 +1,73 @@
+"""What belongs to one record is not carried to another: steps, walks and warm-up stay behind, creep begins at rest."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.demo import with_effect
+from accelcal.effects import BUILT_IN, find, of_one_record
+from accelcal.estimation.run import prepare
+from accelcal.validation.other_record import left_out, values_on
+
+STEP, INSTANT = 0.02, 21.0
+
+
+def record(seed, effect="", size=0.0, shape=None):
+    rng = np.random.default_rng(seed)
+    made = ac.simulate("interleaved", seconds=40.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    digest = f"{effect} {seed}"
+    if not effect:
+        return dataclasses.replace(made.recording, digest=digest)
+    hidden = with_effect(made, find(effect), size, shape, prepare(made.recording).origins)
+    return dataclasses.replace(hidden, digest=digest)
+
+
+@pytest.fixture(scope="module")
+def stepped():
+    recording = record(3, "bias_step", STEP, {"instant": INSTANT})
+    base = ac.fit(ac.Model.linear(), recording)
+    return base, ac.add(base, recording, "bias_step"), recording
+
+
+def test_a_step_of_one_record_is_no_step_of_another(stepped):
+    base, found, recording = stepped
+    assert found["bias_step"].value == pytest.approx(STEP, rel=0.05)
+    other = record(4)
+    plain, seen = ac.compare(base, other), ac.compare(found, other)
+    # windows across the instant would drift by STEP h^2/2 = 1 m; the filters differ, for the base calls the step noise
+    assert seen.coast_rms[10.0] < 0.5 * plain.coast_floor[10.0]
+    assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
+    assert seen.not_carried == ("bias_step: follows the clock of the fitted recording; left out on this one",)
+    # the twin: taken for the fitted recording, it drifts by the step that it never had
+    twin = ac.compare(found, dataclasses.replace(other, digest=recording.digest))
+    assert twin.coast_rms[10.0] > 5.0 * seen.coast_rms[10.0]
+    assert twin.not_carried == ()
+
+
+def test_on_its_own_record_the_step_stays(stepped):
+    _, found, recording = stepped
+    seen = ac.compare(found, recording)
+    assert seen.not_carried == ()
+    assert values_on(found, recording) == found.values()
+    assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
+
+
+def test_creep_begins_on_another_record_as_after_a_long_rest():
+    recording = record(5, "creep", 0.2, {"tau": 2.0, "start": 0.9})
+    model = ac.Model.linear().add("creep", shapes={"creep": {"tau": 2.0, "start": 0.9}})
+    found = ac.fit(model.freeze(**{"creep.tau": 2.0, "creep.start": 0.9}), recording)
+    [term] = (term for term in values_on(found, record(6)).terms if term.name == "creep")
+    assert (term.shape["start"], term.shape["tau"]) == (0.0, 2.0)
+    assert values_on(found, record(6)).by_name == found.values().by_name
+    assert left_out(found, record(6)) == ("creep: begins on this recording as after a long rest",)
+    [kept] = (term for term in values_on(found, recording).terms if term.name == "creep")
+    assert kept.shape["start"] == 0.9
+
+
+def test_effects_of_motion_are_carried(stepped):
+    stays = {effect.name for effect in BUILT_IN if of_one_record(effect)}
+    assert {"bias_step", "encoder_step", "warm_up", "bias_random_walk", "bias_gauss_markov", "shape_of_time"} <= stays
+    assert not {"coulomb", "quadratic", "creep", "hysteresis", "temperature_bias", "shape_of_position"} & stays
+    assert left_out(stepped[0], record(4)) == ()
