@@ -11,8 +11,10 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
-from accelcal.estimation.estimate import Fit, require_band
+from accelcal.estimation.drive import DriveIntegrals, drive
+from accelcal.estimation.estimate import SETTLING, Fit, require_band
 from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
@@ -135,6 +137,7 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
 def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signals]:
     """Output minus what the model says for the encoder's own acceleration, both low-passed at `band`.
 
+    Nothing is withheld here: effects are taken at the smoothed motion, for the causal filter knows a reversal too late.
     The difference of measured and simulated position is low-passed and differentiated, not the positions themselves:
     it is small and nearly straight, so a short record keeps its ends.
 
@@ -152,7 +155,8 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
 
     # one spline at a time: each holds six arrays of its own
-    missed = ahead.drive.z - accumulated(ahead.drive, np.diff(run.t, prepend=run.t[0]))[1]
+    driven = smoothed_drive(ahead)
+    missed = driven.z - accumulated(driven, np.diff(run.t, prepend=run.t[0]))[1]
     residual = -values.scale * rig.polarity * second_derivative(smoothed(without_steps(missed, run)), step)
     del missed
     p = smoothed(without_steps(run.z, run))
@@ -180,6 +184,16 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)
+
+
+def smoothed_drive(ahead: Prediction) -> DriveIntegrals:
+    """What drives the filter where effects are taken at the smoothed motion."""
+    if ahead.causal is None:
+        return ahead.drive
+    state = RunState.at(ahead.run, ahead.values, ahead.noise, search_noise=False)
+    for _ in range(SETTLING - 1):
+        state.refresh(ahead.values, search_noise=False)
+    return drive(ahead.run, ahead.values, state.signals)
 
 
 def without_steps(y: Array, run: PreparedRun) -> Array:
