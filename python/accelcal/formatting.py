@@ -63,8 +63,10 @@ def short(value: float, std: float) -> str:
     return f"{ufloat(value, std):.2uS}"
 
 
-def interval(value: float, std: float) -> str:
+def interval(value: float, std: float, factor: float = 1.96) -> str:
     """The interval that contains the true value with 95 % probability, to two digits of the standard deviation.
+
+    `factor` is half the interval over the standard deviation, more where that is known from few runs.
 
     Examples
     --------
@@ -72,7 +74,7 @@ def interval(value: float, std: float) -> str:
     ('0.04943 .. 0.05025', '-5.4e-06 .. 7.2e-06')
     """
     last = 1 - math.floor(math.log10(std))
-    low, high = (round(value + side * 1.96 * std, last) for side in (-1.0, 1.0))
+    low, high = (round(value + side * factor * std, last) for side in (-1.0, 1.0))
     digits = max(1, 1 + last + math.floor(math.log10(max(abs(low), abs(high)))))
     return f"{low:.{digits}g} .. {high:.{digits}g}"
 

@@ -100,6 +100,8 @@ class Model:
     priors: Mapping[str, Prior] = field(default_factory=dict)
     shapes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     """Shape parameters by effect."""
+    per_run: tuple[str, ...] = ()
+    """Coefficients that differ from run to run: one value for each run of a joint fit, drawn about a common mean."""
 
     def __post_init__(self) -> None:
         if self.effects[: len(BASE)] != BASE:
@@ -121,6 +123,9 @@ class Model:
         for name in (*self.fixed, *self.priors):
             if name not in known and not (name in curved and name in self.fixed):
                 raise ValueError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
+        for name in self.per_run:
+            if name not in known:
+                raise ValueError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")
 
     @classmethod
     def linear(cls) -> Model:
@@ -175,7 +180,12 @@ class Model:
             fixed={n: c for n, c in self.fixed.items() if n not in dropped},
             priors={n: b for n, b in self.priors.items() if n not in dropped},
             shapes={n: s for n, s in self.shapes.items() if n not in names},
+            per_run=tuple(n for n in self.per_run if n not in dropped),
         )
+
+    def vary(self, *names: str) -> Model:
+        """Return the model with some coefficients that differ from run to run."""
+        return replace(self, per_run=(*self.per_run, *(n for n in names if n not in self.per_run)))
 
     def freeze(self, **values: float) -> Model:
         """Return the model with some coefficients or shape parameters (creep.tau) held at given values (SI)."""

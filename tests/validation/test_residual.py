@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from tests.worlds import Hidden, Nuisances, World
 
 import accelcal as ac
 from accelcal.validation import evaluation
 from accelcal.validation.prediction import Prediction
 from accelcal.validation.ruler import Ruler
+from tests.worlds import Hidden, Nuisances, World
 
 SLACK = -1.4e-6
 

@@ -75,7 +75,7 @@ def budget(fit: Fit) -> Budget:
     With G the gravity along the stage axis, a level error d changes it by sqrt(g0² - G²) d - G d²/2; an input axis that
     is off by d has that share too, and cos d of the motion. An encoder scale error e enters a coefficient of a^n as
     n e. What a joint fit has separated (tilt, misalignment, encoder_scale) is in the estimates already. Differences
-    between mountings and between days are not in it.
+    between mountings and between days are in it as far as the fitted runs differ.
     """
     declared, separated = fit.rig.uncertainty, _separated(fit)
     needed = {
@@ -96,6 +96,11 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     declared, separated = fit.rig.uncertainty, _separated(fit)
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0
     found = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
+    found += [
+        Component("difference from run to run", "A", spread.value, e.unit, spread.value)
+        for spread in fit.spreads
+        if spread.name == e.name
+    ]
     if e.name == "bias":
         if "level" not in separated:
             found.append(Component("level of the stage axis", "B", level, "rad", _gravity_share(fit, level)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,6 +35,7 @@ from accelcal.cli.printing import show_comparison, show_fit, show_steps
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import Fit
+    from accelcal.model import Model
 
 
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
@@ -47,6 +49,9 @@ def fit(
     runs: Annotated[list[Path], typer.Argument(help="One or several recordings of the same sensor.", metavar="RUN...")],
     rig: Rig = None,
     model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
+    vary: Annotated[
+        list[str] | None, typer.Option("--vary", help="A parameter that differs from run to run; can be repeated.")
+    ] = None,
     start: From = None,
     end: To = None,
     band: Band = None,
@@ -86,8 +91,12 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            found = fit_replay(chosen(), recordings, start=begin, end=stop, band=width, report=report)
+            found = fit_replay(
+                varying(chosen(), vary or []), recordings, start=begin, end=stop, band=width, report=report
+            )
     else:
+        if vary:
+            raise UsageError(f"--vary needs --method replay; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         if len(recordings) != 1 or band is not None:
             raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
@@ -102,6 +111,14 @@ def fit(
         show_fit(found, *recordings)
     if output is not None:
         print_status(f"wrote {output}")
+
+
+def varying(model: Model, names: Sequence[str]) -> Model:
+    """A model with some parameters that differ from run to run."""
+    for name in names:
+        if name not in {term.name for term in model.free}:
+            raise UsageError(f"--vary {name}: expected one of {', '.join(term.name for term in model.free)}")
+    return model.vary(*names)
 
 
 def filter_choice(

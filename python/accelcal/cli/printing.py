@@ -15,6 +15,7 @@ MOST_COLUMNS = 4
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import Fit
+    from accelcal.model import Estimate
     from accelcal.selection.improvement import Improvement
 
 
@@ -299,7 +300,7 @@ def show_parameters(found: Fit) -> None:
                 e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]",
                 f"{e.value:.6g} (held)" if held else short(e.value, e.std),
                 e.unit,
-                "" if held else interval(e.value, e.std),
+                "" if held else interval(e.value, e.std, *factors(found, e)),
                 "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
             )
         )
@@ -307,12 +308,20 @@ def show_parameters(found: Fit) -> None:
         if total != e.symbol:
             estimated[e.name] = total
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
+    for spread in found.spreads:
+        each = zip(found.runs, spread.runs, strict=True)
+        print(f"  {spread.name} by run: " + ", ".join(f"{run.name or 'recording'} {y:.6g}" for run, y in each))
     for name, total in estimated.items():
         print(f"  {name} estimates {total} on this rig")
     for name, number in summarised.items():
         print(f"  {name}: {number} coefficients, at most {largest_coefficient(found, name)}; --json lists them")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
         print(f"  {name}: {number} of its columns are not needed")
+
+
+def factors(found: Fit, e: Estimate) -> list[float]:
+    """Half the 95 % interval of a mean over runs over its standard deviation; empty for all other parameters."""
+    return [spread.mean_half / e.std for spread in found.spreads if spread.name == e.name]
 
 
 def largest_coefficient(found: Fit, name: str) -> str:

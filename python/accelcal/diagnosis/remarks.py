@@ -134,6 +134,7 @@ KINDS: dict[str, Kind] = {
         "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
         "sensor and reference cannot be told apart there",
     ),
+    "run_to_run": Kind("beside", "{text}"),
     "transverse_coherence": Kind(
         "beside",
         "The residual is coherent with {channel} between {low:.2g} Hz and {high:.2g} Hz: {share:.0f} % of its power "

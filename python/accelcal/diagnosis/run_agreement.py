@@ -33,8 +33,8 @@ def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
     Each run is one Gauss-Newton step from the common estimate. Its variances are those of the noise model, or of the
     scatter of block scores if that is larger; p is that of chi-square over the runs, times the number of parameters.
     """
-    terms = [term for term in model.free if term.owner not in PER_RUN_OWNERS]
-    owned = [term for term in model.free if term.owner in PER_RUN_OWNERS]
+    terms = [term for term in model.free if term.owner not in PER_RUN_OWNERS and term.name not in model.per_run]
+    owned = [term for term in model.free if term not in terms]
     if len(states) < 2 or not terms:
         return None
     normals = [normal_equations(state, [*terms, *owned], scatter=True) for state in states]

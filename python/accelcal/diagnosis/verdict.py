@@ -239,6 +239,7 @@ def verdict_on(
         breaks=stretch.breaks,
         remarks=(
             *(one for one in (turning, coloured, unresolved, disagreeing) if one is not None),
+            *run_to_run(profiled),
             *stretch.remarks,
             *unsteady,
             *slow_noise_remark(found),
@@ -246,6 +247,24 @@ def verdict_on(
         ),
         present=inside,
         left=left,
+    )
+
+
+def run_to_run(fit: Fit) -> tuple[Remark, ...]:
+    """Remarks on coefficients that differ from run to run."""
+    return tuple(
+        remark(
+            "run_to_run",
+            text=spread.sentence(fit[spread.name].value),
+            parameter=spread.name,
+            mean=fit[spread.name].value,
+            std=spread.value,
+            low=spread.low,
+            high=spread.high,
+            next_half=spread.next_half,
+            p=spread.p_value,
+        )
+        for spread in fit.spreads
     )
 
 

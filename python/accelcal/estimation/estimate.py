@@ -23,12 +23,14 @@ from accelcal.estimation.gauss_newton import (
     Layout,
     NotIdentifiable,
     Solution,
+    differing,
     iterate,
 )
 from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.run_to_run import Spread
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior, terms_of
@@ -65,6 +67,8 @@ class Fit:
     """Sentences a user must read with the numbers."""
     shapes: tuple[Estimate, ...] = ()
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
+    spreads: tuple[Spread, ...] = ()
+    """Coefficients that differ from run to run; their estimates are the means over runs."""
     tilt: float = 0.0
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
@@ -92,9 +96,12 @@ class Fit:
         """Innovation log-likelihood of all runs."""
         return sum(run.log_likelihood for run in self.runs)
 
-    def values(self, run: int = 0) -> Values:
-        """Coefficients as they apply to one run."""
-        return Values({e.name: e.value for e in self.estimates if e.run in (None, run)}, self.model.terms)
+    def values(self, run: int | None = None) -> Values:
+        """Coefficients as they apply to one run of the fit; by default as far as is known of any other run: the means
+        over runs, and the timing of the first."""
+        by_name = {e.name: e.value for e in self.estimates if e.run in (None, run or 0)}
+        own = {} if run is None else {spread.name: spread.runs[run] for spread in self.spreads}
+        return Values({**by_name, **own}, self.model.terms)
 
     def noise(self, run: int = 0) -> Noise:
         """Noise of one run."""
@@ -171,6 +178,9 @@ def solve_runs(
         require_motion(run)
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
+    if unlike := differing(solution):
+        model = model.vary(*unlike)
+        solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
         bands = [best_band(each) for each in trials]
@@ -221,6 +231,7 @@ def result(solution: Solution) -> Fit:
     model, layout, states = solution.model, solution.layout, solution.states
     x, covariance = solution.x, solution.covariance
     runs = [state.run for state in states]
+    estimates, covariance_of_means, spreads = over_runs(solution)
     left_out = [(name_of(run), run.left_out) for run in runs if run.left_out]
     remarks = [f"{name}: {count} readings jump away and come back; left out" for name, count in left_out]
     remarks += [
@@ -239,6 +250,8 @@ def result(solution: Solution) -> Fit:
     remarks += judge(layout, x, covariance, runs)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
+    means = {e.name: e.value for e in estimates}
+    remarks += [spread.sentence(means[spread.name]) for spread in spreads]
     if not solution.converged:
         remarks.append(
             f"the iteration had not settled after {MAX_ROUNDS} rounds: the model does not describe this record"
@@ -247,15 +260,64 @@ def result(solution: Solution) -> Fit:
     remarks += [f"{f.name or 'recording'}: {f.noise.remark}" for f in fits if f.noise.remark]
     return Fit(
         model=model,
-        estimates=layout.estimates(x, covariance, model),
-        covariance=covariance,
+        estimates=estimates,
+        covariance=covariance_of_means,
         runs=fits,
         origins=runs[0].origins,
         rig=runs[0].rig,
         validity=validity(states),
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
+        spreads=spreads,
     )
+
+
+def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Spread, ...]]:
+    """Estimates, in which the mean over runs stands for a coefficient that differs between them, their covariance, and
+    how much each differs."""
+    layout, model, x = solution.layout, solution.model, solution.x
+    listed, spreads = layout.estimates(x, solution.covariance, model), []
+    free = [i for term in model.terms for i in layout.rows_of(term.name)]  # in the order of the estimates
+    means = np.zeros((len(free), len(x)))
+    means[np.arange(len(free)), free] = 1.0
+    kept, between = np.ones(len(free), dtype=np.bool_), np.zeros(len(free))
+    for name, found in solution.between.items():
+        rows, D = layout.rows_of(name), found.variance
+        first, *others = (k for k, i in enumerate(free) if i in rows)
+        means[first] = 0.0
+        means[first, rows] = 1.0 / len(rows)
+        between[first] = D / len(rows)
+        kept[others] = False
+        term, ends = layout.slots[rows[0]][0], found.interval()
+        mean_half, next_half = found.halves()
+        spreads.append(
+            Spread(
+                name=name,
+                symbol=term.symbol,
+                unit=term.unit,
+                value=math.sqrt(D),
+                low=math.sqrt(ends[0]),
+                high=math.sqrt(ends[1]),
+                p_value=found.p_value,
+                runs=tuple(x[rows].tolist()),
+                mean_half=mean_half,
+                next_half=next_half,
+            )
+        )
+    T = means[kept]
+    covariance = T @ solution.covariance @ T.T + np.diag(between[kept])
+    value, std = T @ x, np.sqrt(np.diag(covariance))
+    estimates, number = [], 0
+    for e in listed:
+        if e.name in model.fixed:
+            estimates.append(e)
+        elif e.name not in solution.between:
+            estimates.append(replace(e, value=float(value[number]), std=float(std[number])))
+            number += 1
+        elif e.run == 0:
+            estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
+            number += 1
+    return tuple(estimates), covariance, tuple(spreads)
 
 
 def name_of(run: PreparedRun) -> str:

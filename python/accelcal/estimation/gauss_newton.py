@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -15,6 +15,7 @@ from accelcal.estimation.normal_equations import NormalEquations, normal_equatio
 from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, let_differ, penalty
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term
 
@@ -76,6 +77,8 @@ class Solution:
     """Shape parameters that were estimated."""
     by_band: tuple[tuple[BandTrial, ...], ...] = ()
     """Of each run whose noise is not white: what single bands say."""
+    between: Mapping[str, BetweenRuns] = field(default_factory=dict)
+    """Coefficients that differ from run to run."""
 
     @property
     def log_likelihood(self) -> float:
@@ -155,21 +158,44 @@ def _estimated(model: Model, states: list[RunState], report: Callable[[float], N
             rows = layout.rows(index)
             information[np.ix_(rows, rows)] += normals[index].gram
             score[rows] += normals[index].score
-        step, covariance = solve(information, score, layout)
+        drawn = np.zeros_like(information)
+        between = {}
+        for name in model.per_run if len(states) > 1 else ():
+            rows = layout.rows_of(name)
+            if len(rows) > 1:
+                between[name] = BetweenRuns.of(information + drawn, score + information @ x, rows)
+                drawn[np.ix_(rows, rows)] += penalty(len(rows), between[name].variance)
+        step, covariance = solve(information + drawn, score - drawn @ x, layout)
         x = x + step
         report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
         converged = bool(np.all(np.abs(step) <= CONVERGED * np.sqrt(np.diag(covariance))))
         if round_number + 1 >= least and converged:
             break
     if any(state.band is not None for state in states):
-        covariance = robust(covariance, layout, normals, belief)
+        covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
     covariance = covariance + np.diag(clock_variance(layout, states))
-    return Solution(model, layout, x, covariance, states, converged)
+    return Solution(model, layout, x, covariance, states, converged, between=between)
+
+
+def differing(solution: Solution) -> tuple[str, ...]:
+    """Coefficients that all runs share in a solution and that differ between them, one step from it."""
+    found = []
+    coupled = all(state.run.rig.coupled for state in solution.states)
+    for name in let_differ(solution.model) if len(solution.states) > 1 and coupled else ():
+        layout = Layout.of(solution.model.vary(name), len(solution.states))
+        information, score = np.diag(layout.prior_information(solution.model)), np.zeros(len(layout.slots))
+        for index, state in enumerate(solution.states):
+            normal, rows = normal_equations(state, solution.model.free), layout.rows(index)
+            information[np.ix_(rows, rows)] += normal.gram
+            score[rows] += normal.score
+        if BetweenRuns.of(information, score, layout.rows_of(name)).p_value < SPREAD_ALPHA:
+            found.append(name)
+    return tuple(found)
 
 
 def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations], belief: Array) -> Array:
     """Covariance from the scatter of block scores where the noise model does not hold (sandwich form)."""
-    middle = np.diag(belief)
+    middle = belief.copy()
     for index, normal in enumerate(normals):
         rows = layout.rows(index)
         middle[np.ix_(rows, rows)] += normal.gram if normal.spread is None else normal.spread
@@ -202,9 +228,13 @@ class Layout:
         """Shared parameters have one row, parameters of timing one for each run."""
         slots: list[tuple[Term, int | None]] = []
         for term in model.free:
-            own = runs > 1 and term.owner in PER_RUN_OWNERS
+            own = runs > 1 and (term.owner in PER_RUN_OWNERS or term.name in model.per_run)
             slots += [(term, index) for index in range(runs)] if own else [(term, None)]
         return cls(model.free, runs, tuple(slots))
+
+    def rows_of(self, name: str) -> list[int]:
+        """Rows of a coefficient, one for each run that has its own."""
+        return [i for i, (term, _) in enumerate(self.slots) if term.name == name]
 
     def rows(self, run: int) -> list[int]:
         """Row of each free coefficient of run `run`."""

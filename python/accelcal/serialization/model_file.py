@@ -19,6 +19,7 @@ from accelcal.effects import BUILT_IN, CATALOGUE, find, side_channel
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
 from accelcal.estimation.run_fit import RunFit
+from accelcal.estimation.run_to_run import Spread
 from accelcal.estimation.values import Noise
 from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior
@@ -65,6 +66,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         },
         "parameters": [{**estimate_to_dict(e), "stands_for": tied_sum(fit, e.name)} for e in fit.estimates],
         "shapes": [estimate_to_dict(e) for e in fit.shapes],
+        "run_to_run": [asdict(spread) for spread in fit.spreads],
         "covariance": {
             "names": [e.name if e.run is None else f"{e.name}[{e.run}]" for e in fit.free],
             "matrix": fit.covariance.tolist(),
@@ -192,6 +194,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
             dict(model["fixed"]),
             {name: Prior(**prior) for name, prior in model["priors"].items()},
             model["shapes"],
+            tuple(spread["name"] for spread in content.get("run_to_run", ())),
         ),
         estimates=tuple(estimate_from_dict(p) for p in content["parameters"]),
         shapes=tuple(estimate_from_dict(p) for p in content.get("shapes", ())),
@@ -215,6 +218,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         method=content["method"],
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
+        spreads=tuple(spread_from_dict(spread) for spread in content.get("run_to_run", ())),
         tilt=float(content.get("tilt_deg", 0.0)),
     )
     stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
@@ -228,6 +232,12 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
             f"{', '.join(e.name for e in fit.free)}"
         )
     return fit
+
+
+def spread_from_dict(content: Mapping[str, Any]) -> Spread:
+    """What a model file holds of a coefficient that differs from run to run; null stands for infinity."""
+    known: dict[str, Any] = {key: math.inf if y is None else y for key, y in content.items()}
+    return Spread(**{**known, "runs": tuple(known["runs"])})
 
 
 def channel_filter_from_dict(content: Mapping[str, Any]) -> ChannelFilter:

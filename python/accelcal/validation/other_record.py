@@ -17,9 +17,10 @@ def values_on(fit: Fit, recording: Recording) -> Values:
     On another than its own, effects that follow the clock of their record are left out (derivations 6.9): steps, bias
     walks, warm-up. Elements with memory begin as after a long rest.
     """
-    values = fit.values()
     if is_fitted(fit, recording):
-        return values
+        known = [index for index, run in enumerate(fit.runs) if run.digest and run.digest == recording.digest]
+        return fit.values(known[0] if known else None)
+    values = fit.values()
     terms = tuple(replace(term, shape=at_rest(term.effect, term.shape)) for term in values.terms)
     lost = {term.name for term in terms if of_one_record(term.effect)}
     return Values({name: 0.0 if name in lost else value for name, value in values.by_name.items()}, terms)

@@ -1,0 +1,190 @@
+"""Coefficients that differ from run to run: spread by restricted maximum likelihood, mean, interval for the next run.
+
+A coefficient b_r of run r is drawn from N(m, D). All other parameters eliminated, the Gram matrices of the runs leave
+exp(-b'S b/2 + g'b) of b = (b_1 ... b_R); in the eigenvectors U of S these are independent readings y = U'b of
+variances 1/lambda + D about m U'1 (derivations 6.10). No sample is read twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.model import Model
+
+SPREAD_ALPHA = 0.01
+"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
+LET_DIFFER = ("bias",)
+"""Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
+COVERAGE = 0.95
+"""Of the intervals."""
+UNSEEN = 1e-9
+"""Share of the largest eigenvalue below which no run says anything."""
+GRID, DRAWS = 600, 200
+"""Variances at which `q` is taken, and draws of chi-square, where an interval is averaged over the variance."""
+LEAST_SPREAD = 1e-6
+"""Least variance between runs, as a share of the variance of one run: 0 would leave no slot to a run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """How much one coefficient differs from run to run."""
+
+    name: str
+    symbol: str
+    unit: str
+    value: float
+    """Standard deviation between runs."""
+    low: float
+    """Lower end of its 95 % interval, exact for normal differences."""
+    high: float
+    """Upper end."""
+    p_value: float
+    """Of the differences under one value for all runs."""
+    runs: tuple[float, ...]
+    """The coefficient in each run."""
+    mean_half: float
+    """Half the 95 % interval of the mean over runs."""
+    next_half: float
+    """Half the 95 % interval of the coefficient in a run to come, about that mean."""
+
+    def sentence(self, mean: float) -> str:
+        """For people; `mean` is the estimate over all runs."""
+        unit = self.unit.removeprefix("1")
+        p = f"p = {self.p_value:.1g}" if self.p_value > 0.0 else "p < 1e-300"
+        return (
+            f"{self.name} differs from run to run: standard deviation {self.value:.2g} {unit}".rstrip()
+            + f" (95 %: {self.low:.2g} to {self.high:.2g}) over {len(self.runs)} runs, {p}; "
+            + f"in the next run it is {mean:.4g} ± {self.next_half:.2g} {unit}".rstrip()
+            + " (95 %)"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BetweenRuns:
+    """One coefficient of all runs in independent readings."""
+
+    y: Array
+    """(n,)"""
+    v: Array
+    """Variance of each within its run, (n,)."""
+    u: Array
+    """Share of the mean in each, (n,)."""
+
+    @classmethod
+    def of(cls, information: Array, right: Array, rows: Sequence[int]) -> BetweenRuns:
+        """From normal equations A x = `right`, (m, m) and (m,), in which `rows` are the coefficient in each run."""
+        own, rest = list(rows), [i for i in range(len(right)) if i not in set(rows)]
+        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        A, b = information / np.outer(size, size), right / size
+        eliminated = A[np.ix_(own, rest)] @ np.linalg.pinv(A[np.ix_(rest, rest)], rcond=1e-12, hermitian=True)
+        S = A[np.ix_(own, own)] - eliminated @ A[np.ix_(rest, own)]
+        g = b[own] - eliminated @ b[rest]
+        S, g = S * np.outer(size[own], size[own]), g * size[own]
+        weight, U = scipy.linalg.eigh(0.5 * (S + S.T))
+        seen = weight > UNSEEN * weight[-1]
+        return cls((U.T @ g)[seen] / weight[seen], 1.0 / weight[seen], np.sum(U, axis=0)[seen])
+
+    def at(self, D: Array) -> tuple[Array, Array, Array]:
+        """Mean over runs, its variance, and the weighted sum of squares about it, at variances D between runs, (k,)
+        each; the sum is chi-square of n - 1 where D is the true variance."""
+        w = 1.0 / (self.v + np.asarray(D)[:, None])
+        variance = 1.0 / (w @ self.u**2)
+        mean = variance * (w @ (self.u * self.y))
+        return mean, variance, np.sum(w * (self.y - np.outer(mean, self.u)) ** 2, axis=1)
+
+    def mean(self, D: float) -> tuple[float, float]:
+        """Mean over runs and its variance at a variance D between them."""
+        mean, variance, _ = self.at(np.array([D]))
+        return float(mean[0]), float(variance[0])
+
+    def q(self, D: float) -> float:
+        """Weighted sum of squares about the mean."""
+        return float(self.at(np.array([D]))[2][0])
+
+    @property
+    def p_value(self) -> float:
+        """Of the differences under one value for all runs."""
+        return float(scipy.special.chdtrc(len(self.y) - 1, self.q(0.0))) if len(self.y) > 1 else 1.0
+
+    @property
+    def least(self) -> float:
+        """Least variance that is told from none."""
+        return LEAST_SPREAD * float(np.min(self.v))
+
+    @property
+    def _widest(self) -> float:
+        """Variance beyond every interval."""
+        return 1e9 * (float(np.ptp(self.y)) ** 2 + float(np.max(self.v)))
+
+    def log_likelihood(self, D: Array) -> Array:
+        """Restricted log-likelihood of variances between runs, (k,), up to a constant."""
+        _, variance, q = self.at(D)
+        return np.asarray(-0.5 * (np.sum(np.log(self.v + np.asarray(D)[:, None]), axis=1) - np.log(variance) + q))
+
+    @property
+    def variance(self) -> float:
+        """Most likely variance between runs."""
+        if len(self.y) < 2:
+            return self.least
+        most = 10.0 * float(np.ptp(self.y)) ** 2 + 10.0 * float(np.max(self.v))
+        trials = np.geomspace(self.least, most, 60)
+        k = int(np.argmax(self.log_likelihood(trials)))
+        found = scipy.optimize.minimize_scalar(
+            lambda log_D: -self.log_likelihood(np.exp([log_D]))[0],
+            bounds=(math.log(trials[max(k - 1, 0)]), math.log(trials[min(k + 1, len(trials) - 1)])),
+            method="bounded",
+            options={"xatol": 1e-10},
+        )
+        return math.exp(float(found.x))
+
+    def interval(self) -> tuple[float, float]:
+        """95 % interval of the variance between runs: where `q` has its quantiles (Viechtbauer 2007)."""
+        if len(self.y) < 2:
+            return 0.0, math.inf
+        ends = []
+        for probability in (0.5 - COVERAGE / 2.0, 0.5 + COVERAGE / 2.0):
+            target = float(scipy.special.chdtri(len(self.y) - 1, probability))
+            inside = self.q(0.0) > target
+            end = scipy.optimize.brentq(lambda D, t=target: self.q(D) - t, 0.0, self._widest) if inside else 0.0
+            ends.append(float(end))
+        return ends[0], ends[1]
+
+    def halves(self) -> tuple[float, float]:
+        """Half the 95 % intervals of the mean, and of the coefficient in a run to come, about the likely mean.
+
+        Their variance D is not known: it has the distribution in which `q` is chi-square (generalised intervals,
+        Iyer, Wang, Mathew 2004), that of Student where the runs themselves are exact.
+        """
+        if len(self.y) < 2:
+            return math.inf, math.inf
+        grid = np.array([0.0, *np.geomspace(self.least, self._widest, GRID)])
+        drawn = scipy.special.chdtri(len(self.y) - 1, (np.arange(DRAWS) + 0.5) / DRAWS)
+        D = np.interp(-drawn, -self.at(grid)[2], grid)
+        mean, variance, _ = self.at(D)
+        centre = self.mean(self.variance)[0]
+
+        def half(std: Array) -> float:
+            def missing(h: float) -> float:
+                ends = (scipy.special.ndtr((centre + side * h - mean) / std) for side in (1.0, -1.0))
+                return COVERAGE - float(np.mean(next(ends) - next(ends)))
+
+            widest = 2.0 * float(np.max(np.abs(mean - centre) + 4.0 * std))
+            return float(scipy.optimize.brentq(missing, 0.0, widest))
+
+        return half(np.sqrt(variance)), half(np.sqrt(D + variance))
+
+
+def penalty(count: int, D: float) -> Array:
+    """Information on R coefficients that are drawn about an unknown mean with variance D, (R, R)."""
+    return np.asarray((np.eye(count) - 1.0 / count) / D)
+
+
+def let_differ(model: Model) -> tuple[str, ...]:
+    """Coefficients of a model that are tried."""
+    return tuple(term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.per_run)

@@ -1,0 +1,151 @@
+"""Coefficients that differ from run to run: against dense REML, closed forms, coverage by simulation, whole fits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import accelcal as ac
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+from accelcal.serialization import model_file
+from accelcal.validation.other_record import values_on
+
+BIASES = (0.020, 0.021, 0.022, 0.023, 0.024, 0.025)
+"""m/s², of six runs."""
+
+
+def drawn(rng, runs, D, v):
+    b = 1.0 + np.sqrt(D) * rng.standard_normal(runs) + np.sqrt(v) * rng.standard_normal(runs)
+    return b, BetweenRuns.of(np.diag(1.0 / v), b / v, range(runs))
+
+
+def test_equal_variances_give_the_analysis_of_variance():
+    b, found = drawn(np.random.default_rng(1), 7, 2.0, np.full(7, 0.5))
+    D = found.variance
+    assert D == pytest.approx(np.var(b, ddof=1) - 0.5, rel=1e-4)
+    assert found.mean(D) == pytest.approx((np.mean(b), (D + 0.5) / 7), rel=1e-9)
+    chi2 = 6.0 * np.var(b, ddof=1) / 0.5
+    assert found.p_value == pytest.approx(stats.chi2.sf(chi2, 6), rel=1e-9)
+    low, high = found.interval()
+    assert low == pytest.approx(6.0 * np.var(b, ddof=1) / stats.chi2.isf(0.025, 6) - 0.5, rel=1e-9)
+    assert high == pytest.approx(6.0 * np.var(b, ddof=1) / stats.chi2.isf(0.975, 6) - 0.5, rel=1e-9)
+
+
+def test_exact_runs_give_the_intervals_of_student():
+    b, found = drawn(np.random.default_rng(2), 6, 1.0, np.full(6, 1e-8))
+    s, t = np.std(b, ddof=1), stats.t.isf(0.025, 5)
+    mean_half, next_half = found.halves()
+    assert mean_half == pytest.approx(t * s / np.sqrt(6), rel=0.01)
+    assert next_half == pytest.approx(t * s * np.sqrt(1 + 1 / 6), rel=0.01)
+
+
+def stacked(rng, with_temperature):
+    """Readings of five runs with a bias of their own, a shared slope, and a temperature that is one number a run."""
+    groups, rows = np.repeat(np.arange(5), (20, 30, 25, 40, 22)), 137
+    shared = np.column_stack([rng.standard_normal(rows), np.linspace(-1, 1, 5)[groups]])[:, : 1 + with_temperature]
+    own = (groups[:, None] == np.arange(5)).astype(float)
+    y = shared @ np.array([2.0, 0.7])[: shared.shape[1]] + own @ (3.0 + 1.5 * rng.standard_normal(5))
+    return shared, own, y + 0.8 * rng.standard_normal(rows)
+
+
+@pytest.mark.parametrize("with_temperature", [False, True])
+def test_gram_matrices_give_the_reml_of_the_stacked_readings(with_temperature):
+    """What is one number a run (a temperature) takes a degree of freedom, but it stays determined."""
+    shared, own, y = stacked(np.random.default_rng(3), with_temperature)
+    X = np.column_stack([shared, own.sum(axis=1)])
+
+    def dense(log_D):
+        V = 0.64 * np.eye(len(y)) + np.exp(log_D) * own @ own.T
+        A = X.T @ np.linalg.solve(V, X)
+        r = y - X @ np.linalg.solve(A, X.T @ np.linalg.solve(V, y))
+        return 0.5 * (np.linalg.slogdet(V)[1] + np.linalg.slogdet(A)[1] + r @ np.linalg.solve(V, r))
+
+    best = optimize.minimize_scalar(dense, bounds=(-8, 6), method="bounded", options={"xatol": 1e-9})
+    Z = np.column_stack([shared, own])
+    rows = range(shared.shape[1], Z.shape[1])
+    found = BetweenRuns.of(Z.T @ Z / 0.64, Z.T @ y / 0.64, rows)
+    assert found.variance == pytest.approx(np.exp(best.x), rel=1e-5)
+    V = 0.64 * np.eye(len(y)) + found.variance * own @ own.T
+    A = X.T @ np.linalg.solve(V, X)
+    mean = np.linalg.solve(A, X.T @ np.linalg.solve(V, y))[-1]
+    assert found.mean(found.variance) == pytest.approx((mean, np.linalg.inv(A)[-1, -1]), rel=1e-8)
+
+
+def test_intervals_cover_and_equal_runs_are_called_so_at_the_stated_rate():
+    """1000 campaigns each; 93 to 97 % of 1000 lie beyond 2.9 standard deviations of 95 %: false alarm below 1 %."""
+    rng, count = np.random.default_rng(4), 1000
+    for runs, D in ((4, 10.0), (8, 10.0), (6, 1000.0)):
+        covered = np.zeros(3)
+        for _ in range(count):
+            v = np.exp(rng.uniform(-1.0, 1.0, runs))
+            _, found = drawn(rng, runs, D, v)
+            centre, halves, ends = found.mean(found.variance)[0], found.halves(), found.interval()
+            new = 1.0 + np.sqrt(D) * rng.standard_normal()
+            covered += [abs(1.0 - centre) < halves[0], abs(new - centre) < halves[1], ends[0] <= D <= ends[1]]
+        print(f"{runs} runs, D = {D:g}: mean, next run, spread covered in {covered / count} (0.93 to 0.97)")
+        assert np.all((covered > 0.93 * count) & (covered < 0.97 * count))
+    null = [drawn(rng, 6, 0.0, np.exp(rng.uniform(-1.0, 1.0, 6)))[1].p_value < SPREAD_ALPHA for _ in range(3000)]
+    print(f"equal runs told apart: {sum(null)} of 3000 at {SPREAD_ALPHA}")
+    assert stats.binom.ppf(1e-3, 3000, SPREAD_ALPHA) <= sum(null) <= stats.binom.ppf(1 - 1e-3, 3000, SPREAD_ALPHA)
+
+
+def campaign(biases, seed):
+    made = []
+    for number, bias in enumerate(biases):
+        rng = np.random.default_rng([seed, number])
+        truth = {"bias": bias, "scale_factor": 0.01}
+        one = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+        made.append(dataclasses.replace(one, digest=f"{seed} {number}", name=f"run{number}.csv"))
+    return made
+
+
+@pytest.fixture(scope="module")
+def six():
+    runs = campaign(BIASES, 11)
+    return runs, ac.fit(ac.Model.linear(), runs)
+
+
+def test_six_biases_are_six_and_their_spread_is_told(six):
+    runs, found = six
+    [spread] = found.spreads
+    assert spread.value == pytest.approx(np.std(BIASES, ddof=1), rel=0.05)
+    assert spread.low < np.std(BIASES, ddof=1) < spread.high
+    assert spread.runs == pytest.approx(BIASES, abs=2e-4)
+    assert found["bias"].value == pytest.approx(np.mean(BIASES), abs=2e-4)
+    assert found["bias"].std == pytest.approx(np.std(BIASES, ddof=1) / np.sqrt(6), rel=0.05)
+    assert found["bias"].run is None
+    assert spread.next_half == pytest.approx(stats.t.isf(0.025, 5) * spread.value * np.sqrt(7 / 6), rel=0.02)
+    assert abs(found["scale_factor"].value - 0.01) < 4.0 * found["scale_factor"].std
+    assert any("bias differs from run to run" in text for text in found.remarks)
+    assert not any("disagree" in text or "times the declared" in text for text in found.remarks)
+    judged = ac.diagnose(found, runs)
+    assert judged.verdict == "adequate"
+    [told] = (one for one in judged.remarks if one.code == "run_to_run")
+    assert told.values["std"] == pytest.approx(spread.value, rel=0.05)
+
+
+def test_one_bias_for_all_is_one(six):
+    found = ac.fit(ac.Model.linear(), campaign([0.02] * 4, 12))
+    assert found.spreads == ()
+    assert abs(found["bias"].value - 0.02) < 4.0 * found["bias"].std < 4e-4
+    forced = ac.fit(ac.Model.linear().vary("bias"), campaign([0.02] * 4, 12))
+    assert forced.spreads[0].low == 0.0
+    assert forced["bias"].value == pytest.approx(found["bias"].value, abs=2.0 * found["bias"].std)
+
+
+def test_each_run_has_its_own_and_a_new_one_the_mean(six, tmp_path):
+    runs, found = six
+    assert values_on(found, runs[4]).by_name["bias"] == found.spreads[0].runs[4]
+    assert values_on(found, campaign([0.02], 99)[0]).by_name["bias"] == found["bias"].value
+    model_file.save(found, tmp_path / "m.json")
+    again = model_file.load(tmp_path / "m.json")
+    assert again.spreads == found.spreads
+    assert again.model == found.model
+    assert again.values(2).by_name == found.values(2).by_name
+    assert again.covariance == pytest.approx(found.covariance)
+
+
+def test_a_parameter_that_the_model_lacks_cannot_differ():
+    with pytest.raises(ValueError, match="cubic"):
+        ac.Model.linear().vary("cubic")
