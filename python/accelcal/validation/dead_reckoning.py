@@ -30,6 +30,12 @@ from accelcal.signals.signals import Signals
 
 TOLERANCE = 1e-13
 """Change of the effects, as a share of the largest, below which an iteration has converged."""
+SETTLED = 1e-12
+"""Change of what effects with memory have displaced, as a share of the largest, below which it has too."""
+STALLS = 3
+"""Iterations in which the effects with memory have not come nearer by half, after which they do not converge."""
+CYCLING = 1e-3
+"""Such a change where they do not converge: a reversal that comes one node earlier or later, in turns."""
 ROUNDS = 12
 """Iterations of a window before it is halved."""
 FEW = 6
@@ -141,6 +147,11 @@ class DeadReckoning:
             one for one in self.lagging if self.feeds_back and (one in moved or not looks_ahead(one[0], known))
         ]
         self.read_lagged = total(self.lagging_read, self.known) if self.lagging_read else np.empty(0)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether effects remember simulated motion."""
+        return bool(self.lagging)
 
     def batches(self, count: int, horizon: float) -> list[slice]:
         """Starts that are simulated together."""
@@ -297,15 +308,17 @@ class Simulation:
             if floor:
                 self._spread(window)
             begin = window.stop
-            if rounds <= FEW:
+            if rounds <= FEW or ahead.lagging:  # what has a memory costs the same in a wider window
                 width = min(2 * width, most)
         return paths
 
     def _advance(self, window: slice) -> int | None:
         """Solve the nodes of a window; number of iterations, None where they do not converge."""
         bare, effects = self._bare(window), self._guess(window)
-        guess, slopes, before = effects, None, np.inf
+        guess, slopes, before, last = effects, None, np.inf, None
         rounding: Array | float = 0.0
+        remembered: Array | float | None = None
+        stalled = 0
         for count in range(ROUNDS):
             motion, displacement = self._motion(window, bare, effects)
             columns = self._local(window, bare, motion)
@@ -314,15 +327,21 @@ class Simulation:
             found = np.where(ended, 0.0, self._effects(window, motion, columns))
             change = np.where(ended, 0.0, np.abs(found - effects))
             largest = np.maximum(self.largest, largest_of(found))
-            if np.all(change <= TOLERANCE * largest + rounding):
+            final = count == ROUNDS - 1 or stalled == STALLS
+            settled = self.ahead.lagging and last is not None and has_settled(displacement, last, final)
+            last = displacement
+            if settled or np.all(change <= TOLERANCE * largest + rounding):
                 self._keep(window, bare, np.where(ended, np.nan, found))
                 return count + 1
-            if not np.all(np.isfinite(found)):
+            if not np.all(np.isfinite(found)) or (stalled == STALLS and window.stop - window.start > 1):
                 break
             left = float(np.max(change / (largest + TINY)))
+            stalled = stalled + 1 if self.ahead.lagging and left > 0.5 * before else 0
             if slopes is None or left > SLOPES_HOLD * before:
                 slopes = [self._slope(window, bare, motion, columns, row) for row in range(3)]
-                slopes[2] = slopes[2] + self._slope_with_memory(window, motion)
+                if remembered is None:
+                    remembered = self._slope_with_memory(window, motion)
+                slopes[2] = slopes[2] + remembered
                 rounding = self._rounding(bare, slopes)
             before = left
             effects = self._corrected(window, displacement, effects, found, slopes)
@@ -533,6 +552,22 @@ class Simulation:
 def largest_of(y: Array) -> Array:
     """Largest magnitude on each path, (n, 1)."""
     return np.asarray(np.max(np.abs(y), axis=1, keepdims=True, initial=0.0))
+
+
+def has_settled(displacement: Displacement, last: Displacement, final: bool) -> bool:
+    """Whether effects with memory move no path any more; after the `final` iteration, the position by hardly anything.
+
+    Rounding moves the instant of a reversal, and with it all that remembers it; a path that has ended is settled.
+    """
+    pairs = (
+        [(displacement[1], last[1], CYCLING)]
+        if final
+        else [(*both, SETTLED) for both in zip(displacement, last, strict=True)]
+    )
+    return not any(
+        bool(np.any(np.abs(y - was) > share * np.nanmax(np.abs(y), axis=1, keepdims=True, initial=0.0)))
+        for y, was, share in pairs
+    )
 
 
 def contributions(terms: Terms, s: Signals) -> list[Array]:

@@ -17,11 +17,14 @@ from accelcal.estimation.smoothing import output_at, output_signals, uniform_tim
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import Signals
-from accelcal.validation.dead_reckoning import DeadReckoning, Starts
+from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
 from accelcal.validation.other_record import values_on
 
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
+MOST_NODES, FEWEST_STARTS = 1 << 18, 10
+"""Nodes of all start points, their histories too, on which effects that remember simulated motion are evaluated at a
+time, and start points at least: of the usual ones only every so many."""
 DIVERGED = 100.0
 """Largest error by effects that is told, as a multiple of the travel: effects that amplify what they act on grow
 beyond every number."""
@@ -200,8 +203,16 @@ class Prediction:
         if last < first:
             return np.empty(0, dtype=np.intp)
         k = np.unique(np.searchsorted(t, np.linspace(first, last, MOST_STARTS)))
+        k = self._fewer(k, horizon)
         end = np.minimum(np.searchsorted(t, t[k] + horizon), len(t) - 1)
         return np.asarray(k[(self.breaks[end] == self.breaks[k]) & self.counts[k]])
+
+    def _fewer(self, k: NDArray[np.intp], horizon: float) -> NDArray[np.intp]:
+        """Every so many of the start readings where effects remember simulated motion."""
+        if self.ahead is None or not self.ahead.remembers:
+            return k
+        nodes = len(k) * (horizon + MEMORY) / self.ahead.known.step
+        return k[:: max(1, min(math.ceil(nodes / MOST_NODES), len(k) // FEWEST_STARTS))]
 
     def at_horizon(self, horizon: float) -> Coasting:
         """Coasting errors at one horizon, from every start point that has an unbroken record ahead."""
@@ -223,7 +234,7 @@ class Prediction:
         at = np.arange(0, n - k)
         at = at[self.counts[at] & (self.breaks[at + k] == self.breaks[at])]
         if self.ahead is not None:
-            at = at[:: max(1, len(at) // MOST_STARTS)]
+            at = self._fewer(at[:: max(1, len(at) // MOST_STARTS)], k * self.run.reading_step)
         if len(at) == 0:
             return None
         error = self.run.readings[at + k] - self._predict(at, (at + k)[:, None], rezero=False)[0][:, 0]
