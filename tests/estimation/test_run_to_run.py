@@ -23,7 +23,7 @@ def drawn(rng, runs, D, v):
 def test_equal_variances_give_the_analysis_of_variance():
     b, found = drawn(np.random.default_rng(1), 7, 2.0, np.full(7, 0.5))
     D = found.variance
-    assert D == pytest.approx(np.var(b, ddof=1) - 0.5, rel=1e-4)
+    assert pytest.approx(np.var(b, ddof=1) - 0.5, rel=1e-4) == D
     assert found.mean(D) == pytest.approx((np.mean(b), (D + 0.5) / 7), rel=1e-9)
     chi2 = 6.0 * np.var(b, ddof=1) / 0.5
     assert found.p_value == pytest.approx(stats.chi2.sf(chi2, 6), rel=1e-9)

@@ -5,13 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import accelcal as ac
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, find, from_expression, is_local
 from accelcal.estimation.values import Values
 from accelcal.model import NOMINAL, terms_of
 from accelcal.signals.processing import derivative, integral
 from accelcal.signals.signals import Signals
-from accelcal.validation.dead_reckoning import DeadReckoning, Starts
+from accelcal.validation.dead_reckoning import MOST_WORK, DeadReckoning, Simulation, Starts
+from accelcal.validation.prediction import Prediction
+from tests.worlds import Hidden, Nuisances, World
 
 from ..effects.test_contract import middle
 
@@ -342,3 +345,18 @@ def test_an_effect_of_ones_own_is_stepped_as_finely_as_a_house_effect() -> None:
     alone.local = True
     _, expected = alone.run(float(starts.p[0]), float(starts.v[0]), 200)
     np.testing.assert_allclose(found[0, :199], expected[1:], rtol=0.0, atol=1e-9 * np.max(np.abs(expected)))
+
+
+def test_what_remembers_reversals_has_a_bound_of_work(tmp_path, monkeypatch):
+    """A friction that sticks and slips converges in a few nodes at a time only: 2000 windows, six minutes."""
+    world = World("interleaved", "CXL02", (Hidden("breakaway", 0.05),), seed=7, nuisances=Nuisances())
+    recording = ac.load(world.record().write(tmp_path))
+    added = ac.add(ac.fit(ac.Model.linear(), recording), recording, "shape_since_reversal")
+    simulations, run = [], Simulation.run
+    monkeypatch.setattr(Simulation, "run", lambda self, floor: simulations.append(self) or run(self, floor))
+    coasting = Prediction.of(added, recording).at_horizon(5.0)
+    print(f"{simulations[0].work / MOST_WORK:.2f} of the bound, {len(coasting.starts)} starts")
+    assert any(one.hurried for one in simulations)  # else the bound is not what is tested
+    assert max(one.work for one in simulations) < 5 * MOST_WORK
+    assert len(coasting.starts) >= 10
+    assert np.max(np.abs(coasting.frozen)) < 1.0

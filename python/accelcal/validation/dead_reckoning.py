@@ -32,6 +32,11 @@ TOLERANCE = 1e-13
 """Change of the effects, as a share of the largest, below which an iteration has converged."""
 SETTLED = 1e-12
 """Change of what effects with memory have displaced, as a share of the largest, below which it has too."""
+MOST_WORK = 1 << 24
+"""Samples on which effects with memory are evaluated for the paths of one call until they converge. A friction that
+remembers reversals sticks and slips where the stage hardly moves, and converges in a few nodes at a time only: beyond
+this the paths are followed in windows of `HURRIED_WINDOW` nodes with `HURRIED_ROUNDS` iterations."""
+HURRIED_WINDOW, HURRIED_ROUNDS = 128, 4
 STALLS = 3
 """Iterations in which the effects with memory have not come nearer by half, after which they do not converge."""
 CYCLING = 1e-3
@@ -290,6 +295,12 @@ class Simulation:
         self.motion = tuple(np.zeros((n, m)) for _ in range(4)) if ahead.lagging else ()
         self.reference = [self._reference(i) for i in range(n)] if ahead.lagging else []
         self.largest: Array = np.zeros((n, 1))
+        self.work = 0
+
+    @property
+    def hurried(self) -> bool:
+        """Whether effects with memory have taken so much work that they are not followed until they converge."""
+        return self.work > MOST_WORK
 
     def run(self, floor: bool) -> Paths:
         """Simulate to the end, the variance too where a `floor` is asked for."""
@@ -300,6 +311,8 @@ class Simulation:
         paths.variance[:, 0] = self.variances[:, 0]
         begin, width = 1, min(most, m)
         while begin < m:
+            if self.hurried and width < HURRIED_WINDOW:
+                width = HURRIED_WINDOW
             window = slice(begin, min(begin + width, m))
             rounds = self._advance(window)
             if rounds is None:
@@ -318,7 +331,7 @@ class Simulation:
         guess, slopes, before, last = effects, None, np.inf, None
         rounding: Array | float = 0.0
         remembered: Array | float | None = None
-        stalled = 0
+        stalled, n_nodes = 0, window.stop - window.start
         for count in range(ROUNDS):
             motion, displacement = self._motion(window, bare, effects)
             columns = self._local(window, bare, motion)
@@ -327,13 +340,16 @@ class Simulation:
             found = np.where(ended, 0.0, self._effects(window, motion, columns))
             change = np.where(ended, 0.0, np.abs(found - effects))
             largest = np.maximum(self.largest, largest_of(found))
+            if self.hurried and count >= HURRIED_ROUNDS:
+                self._keep(window, bare, np.where(ended, np.nan, found))
+                return count + 1
             final = count == ROUNDS - 1 or stalled == STALLS
             settled = self.ahead.lagging and last is not None and has_settled(displacement, last, final)
             last = displacement
             if settled or np.all(change <= TOLERANCE * largest + rounding):
                 self._keep(window, bare, np.where(ended, np.nan, found))
                 return count + 1
-            if not np.all(np.isfinite(found)) or (stalled == STALLS and window.stop - window.start > 1):
+            if not np.all(np.isfinite(found)) or (stalled >= STALLS and not self.hurried and n_nodes > 1):
                 break
             left = float(np.max(change / (largest + TINY)))
             stalled = stalled + 1 if self.ahead.lagging and left > 0.5 * before else 0
@@ -345,7 +361,7 @@ class Simulation:
                 rounding = self._rounding(bare, slopes)
             before = left
             effects = self._corrected(window, displacement, effects, found, slopes)
-        if window.stop - window.start > 1:
+        if n_nodes > 1:
             return None
         found = self._at_node(window, bare, guess)
         unsolved = np.abs(self._missing(window, bare, found)) > UNSOLVED * np.maximum(self.largest, np.abs(found))
@@ -497,6 +513,7 @@ class Simulation:
             side = {name: y[nodes] for name, y in known.side.items()}
             before = history(known, nodes.start)
             path = joined(known, before, ahead.signals(inside, p, v, a, jerk, side))
+            self.work += len(path.t)
             change = total(ahead.lagging, path)[len(path.t) - len(inside) :] - reference[: len(inside)]
             row = change[window.start - 1 :]
             found[i, : len(row)] = row
