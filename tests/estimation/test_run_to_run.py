@@ -106,7 +106,7 @@ def six():
     return runs, ac.fit(ac.Model.linear(), runs)
 
 
-def test_six_biases_are_six_and_their_spread_is_told(six):
+def test_six_biases_are_six_and_their_spread_is_estimated(six):
     runs, found = six
     [spread] = found.spreads
     assert spread.value == pytest.approx(np.std(BIASES, ddof=1), rel=0.05)

@@ -51,6 +51,7 @@ def test_on_its_own_record_the_step_stays(stepped):
     seen = ac.compare(found, recording)
     assert seen.not_carried == ()
     assert values_on(found, recording) == found.values()
+    assert values_on(found, recording.part(25.0, 39.0)) == found.values()  # a part has the clock of the whole
     assert seen.coast_rms[10.0] == pytest.approx(seen.coast_floor[10.0], rel=1.0)
 
 

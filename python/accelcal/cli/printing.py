@@ -297,7 +297,7 @@ def show_parameters(found: Fit) -> None:
         held = e.std <= 0.0
         rows.append(
             (
-                e.name if e.run is None else f"{e.name} [{found.runs[e.run].name}]",
+                e.name if e.run is None else f"{e.name} ({found.runs[e.run].name})",
                 f"{e.value:.6g} (held)" if held else short(e.value, e.std),
                 e.unit,
                 "" if held else interval(e.value, e.std, *factors(found, e)),

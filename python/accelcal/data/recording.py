@@ -93,9 +93,16 @@ class Recording:
     """File name, for messages."""
     digest: str = ""
     """SHA-256 of the source file, hex."""
+    source: str = ""
+    """Digest of the whole recording that this is a part of; empty for a whole one."""
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+
+    @property
+    def session(self) -> str:
+        """Digest of the whole recording: parts of one have one clock."""
+        return self.source or self.digest
 
     @property
     def stamp_std(self) -> float:
@@ -149,7 +156,7 @@ class Recording:
         side = {name: kept(channel) for name, channel in self.side.items()}
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
         side = {name: channel for name, channel in side.items() if len(channel)}
-        return replace(self, accel=accel, position=position, side=side, digest=digest)
+        return replace(self, accel=accel, position=position, side=side, digest=digest, source=self.session)
 
 
 def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:

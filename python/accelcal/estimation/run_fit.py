@@ -33,6 +33,8 @@ class RunFit:
     log_likelihood: float
     nis: float | None
     """Mean normalised innovation squared, 1 when noise and innovations agree; None when a band was imposed."""
+    session: str = ""
+    """Digest of the whole recording that the run is a part of."""
 
 
 def run_fit(state: RunState, model: Model) -> RunFit:
@@ -49,6 +51,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         noise=noise_report(state) if state.band is None else noise_report_in_band(state, model),
         log_likelihood=state.log_likelihood,
         nis=float(np.mean(y**2)) if state.band is None else None,
+        session=run.recording.session,
     )
 
 

@@ -78,6 +78,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
             {
                 "file": run.name,
                 "sha256": run.digest,
+                "session_sha256": run.session,
                 "used_s": [run.start, run.end],
                 "readings": run.readings,
                 "samples": run.samples,
@@ -210,6 +211,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
                 noise=_noise_from_dict(noise),
                 log_likelihood=data["log_likelihood"],
                 nis=data["nis"],
+                session=data.get("session_sha256", data["sha256"]),
             )
             for data, noise in zip(content["data"], content["noise"], strict=True)
         ),

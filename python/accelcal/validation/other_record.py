@@ -18,7 +18,7 @@ def values_on(fit: Fit, recording: Recording) -> Values:
     walks, warm-up. Elements with memory begin as after a long rest.
     """
     if is_fitted(fit, recording):
-        known = [index for index, run in enumerate(fit.runs) if run.digest and run.digest == recording.digest]
+        known = [index for index, run in enumerate(fit.runs) if run.session and run.session == recording.session]
         return fit.values(known[0] if known else None)
     values = fit.values()
     terms = tuple(replace(term, shape=at_rest(term.effect, term.shape)) for term in values.terms)
@@ -41,8 +41,8 @@ def left_out(fit: Fit, recording: Recording) -> tuple[str, ...]:
 
 
 def is_fitted(fit: Fit, recording: Recording) -> bool:
-    """Whether a recording is one of those that a fit was made from, or has no digest to tell it from them."""
-    return recording.digest in {run.digest for run in fit.runs}
+    """Whether a recording has the clock of one that a fit was made from, or no digest to tell it from them."""
+    return recording.session in {run.session for run in fit.runs}
 
 
 def at_rest(effect: Effect, shape: Mapping[str, float]) -> dict[str, float]:
