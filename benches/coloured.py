@@ -131,6 +131,8 @@ def variables(name: str) -> set[str]:
         return set(name.removeprefix("shape_of_").split("_and_"))
     if name.startswith("shape_since_reversal"):
         return {"since_reversal"}
+    if find(name).port == "process":  # a random telegraph has the spectrum of a Gauss-Markov bias (Machlup 1954)
+        return {"time"}
     function_of = find(name).function_of
     return {symbols.get(function_of, name)} if function_of else {name}
 
