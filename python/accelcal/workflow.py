@@ -165,7 +165,7 @@ def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
 def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
     """The fit with the remark on a recording that disagrees with the others, as they were fitted; the fit itself where
     all agree."""
-    if len(recordings) < 2:
+    if len(recordings) < 2 or any(text.startswith("the runs differ as") for text in fit.remarks):
         return fit
     prepared = (
         prepare(recording, fit.origins, start=run.start, end=run.end)
@@ -230,6 +230,9 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
+        if not effect.traits.visible and len(several) > 1:  # no single run shows it: the joint fit tells whether all do
+            model = model.add(name)
+            continue
         if states is None or model is not fit.model:
             states = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).states
         requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))

@@ -7,7 +7,8 @@ import pytest
 from scipy import optimize, stats
 
 import accelcal as ac
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+from accelcal.estimation.run_differences import SPREAD_ALPHA
+from accelcal.estimation.run_to_run import BetweenRuns
 from accelcal.serialization import model_file
 from accelcal.validation.other_record import values_on
 
@@ -149,3 +150,37 @@ def test_each_run_has_its_own_and_a_new_one_the_mean(six, tmp_path):
 def test_a_parameter_that_the_model_lacks_cannot_differ():
     with pytest.raises(ValueError, match="cubic"):
         ac.Model.linear().vary("cubic")
+
+
+def directions(encoder_scale, biases, seed):
+    """Runs with the axis level, up and down."""
+    made = []
+    for number, (axis, bias) in enumerate(zip(("level", "up", "down"), biases, strict=True)):
+        rng = np.random.default_rng([seed, number])
+        rig = dataclasses.replace(ac.CXL02_RIG, axis=axis)
+        truth = {"bias": bias, "scale_factor": 0.01}
+        one = ac.simulate("interleaved", seconds=20.0, rig=rig, parameters=truth, rng=rng).recording
+        read = dataclasses.replace(one.position, y=one.position.y * (1.0 + encoder_scale))
+        made.append(dataclasses.replace(one, position=read, digest=f"{seed} {number}", name=f"{axis}.csv"))
+    return made
+
+
+def test_the_scale_of_the_encoder_that_no_single_run_shows_is_seen_by_runs_up_and_down():
+    """Moved by 5e-4 of the travel; gravity does not move with the encoder. It enters as the sentence says."""
+    runs = directions(5e-4, (0.02, 0.02, 0.02), 21)
+    found = ac.fit(ac.Model.linear(), runs)
+    assert found.spreads == ()
+    judged = ac.diagnose(found, runs)
+    assert judged.verdict == "tied"
+    assert judged.sentence.startswith("The runs differ as encoder_scale of")
+    assert judged.classes[0].members == ("encoder_scale", "bias")
+    added = ac.add(found, runs, "encoder_scale")
+    assert abs(added["encoder_scale"].value - 5e-4) < 4.0 * added["encoder_scale"].std < 1.5e-4
+    assert abs(added["scale_factor"].value - 0.01) < 4.0 * added["scale_factor"].std
+    assert ac.diagnose(added, runs).verdict == "adequate"
+
+
+def test_biases_of_runs_up_and_down_are_no_scale_of_the_encoder():
+    found = ac.fit(ac.Model.linear(), directions(0.0, (0.02, 0.021, 0.022), 22))
+    assert found.spreads[0].runs == pytest.approx((0.02, 0.021, 0.022), abs=6e-4)  # g times the uncertainty of k
+    assert not any("encoder_scale" in text for text in found.remarks)

@@ -183,7 +183,8 @@ def verdict_on(
         for test in significant
         if test.parts.get("made_by_motion")
     }
-    disagreeing = run_agreement(solution.states, model)
+    seen = solution.seen_by_runs[:1] if found.enough and not found.found else ()
+    disagreeing = None if seen else run_agreement(solution.states, model)
     signals, origin = solution.states[0].signals, runs[0].origins.t
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
@@ -212,11 +213,15 @@ def verdict_on(
         for name, p in p_values.items()
         if name not in {group.effect for group in groups}
     ]
+    groups += [Confounded(one.effect, (one.effect, one.instead), SEEN_EXPERIMENT) for one in seen]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
     unsteady = unsteady_effects(found)
     known = [one.effect for one in found.found]
     transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
     verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured, unsteady)
+    if seen and verdict == "adequate":
+        sentence = seen[0].sentence
+        verdict, left = "tied", f"{sentence[0].upper()}{sentence[1:]} ({found.examined} candidates examined)."
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
@@ -248,6 +253,9 @@ def verdict_on(
         present=inside,
         left=left,
     )
+
+
+SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
 
 
 def run_to_run(fit: Fit) -> tuple[Remark, ...]:

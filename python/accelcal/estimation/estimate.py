@@ -23,11 +23,11 @@ from accelcal.estimation.gauss_newton import (
     Layout,
     NotIdentifiable,
     Solution,
-    differing,
     iterate,
 )
 from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import Spread
@@ -178,7 +178,8 @@ def solve_runs(
         require_motion(run)
         require_band(run, band)
     solution = iterate(model, runs, [band] * len(runs), report)
-    if unlike := differing(solution):
+    unlike, seen = differing(solution)
+    if unlike:
         model = model.vary(*unlike)
         solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
@@ -187,7 +188,7 @@ def solve_runs(
         if any(bands):
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
         solution = replace(solution, by_band=tuple(trials))
-    return refine_shapes(solution)
+    return replace(refine_shapes(solution), seen_by_runs=seen)
 
 
 SETTLING = 3
@@ -250,6 +251,7 @@ def result(solution: Solution) -> Fit:
     remarks += judge(layout, x, covariance, runs)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
+    remarks += [one.sentence for one in solution.seen_by_runs]
     means = {e.name: e.value for e in estimates}
     remarks += [spread.sentence(means[spread.name]) for spread in spreads]
     if not solution.converged:

@@ -15,7 +15,7 @@ from accelcal.estimation.normal_equations import NormalEquations, normal_equatio
 from accelcal.estimation.rows import spectrum_of
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, let_differ, penalty
+from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
 from accelcal.estimation.values import Values
 from accelcal.model import Estimate, Model, Term
 
@@ -79,6 +79,8 @@ class Solution:
     """Of each run whose noise is not white: what single bands say."""
     between: Mapping[str, BetweenRuns] = field(default_factory=dict)
     """Coefficients that differ from run to run."""
+    seen_by_runs: tuple[SeenByRuns, ...] = ()
+    """Effects that no single run shows and that explain how the runs differ."""
 
     @property
     def log_likelihood(self) -> float:
@@ -175,22 +177,6 @@ def _estimated(model: Model, states: list[RunState], report: Callable[[float], N
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
     covariance = covariance + np.diag(clock_variance(layout, states))
     return Solution(model, layout, x, covariance, states, converged, between=between)
-
-
-def differing(solution: Solution) -> tuple[str, ...]:
-    """Coefficients that all runs share in a solution and that differ between them, one step from it."""
-    found = []
-    coupled = all(state.run.rig.coupled for state in solution.states)
-    for name in let_differ(solution.model) if len(solution.states) > 1 and coupled else ():
-        layout = Layout.of(solution.model.vary(name), len(solution.states))
-        information, score = np.diag(layout.prior_information(solution.model)), np.zeros(len(layout.slots))
-        for index, state in enumerate(solution.states):
-            normal, rows = normal_equations(state, solution.model.free), layout.rows(index)
-            information[np.ix_(rows, rows)] += normal.gram
-            score[rows] += normal.score
-        if BetweenRuns.of(information, score, layout.rows_of(name)).p_value < SPREAD_ALPHA:
-            found.append(name)
-    return tuple(found)
 
 
 def robust(covariance: Array, layout: Layout, normals: Sequence[NormalEquations], belief: Array) -> Array:

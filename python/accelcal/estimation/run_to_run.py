@@ -15,12 +15,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.model import Model
 
-SPREAD_ALPHA = 0.01
-"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
-LET_DIFFER = ("bias",)
-"""Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
 COVERAGE = 0.95
 """Of the intervals."""
 UNSEEN = 1e-9
@@ -180,11 +175,29 @@ class BetweenRuns:
         return half(np.sqrt(variance)), half(np.sqrt(D + variance))
 
 
+@dataclass(frozen=True, slots=True)
+class SeenByRuns:
+    """An effect that no single run shows, and that explains how runs differ."""
+
+    effect: str
+    unit: str
+    value: float
+    std: float
+    instead: str
+    """Coefficient that would otherwise differ from run to run."""
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        unit = self.unit.removeprefix("1")
+        size = f"{self.value:.3g} ± {self.std:.2g} {unit}".rstrip()
+        return (
+            f"the runs differ as {self.effect} of {size} would make them ({abs(self.value) / self.std:.0f} sigma), "
+            f"which no single run shows; a {self.instead} that differs from run to run would too. Add {self.effect}, "
+            "or record a further run that tells them apart"
+        )
+
+
 def penalty(count: int, D: float) -> Array:
     """Information on R coefficients that are drawn about an unknown mean with variance D, (R, R)."""
     return np.asarray((np.eye(count) - 1.0 / count) / D)
-
-
-def let_differ(model: Model) -> tuple[str, ...]:
-    """Coefficients of a model that are tried."""
-    return tuple(term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.per_run)

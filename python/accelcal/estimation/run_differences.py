@@ -1,0 +1,86 @@
+"""What differs between the runs of a joint fit: a coefficient, or an effect that no single run shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.effects import find
+from accelcal.estimation.gauss_newton import Layout, Solution
+from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.run_state import RunState
+from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns
+from accelcal.model import Model, Term, terms_of
+
+SPREAD_ALPHA = 0.01
+"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
+LET_DIFFER = ("bias",)
+"""Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
+SEEN_BY_RUNS = ("encoder_scale", "tilt", "cross_axis_gravity")
+"""Effects that no single run shows, and that runs of other mounts and directions of the axis do."""
+SEEN_SIGMA = 5.0
+"""Standard deviations from which on such an effect explains how runs differ."""
+SEEN_APART = 1e-8
+"""Least eigenvalue of the scaled normal equations with such an effect: below it is confounded on these runs."""
+
+
+def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ...]]:
+    """Coefficients that all runs share in a solution and that differ between them, one step from it.
+
+    Also effects that no single run shows and that make all runs alike: where there is one, nothing is said to differ.
+    """
+    model, states = solution.model, solution.states
+    found: list[str] = []
+    coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
+    shared = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.per_run]
+    for name in shared if coupled else ():
+        if between_runs(states, model, name)[0].p_value >= SPREAD_ALPHA:
+            continue
+        tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
+        explaining = tuple(one for one in tried if one is not None)
+        if explaining:
+            return tuple(found), explaining
+        found.append(name)
+    return tuple(found), ()
+
+
+def between_runs(
+    states: Sequence[RunState], model: Model, name: str, further: Sequence[Term] = ()
+) -> tuple[BetweenRuns, Array, Array]:
+    """A coefficient of each run one step from a solution, and the normal equations, those of further terms last."""
+    layout = Layout.of(model.vary(name), len(states))
+    m = len(layout.slots)
+    information, score = np.zeros((m + len(further), m + len(further))), np.zeros(m + len(further))
+    information[np.arange(m), np.arange(m)] = layout.prior_information(model)
+    for index, state in enumerate(states):
+        normal = normal_equations(state, [*model.free, *further])
+        rows = [*layout.rows(index), *range(m, m + len(further))]
+        information[np.ix_(rows, rows)] += normal.gram
+        score[rows] += normal.score
+    return BetweenRuns.of(information, score, layout.rows_of(name)), information, score
+
+
+def seen_by_runs(states: Sequence[RunState], model: Model, name: str, effect: str) -> SeenByRuns | None:
+    """An effect as all runs together show it, with one value of a coefficient for all of them.
+
+    None where the runs differ even so, do not show it, or cannot tell it from what they share.
+    """
+    terms = terms_of(find(effect))
+    if any(need not in state.run.recording.side for state in states for need in find(effect).needs):
+        return None
+    rest, information, score = between_runs(states, model, name, terms)
+    own = Layout.of(model.vary(name), len(states)).rows_of(name)
+    joined = np.delete(np.eye(len(score)), own[1:], axis=0)
+    joined[own[0], own] = 1.0
+    information, score = joined @ information @ joined.T, joined @ score
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
+    if weights[0] < SEEN_APART or len(rest.y) < 2 or rest.p_value < SPREAD_ALPHA:
+        return None
+    covariance = (vectors / weights) @ vectors.T / np.outer(size, size)
+    value, std = float((covariance @ score)[-1]), math.sqrt(float(covariance[-1, -1]))
+    return SeenByRuns(effect, terms[0].unit, value, std, name) if abs(value) > SEEN_SIGMA * std else None
