@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -321,7 +322,8 @@ def show_parameters(found: Fit) -> None:
 
 def factors(found: Fit, e: Estimate) -> list[float]:
     """Half the 95 % interval of a mean over runs over its standard deviation; empty for all other parameters."""
-    return [spread.mean_half / e.std for spread in found.spreads if spread.name == e.name]
+    halves = [spread.mean_half for spread in found.spreads if spread.name == e.name]
+    return [half / e.std for half in halves if math.isfinite(half)]
 
 
 def largest_coefficient(found: Fit, name: str) -> str:

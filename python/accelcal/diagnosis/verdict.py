@@ -47,6 +47,8 @@ from accelcal.model import Model, evaluate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
 
+SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
+
 
 @notebook_repr
 @dataclass(frozen=True, slots=True)
@@ -253,9 +255,6 @@ def verdict_on(
         present=inside,
         left=left,
     )
-
-
-SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
 
 
 def run_to_run(fit: Fit) -> tuple[Remark, ...]:
