@@ -126,6 +126,10 @@ class Model:
         for name in self.per_run:
             if name not in known:
                 raise ValueError(f"{name!r} cannot differ from run to run: it is no coefficient of the model")
+            if name in self.priors:
+                raise ValueError(
+                    f"{name!r} has a prior, which is on one value for all runs: it cannot differ between them"
+                )
 
     @classmethod
     def linear(cls) -> Model:

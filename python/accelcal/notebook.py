@@ -136,7 +136,7 @@ def _(fit: Fit) -> Card:
             (
                 e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
                 f"{e.symbol} = {value(e)}",
-                with_unit(number(COVERAGE_FACTOR * e.std, 2), e.unit) if e.std > 0.0 else "held",
+                with_unit(number(fit.expanded(e, COVERAGE_FACTOR), 2), e.unit) if e.std > 0.0 else "held",
                 usual(e.unit, e.value, e.std),
                 tied_sum(fit, e.name),
             )

@@ -27,6 +27,7 @@ from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs, state_at
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
+from accelcal.estimation.run_differences import LET_DIFFER, SEEN_BY_RUNS
 from accelcal.model import Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
@@ -165,14 +166,15 @@ def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
 def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
     """The fit with the remark on a recording that disagrees with the others, as they were fitted; the fit itself where
     all agree."""
-    if len(recordings) < 2 or any(text.startswith("the runs differ as") for text in fit.remarks):
+    if len(recordings) < 2:
         return fit
+    explained = LET_DIFFER if any(text.startswith("the runs differ as") for text in fit.remarks) else ()
     prepared = (
         prepare(recording, fit.origins, start=run.start, end=run.end)
         for recording, run in zip(recordings, fit.runs, strict=True)
     )
     states = [state_at(fit, index, run) for index, run in enumerate(prepared)]
-    found = run_agreement(states, fit.model)
+    found = run_agreement(states, fit.model, explained)
     return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 
@@ -230,8 +232,8 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
-        if not effect.traits.visible and len(several) > 1:  # no single run shows it: the joint fit tells whether all do
-            model = model.add(name)
+        if name in SEEN_BY_RUNS and len(several) > 1 and all(need in r.side for need in effect.needs for r in several):
+            model = model.add(name)  # no single run shows it: the joint fit tells whether all do
             continue
         if states is None or model is not fit.model:
             states = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).states

@@ -7,8 +7,10 @@ import pytest
 from scipy import optimize, stats
 
 import accelcal as ac
-from accelcal.estimation.run_differences import SPREAD_ALPHA
-from accelcal.estimation.run_to_run import BetweenRuns
+from accelcal.calibration.budget import budget
+from accelcal.data.rig import Uncertainty
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+from accelcal.model import Prior
 from accelcal.serialization import model_file
 from accelcal.validation.other_record import values_on
 
@@ -39,6 +41,18 @@ def test_exact_runs_give_the_intervals_of_student():
     mean_half, next_half = found.halves()
     assert mean_half == pytest.approx(t * s / np.sqrt(6), rel=0.01)
     assert next_half == pytest.approx(t * s * np.sqrt(1 + 1 / 6), rel=0.01)
+
+
+@pytest.mark.parametrize("biases", [(0.3, 0.0), (0.0, 0.3), (0.3, 0.301), (0.5, 1e-5)])
+def test_runs_that_share_a_parameter_tightly_have_the_spread_of_their_difference(biases):
+    """A scale factor that both runs see at one gravity turns the eigenvectors: their signs and means are arbitrary."""
+    A = 1e8 * np.array([[1.0, 0.0, 9.8], [0.0, 1.0, 9.8], [9.8, 9.8, 193.0]])
+    found = BetweenRuns.of(A, A @ np.array([*biases, 0.01]), range(2))
+    difference = 0.5 * (biases[0] - biases[1]) ** 2
+    assert found.variance == pytest.approx(difference, rel=0.05)
+    low, high = found.interval()
+    assert low < difference < high
+    assert np.isfinite(found.halves()).all()
 
 
 def stacked(rng, with_temperature):
@@ -132,6 +146,7 @@ def test_one_bias_for_all_is_one(six):
     assert abs(found["bias"].value - 0.02) < 4.0 * found["bias"].std < 4e-4
     forced = ac.fit(ac.Model.linear().vary("bias"), campaign([0.02] * 4, 12))
     assert forced.spreads[0].low == 0.0
+    assert any("no difference is seen" in text for text in forced.remarks)
     assert forced["bias"].value == pytest.approx(found["bias"].value, abs=2.0 * found["bias"].std)
 
 
@@ -147,9 +162,35 @@ def test_each_run_has_its_own_and_a_new_one_the_mean(six, tmp_path):
     assert again.covariance == pytest.approx(found.covariance)
 
 
-def test_a_parameter_that_the_model_lacks_cannot_differ():
+def test_what_cannot_differ_is_refused():
     with pytest.raises(ValueError, match="cubic"):
         ac.Model.linear().vary("cubic")
+    believed = dataclasses.replace(ac.Model.linear(), priors={"bias": Prior(0.0, 1e-3)})
+    with pytest.raises(ValueError, match="prior"):
+        believed.vary("bias")
+
+
+def test_gravity_in_one_of_two_runs_is_no_bias_that_differs():
+    good, vertical = campaign((0.02, 0.02 + 9.80665), 13)
+    with pytest.raises(ac.RecordingError, match=r"run1.csv: the output has a constant of 9.8"):
+        ac.fit(ac.Model.linear(), [good, vertical])
+
+
+def test_parts_of_one_recording_have_the_bias_of_their_own():
+    whole = campaign([0.02], 14)[0]
+    first, second = whole.part(0.0, 9.5), whole.part(10.0, 19.5)
+    stepped = dataclasses.replace(second, accel=dataclasses.replace(second.accel, y=second.accel.y + 0.05))
+    found = ac.fit(ac.Model.linear(), [first, stepped])
+    assert values_on(found, first).by_name["bias"] == found.spreads[0].runs[0]
+    assert values_on(found, stepped).by_name["bias"] == found.spreads[0].runs[1]
+
+
+def test_the_budget_holds_the_next_run(six):
+    _, found = six
+    declared = Uncertainty(encoder_scale=1e-5, level=0.0, misalignment=0.0)
+    lines = budget(dataclasses.replace(found, rig=dataclasses.replace(found.rig, uncertainty=declared))).lines
+    [bias] = (line for line in lines if line.estimate.name == "bias")
+    assert bias.expanded == pytest.approx(found.spreads[0].next_half, rel=0.01)
 
 
 def directions(encoder_scale, biases, seed):

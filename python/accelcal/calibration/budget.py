@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.effects import find, static_terms
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.run_to_run import Spread
 from accelcal.model import Estimate
 
 COVERAGE_FACTOR = 2.0
@@ -97,9 +98,9 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0
     found = [Component("fit: noise of output and encoder", "A", e.std, e.unit, e.std)]
     found += [
-        Component("difference from run to run", "A", spread.value, e.unit, spread.value)
+        Component("difference from run to run", "A", spread.value, e.unit, _of_next_run(spread, e))
         for spread in fit.spreads
-        if spread.name == e.name
+        if spread.name == e.name and math.isfinite(spread.next_half)
     ]
     if e.name == "bias":
         if "level" not in separated:
@@ -113,6 +114,11 @@ def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
         found.append(Component("scale of the encoder", "B", ruler, "1", abs(n * size * ruler)))
     found.append(Component("misalignment of the input axis", "B", off, "rad", abs(n * size) * _second_order(off)))
     return tuple(found)
+
+
+def _of_next_run(spread: Spread, e: Estimate) -> float:
+    """What the next run adds to the uncertainty of the mean: as much as gives its 95 % interval, few runs or many."""
+    return math.sqrt(max((spread.next_half / COVERAGE_FACTOR) ** 2 - e.std**2, spread.value**2))
 
 
 def _separated(fit: Fit) -> set[str]:

@@ -301,7 +301,7 @@ def show_parameters(found: Fit) -> None:
                 e.name if e.run is None else f"{e.name} ({found.runs[e.run].name})",
                 f"{e.value:.6g} (held)" if held else short(e.value, e.std),
                 e.unit,
-                "" if held else interval(e.value, e.std, *factors(found, e)),
+                "" if held else interval_of(found, e),
                 "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
             )
         )
@@ -320,10 +320,12 @@ def show_parameters(found: Fit) -> None:
         print(f"  {name}: {number} of its columns are not needed")
 
 
-def factors(found: Fit, e: Estimate) -> list[float]:
-    """Half the 95 % interval of a mean over runs over its standard deviation; empty for all other parameters."""
+def interval_of(found: Fit, e: Estimate) -> str:
+    """The 95 % interval of an estimate; empty where the runs do not say how much they differ."""
     halves = [spread.mean_half for spread in found.spreads if spread.name == e.name]
-    return [half / e.std for half in halves if math.isfinite(half)]
+    if not all(math.isfinite(half) for half in halves):
+        return ""
+    return interval(e.value, e.std, *(half / e.std for half in halves))
 
 
 def largest_coefficient(found: Fit, name: str) -> str:

@@ -20,20 +20,25 @@ POOLED_SHARE = 1e-4
 about it."""
 
 
-def run_agreement(states: Sequence[RunState], model: Model) -> Remark | None:
+def run_agreement(states: Sequence[RunState], model: Model, explained: Sequence[str] = ()) -> Remark | None:
     """The remark on a recording in which a shared parameter has another value; None where all agree.
 
     Parameters
     ----------
     states : fitted runs.
     model : that they were fitted with.
+    explained : parameters whose differences have a cause already.
 
     Notes
     -----
     Each run is one Gauss-Newton step from the common estimate. Its variances are those of the noise model, or of the
     scatter of block scores if that is larger; p is that of chi-square over the runs, times the number of parameters.
     """
-    terms = [term for term in model.free if term.owner not in PER_RUN_OWNERS and term.name not in model.per_run]
+    terms = [
+        term
+        for term in model.free
+        if term.owner not in PER_RUN_OWNERS and term.name not in {*model.per_run, *explained}
+    ]
     owned = [term for term in model.free if term not in terms]
     if len(states) < 2 or not terms:
         return None

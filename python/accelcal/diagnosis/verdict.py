@@ -186,7 +186,7 @@ def verdict_on(
         if test.parts.get("made_by_motion")
     }
     seen = solution.seen_by_runs[:1] if found.enough and not found.found else ()
-    disagreeing = None if seen else run_agreement(solution.states, model)
+    disagreeing = run_agreement(solution.states, model, [one.instead for one in seen])
     signals, origin = solution.states[0].signals, runs[0].origins.t
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)

@@ -91,6 +91,12 @@ class Fit:
         """Estimates in the order of the covariance."""
         return tuple(e for e in self.estimates if e.name not in self.model.fixed)
 
+    def expanded(self, e: Estimate, factor: float) -> float:
+        """Expanded uncertainty of one of its estimates: `factor` standard deviations, or half the 95 % interval of a
+        mean over few runs if that is more."""
+        halves = [spread.mean_half for spread in self.spreads if spread.name == e.name]
+        return max([factor * e.std, *halves])
+
     @property
     def log_likelihood(self) -> float:
         """Innovation log-likelihood of all runs."""
@@ -447,12 +453,12 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
                 f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
             )
-    if "bias" in by_name:
-        constant = x[by_name["bias"]]
-        axis = "up" if constant * rig.polarity > 0.0 else "down"
-        if rig.gravity == 0.0 and abs(abs(constant) - STANDARD_GRAVITY) < 0.2 * STANDARD_GRAVITY:
+    for i in layout.rows_of("bias"):
+        run = runs[layout.slots[i][1] or 0]
+        axis = "up" if x[i] * run.rig.polarity > 0.0 else "down"
+        if run.rig.gravity == 0.0 and abs(abs(x[i]) - STANDARD_GRAVITY) < 0.2 * STANDARD_GRAVITY:
             raise RecordingError(
-                f"{name}: the output has a constant of {constant:.3f} m/s², close to gravity, on an axis declared "
+                f"{name_of(run)}: the output has a constant of {x[i]:.3f} m/s², close to gravity, on an axis declared "
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks

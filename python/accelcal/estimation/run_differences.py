@@ -13,11 +13,9 @@ from accelcal.effects import find
 from accelcal.estimation.gauss_newton import Layout, Solution
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns, SeenByRuns
 from accelcal.model import Model, Term, terms_of
 
-SPREAD_ALPHA = 0.01
-"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
 LET_DIFFER = ("bias",)
 """Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
 SEEN_BY_RUNS = ("encoder_scale", "tilt", "cross_axis_gravity")
@@ -36,7 +34,8 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
     model, states = solution.model, solution.states
     found: list[str] = []
     coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
-    shared = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.per_run]
+    apart = {*model.per_run, *model.priors}
+    shared = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in apart]
     for name in shared if coupled else ():
         if between_runs(states, model, name)[0].p_value >= SPREAD_ALPHA:
             continue
@@ -55,7 +54,10 @@ def between_runs(
     layout = Layout.of(model.vary(name), len(states))
     m = len(layout.slots)
     information, score = np.zeros((m + len(further), m + len(further))), np.zeros(m + len(further))
-    information[np.arange(m), np.arange(m)] = layout.prior_information(model)
+    belief = layout.prior_information(model)
+    information[np.arange(m), np.arange(m)] = belief
+    at = np.array([states[run or 0].values.by_name[term.name] for term, run in layout.slots])
+    score[:m] = belief * (layout.prior_mean(model) - at)
     for index, state in enumerate(states):
         normal = normal_equations(state, [*model.free, *further])
         rows = [*layout.rows(index), *range(m, m + len(further))]

@@ -16,6 +16,8 @@ import scipy
 
 from accelcal.data.arrays import Array
 
+SPREAD_ALPHA = 0.01
+"""Probability of the differences between runs under one value for all below which a coefficient is let differ."""
 COVERAGE = 0.95
 """Of the intervals."""
 UNSEEN = 1e-9
@@ -52,6 +54,14 @@ class Spread:
         """For people; `mean` is the estimate over all runs."""
         unit = self.unit.removeprefix("1")
         p = f"p = {self.p_value:.1g}" if self.p_value > 0.0 else "p < 1e-300"
+        if not math.isfinite(self.next_half):
+            return f"{self.name} was let differ from run to run, but these runs do not say how much it does"
+        if self.p_value >= SPREAD_ALPHA:
+            most = f"{self.high:.2g} {unit}".rstrip()
+            return (
+                f"{self.name} was let differ from run to run, but no difference is seen over {len(self.runs)} runs "
+                f"({p}): its standard deviation is at most {most} (95 %)"
+            )
         return (
             f"{self.name} differs from run to run: standard deviation {self.value:.2g} {unit}".rstrip()
             + f" (95 %: {self.low:.2g} to {self.high:.2g}) over {len(self.runs)} runs, {p}; "
@@ -113,9 +123,14 @@ class BetweenRuns:
         return LEAST_SPREAD * float(np.min(self.v))
 
     @property
+    def _scatter(self) -> float:
+        """Sum of squares about the mean at no variance between runs: no likely variance is many times that."""
+        return float(np.sum((self.y - self.u * self.mean(0.0)[0]) ** 2)) + float(np.max(self.v))
+
+    @property
     def _widest(self) -> float:
         """Variance beyond every interval."""
-        return 1e9 * (float(np.ptp(self.y)) ** 2 + float(np.max(self.v)))
+        return 1e9 * self._scatter
 
     def log_likelihood(self, D: Array) -> Array:
         """Restricted log-likelihood of variances between runs, (k,), up to a constant."""
@@ -127,8 +142,7 @@ class BetweenRuns:
         """Most likely variance between runs."""
         if len(self.y) < 2:
             return self.least
-        most = 10.0 * float(np.ptp(self.y)) ** 2 + 10.0 * float(np.max(self.v))
-        trials = np.geomspace(self.least, most, 60)
+        trials = np.geomspace(self.least, 10.0 * self._scatter, 60)
         k = int(np.argmax(self.log_likelihood(trials)))
         found = scipy.optimize.minimize_scalar(
             lambda log_D: -self.log_likelihood(np.exp([log_D]))[0],

@@ -218,16 +218,17 @@ def parameter(content: Content, e: Estimate) -> dict[str, Any]:
     at_encoder = any(term.name == e.name and term.port == "position" for term in content.fit.model.terms)
     largest = content.diagnosis.largest.get(e.name)
     size = None if largest is None else Size(largest, at_encoder)
+    expanded = content.fit.expanded(e, COVERAGE_FACTOR)
     return {
         "name": f"{e.name}{run}",
         "symbol": e.symbol,
         "unit": e.unit,
         "value": e.value,
         "std": e.std,
-        "expanded": COVERAGE_FACTOR * e.std,
+        "expanded": expanded,
         "shown": amount(e.value, e.std, e.unit),
         "shown_std": with_unit(number(e.std, 2), e.unit) if e.std > 0.0 else "held",
-        "shown_expanded": with_unit(number(COVERAGE_FACTOR * e.std, 2), e.unit) if e.std > 0.0 else "",
+        "shown_expanded": with_unit(number(expanded, 2), e.unit) if e.std > 0.0 else "",
         "usual": "" if e in content.fit.shapes else usual(e.unit, e.value, e.std),
         "owner": e.owner,
         "stands_for": tied_sum(content.fit, e.name),

@@ -53,6 +53,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
             "fixed": dict(fit.model.fixed),
             "priors": {name: asdict(prior) for name, prior in fit.model.priors.items()},
             "shapes": {name: dict(shape) for name, shape in fit.model.shapes.items()},
+            "per_run": list(fit.model.per_run),
             "own": [
                 {"name": e.name, "sha256": e.digest, "source": e.text}
                 for e in (find(name) for name in fit.model.effects)
@@ -195,7 +196,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
             dict(model["fixed"]),
             {name: Prior(**prior) for name, prior in model["priors"].items()},
             model["shapes"],
-            tuple(spread["name"] for spread in content.get("run_to_run", ())),
+            tuple(model.get("per_run", ())),
         ),
         estimates=tuple(estimate_from_dict(p) for p in content["parameters"]),
         shapes=tuple(estimate_from_dict(p) for p in content.get("shapes", ())),

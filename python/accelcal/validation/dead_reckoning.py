@@ -35,8 +35,8 @@ SETTLED = 1e-12
 MOST_WORK = 1 << 24
 """Samples on which effects with memory are evaluated for the paths of one call until they converge. A friction that
 remembers reversals sticks and slips where the stage hardly moves, and converges in a few nodes at a time only: beyond
-this the paths are followed in windows of `HURRIED_WINDOW` nodes with `HURRIED_ROUNDS` iterations."""
-HURRIED_WINDOW, HURRIED_ROUNDS = 128, 4
+this the paths are followed in windows of at least `HURRIED_WINDOW` nodes with `HURRIED_ROUNDS` iterations."""
+HURRIED_WINDOW, HURRIED_ROUNDS = 128, 5
 STALLS = 3
 """Iterations in which the effects with memory have not come nearer by half, after which they do not converge."""
 CYCLING = 1e-3
@@ -309,15 +309,16 @@ class Simulation:
         most = m if ahead.lagging else max(1, TOGETHER // n)
         self._advance(slice(0, 1))
         paths.variance[:, 0] = self.variances[:, 0]
-        begin, width = 1, min(most, m)
+        begin, width, failed = 1, min(most, m), False
         while begin < m:
-            if self.hurried and width < HURRIED_WINDOW:
-                width = HURRIED_WINDOW
+            if self.hurried and not failed:
+                width = max(width, HURRIED_WINDOW)
             window = slice(begin, min(begin + width, m))
             rounds = self._advance(window)
             if rounds is None:
-                width = max(1, (window.stop - begin) // 2)
+                width, failed = max(1, (window.stop - begin) // 2), True
                 continue
+            failed = False
             if floor:
                 self._spread(window)
             begin = window.stop
@@ -340,7 +341,7 @@ class Simulation:
             found = np.where(ended, 0.0, self._effects(window, motion, columns))
             change = np.where(ended, 0.0, np.abs(found - effects))
             largest = np.maximum(self.largest, largest_of(found))
-            if self.hurried and count >= HURRIED_ROUNDS:
+            if self.hurried and count + 1 >= HURRIED_ROUNDS:
                 self._keep(window, bare, np.where(ended, np.nan, found))
                 return count + 1
             final = count == ROUNDS - 1 or stalled == STALLS

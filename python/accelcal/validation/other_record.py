@@ -18,8 +18,9 @@ def values_on(fit: Fit, recording: Recording) -> Values:
     walks, warm-up. Elements with memory begin as after a long rest.
     """
     if is_fitted(fit, recording):
-        known = [index for index, run in enumerate(fit.runs) if run.session and run.session == recording.session]
-        return fit.values(known[0] if known else None)
+        same = [index for index, run in enumerate(fit.runs) if run.digest and run.digest == recording.digest]
+        parts = [index for index, run in enumerate(fit.runs) if run.session and run.session == recording.session]
+        return fit.values(same[0] if same else parts[0] if len(parts) == 1 else None)
     values = fit.values()
     terms = tuple(replace(term, shape=at_rest(term.effect, term.shape)) for term in values.terms)
     lost = {term.name for term in terms if of_one_record(term.effect)}
