@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.effects import find
+from accelcal.effects import BUILT_IN, find
 from accelcal.estimation.gauss_newton import Layout, Solution
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.run_state import RunState
@@ -18,7 +18,9 @@ from accelcal.model import Model, Term, terms_of
 
 LET_DIFFER = ("bias",)
 """Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
-SEEN_BY_RUNS = ("encoder_scale", "tilt", "cross_axis_gravity")
+SEEN_BY_RUNS = tuple(
+    e.name for e in BUILT_IN if not e.traits.visible and (e.traits.separated_by or e.traits.uncertainty)
+)
 """Effects that no single run shows, and that runs of other mounts and directions of the axis do."""
 SEEN_SIGMA = 5.0
 """Standard deviations from which on such an effect explains how runs differ."""
@@ -42,7 +44,7 @@ def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ..
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
         explaining = tuple(one for one in tried if one is not None)
         if explaining:
-            return tuple(found), explaining
+            return tuple(found), tuple(sorted(explaining, key=lambda one: one.std / abs(one.value)))
         found.append(name)
     return tuple(found), ()
 
