@@ -27,7 +27,7 @@ from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs, state_at
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
-from accelcal.estimation.run_differences import LET_DIFFER, SEEN_BY_RUNS
+from accelcal.estimation.run_differences import SEEN_BY_RUNS
 from accelcal.model import Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
@@ -168,13 +168,12 @@ def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
     all agree."""
     if len(recordings) < 2:
         return fit
-    explained = LET_DIFFER if any(text.startswith("the runs differ as") for text in fit.remarks) else ()
     prepared = (
         prepare(recording, fit.origins, start=run.start, end=run.end)
         for recording, run in zip(recordings, fit.runs, strict=True)
     )
     states = [state_at(fit, index, run) for index, run in enumerate(prepared)]
-    found = run_agreement(states, fit.model, explained)
+    found = run_agreement(states, fit.model, [one.instead for one in fit.seen_by_runs])
     return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 

@@ -30,7 +30,7 @@ from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import Spread
+from accelcal.estimation.run_to_run import SeenByRuns, Spread
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior, terms_of
@@ -69,6 +69,8 @@ class Fit:
     """Shape parameters that were estimated (creep.tau); the covariance holds their uncertainty, but no row."""
     spreads: tuple[Spread, ...] = ()
     """Coefficients that differ from run to run; their estimates are the means over runs."""
+    seen_by_runs: tuple[SeenByRuns, ...] = ()
+    """Effects that no single run shows and that explain how the runs differ; model files have their remarks alone."""
     tilt: float = 0.0
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
@@ -277,6 +279,7 @@ def result(solution: Solution) -> Fit:
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),
         spreads=spreads,
+        seen_by_runs=solution.seen_by_runs,
     )
 
 
