@@ -15,6 +15,7 @@ True
 from typing import TYPE_CHECKING, Any
 
 from accelcal._core import __version__
+from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor
 from accelcal.effects import effect, load_effects
@@ -25,7 +26,7 @@ from accelcal.filters.choice import FilterChoice
 from accelcal.filters.live_model import LiveModel
 from accelcal.filters.record import FilterRun
 from accelcal.filters.stream import LiveFilter
-from accelcal.io import load
+from accelcal.io import load, load_dwells
 from accelcal.model import Estimate, Model, Prior
 from accelcal.serialization.model_file import load as load_model
 from accelcal.serialization.model_file import save as save_model
@@ -33,6 +34,7 @@ from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.comparison import Coast, Comparison
 
 if TYPE_CHECKING:
+    from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.experiment import plan, power
     from accelcal.selection.improvement import History, Improvement
@@ -45,6 +47,7 @@ __all__ = [
     "Coast",
     "Comparison",
     "Diagnosis",
+    "Dwells",
     "Estimate",
     "FilterChoice",
     "FilterRun",
@@ -66,6 +69,7 @@ __all__ = [
     "coast",
     "compare",
     "diagnose",
+    "diagnose_dwells",
     "drop",
     "effect",
     "fit",
@@ -73,6 +77,7 @@ __all__ = [
     "history",
     "improve",
     "load",
+    "load_dwells",
     "load_effects",
     "load_model",
     "plan",
@@ -87,8 +92,9 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
     from accelcal import experiment, workflow
+    from accelcal.diagnosis import dwells
 
-    home = experiment if name in ("plan", "power") else workflow
+    home = {"plan": experiment, "power": experiment, "diagnose_dwells": dwells}.get(name, workflow)
     return globals().setdefault(name, getattr(home, name))
 
 

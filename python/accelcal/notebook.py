@@ -123,14 +123,16 @@ def _(recording: Recording) -> Card:
 
 @card.register
 def _(fit: Fit) -> Card:
-    names = ", ".join(run.name or "recording" for run in fit.runs)
+    names = ", ".join(name for name, _ in fit.sources)
     readings = formatting.grouped(sum(run.readings for run in fit.runs))
+    made_from = [f"{readings} readings of position"] * bool(fit.runs)
+    made_from += [f"{len(fit.dwells.angle)} dwells"] if fit.dwells else []
     agreement = "".join(
         f", normalised innovation squared {run.nis:.3f} (1 when consistent)" for run in fit.runs if run.nis is not None
     )
     return Card(
         title=f"Fit of {names}, {fit.method}",
-        sentence=f"{len(fit.free)} parameters from {readings} readings of position{agreement}.",
+        sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
         head=("parameter", "value (u)", "U", "usual unit", "sum estimated on this rig"),
         rows=tuple(
             (

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from accelcal._support.threads import one_thread
+from accelcal.data.dwell_sets import with_dwells
+from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording, listed
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
@@ -24,7 +26,7 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, estimate, restored_states, result, solve_runs, state_at
+from accelcal.estimation.estimate import Fit, estimate, estimate_dwells, restored_states, result, solve_runs, state_at
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
@@ -96,7 +98,7 @@ def diagnose(
 @one_thread
 def fit(
     model: Model,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *,
     start: float | None = None,
     end: float | None = None,
@@ -110,7 +112,7 @@ def fit(
     Parameters
     ----------
     model : what is to be estimated.
-    recordings : one run, or several with one sensor.
+    recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
     origins : zero of time, position and temperature; by default those of the first recording.
@@ -139,7 +141,9 @@ def fit(
     >>> abs(found["bias"].value - 0.05) < 4 * found["bias"].std
     True
     """
-    several = listed(recordings)
+    several = with_dwells(recordings)
+    if isinstance(several, Dwells):
+        return estimate_dwells(model, several, origins)
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)

@@ -66,7 +66,7 @@ def run(example, folder):
 @pytest.mark.parametrize("page", PAGES)
 def test_examples_run_in_the_order_of_the_page(page, tmp_path):
     prepare(page, tmp_path)
-    runnable = [example for example in examples(page) if example.language in ("sh", "python")]
+    runnable = [each for each in examples(page) if each.language in ("sh", "python") or each.file]
     assert runnable
     for example in runnable:
         run(example, tmp_path)

@@ -81,6 +81,8 @@ def cut(
     for text in only or ():
         recording = recording.part(*time_range(text, "--only"))
     recording = recording.without(*(time_range(text, "--without") for text in without or ()))
+    if recording.dwells is not None:
+        print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
     print_status(f"wrote {output} and {write_recording(recording, output)}")
 
 

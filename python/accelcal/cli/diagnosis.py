@@ -15,7 +15,6 @@ from accelcal.cli.common import (
     ModelFile,
     Output,
     Rig,
-    RunFile,
     To,
     UsageError,
     app,
@@ -26,11 +25,20 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
-from accelcal.cli.models import load_like
-from accelcal.cli.printing import limit, show_diagnosis, show_improvement, show_plan, show_power, show_steps
+from accelcal.cli.models import load_any, load_like
+from accelcal.cli.printing import (
+    limit,
+    show_diagnosis,
+    show_dwell_diagnosis,
+    show_improvement,
+    show_plan,
+    show_power,
+    show_steps,
+)
 
 if TYPE_CHECKING:
     from accelcal.data.rig import Rig as RigOf
+    from accelcal.diagnosis.dwells import DwellDiagnosis
     from accelcal.experiment import Plan
 
 
@@ -38,17 +46,23 @@ if TYPE_CHECKING:
 @with_exit_codes
 def diagnose(
     model: ModelFile,
-    run: RunFile,
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="One or several recordings, tables of dwells among them or alone.", metavar="RUN..."),
+    ],
     rig: Rig = None,
     holdout: Holdout = None,
     effects_file: EffectsFile = None,
     output: Output = None,
     json: Json = False,
 ) -> None:
-    """Find the physical effect that a model lacks on a recording: a verdict, ranked candidates, confounded effects.
+    """Find the physical effect that a model lacks on recordings: a verdict, ranked candidates, confounded effects.
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
+    from accelcal.data.dwell_sets import with_dwells
+    from accelcal.data.dwells import Dwells
+    from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.io import atomic_write
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import compare as compare_with
@@ -56,12 +70,18 @@ def diagnose(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    found = diagnose_with(fitted, recording)
+    recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
+    if isinstance(recordings, Dwells):
+        if holdout is not None:
+            raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
+        report_on_dwells(diagnose_dwells(fitted, recordings), output, json)
+        return
+    found = diagnose_with(fitted, recordings)
     content = diagnosis_json.diagnosis_to_dict(found)
-    if recording.digest not in {fitted_run.digest for fitted_run in fitted.runs}:
+    others = [r.name for r in recordings if r.digest not in {fitted_run.digest for fitted_run in fitted.runs}]
+    if others:
         print_status(
-            f"{run} is not the recording that {model} was fitted to: all coefficients were estimated again on it"
+            f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
     if holdout is not None:
         seen = compare_with(found.fit, load_like(fitted, holdout, rig))
@@ -75,6 +95,21 @@ def diagnose(
     show_diagnosis(content)
     if holdout is not None:
         show_steps([(str(model), content["heldout"])])
+
+
+def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
+    """Print and write a diagnosis of dwells."""
+    from accelcal.io import atomic_write
+    from accelcal.serialization import diagnosis_json, model_file
+
+    content = diagnosis_json.dwells_to_dict(found)
+    if output is not None:
+        atomic_write(output, model_file.dumps(content))
+        print_status(f"wrote {output}")
+    if json:
+        print_json(content)
+    else:
+        show_dwell_diagnosis(found)
 
 
 @app.command()

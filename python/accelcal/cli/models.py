@@ -33,6 +33,7 @@ from accelcal.cli.common import (
 from accelcal.cli.printing import show_comparison, show_fit, show_steps
 
 if TYPE_CHECKING:
+    from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import Fit
     from accelcal.model import Model
@@ -46,7 +47,12 @@ FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
 @with_exit_codes
 def fit(
     context: typer.Context,
-    runs: Annotated[list[Path], typer.Argument(help="One or several recordings of the same sensor.", metavar="RUN...")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="One or several recordings of the same sensor, tables of dwells among them or alone.", metavar="RUN..."
+        ),
+    ],
     rig: Rig = None,
     model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
     vary: Annotated[
@@ -73,6 +79,8 @@ def fit(
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
     from accelcal import io
+    from accelcal.data.dwells import Dwells
+    from accelcal.data.recording import Recording
     from accelcal.model import Model
     from accelcal.serialization import model_file
     from accelcal.workflow import fit as fit_replay
@@ -82,7 +90,7 @@ def fit(
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
-    recordings = [io.load(path, rig) for path in runs]
+    recordings = [io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig) for path in runs]
     if method == "replay":
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
@@ -98,7 +106,7 @@ def fit(
         if vary:
             raise UsageError(f"--vary needs --method replay; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
-        if len(recordings) != 1 or band is not None:
+        if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
             raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
         from accelcal.estimation.recursive import fit_recursive
 
@@ -108,7 +116,7 @@ def fit(
     if json:
         print_json(model_file.to_dict(found, seed=seed))
     else:
-        show_fit(found, *recordings)
+        show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
     if output is not None:
         print_status(f"wrote {output}")
 
@@ -322,6 +330,13 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
         print_json(model_file.to_dict(found))
     else:
         show_fit(found, recording)
+
+
+def load_any(fitted: Fit, run: Path, rig: Path | None) -> Recording | Dwells:
+    """Read a recording of the model's sensor, or dwells of it."""
+    from accelcal import io
+
+    return io.load_dwells(run, rig) if io.declares_dwells(run, rig) else load_like(fitted, run, rig)
 
 
 def load_like(fitted: Fit, run: Path, rig: Path | None) -> Recording:

@@ -13,8 +13,12 @@ from accelcal.formatting import interval, millionths, plus_minus, short
 MOST_COLUMNS = 4
 """Coefficients of one effect that are printed one by one; those of a curve or a random process are summarised."""
 
+MOST_CANDIDATES = 8
+"""Candidates on dwells that are printed; --json lists all."""
+
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
+    from accelcal.diagnosis.dwells import DwellDiagnosis
     from accelcal.estimation.estimate import Fit
     from accelcal.model import Estimate
     from accelcal.selection.improvement import Improvement
@@ -136,7 +140,7 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     for text in by_place.get("beside", ()):
         if text in content["sentence"]:
             continue
-        console.print(f"note: {text}", highlight=False)
+        console.print(f"note: {text}", highlight=False, markup=False)
     if content.get("candidates"):
         rows = [
             (
@@ -264,12 +268,13 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
     from accelcal.effects import spelled
 
     console = Console()
-    console.print(f"{', '.join(run.name or 'recording' for run in found.runs)}: {found.method}", style="bold")
+    console.print(f"{', '.join(name for name, _ in found.sources)}: {found.method}", style="bold")
     first = found.remarks[:1] if found.tilt > 0.0 else ()
     for text in first:
         console.print(text, style="bold", highlight=False)
     show_parameters(found)
-    for key, one in (electrical(found, recordings[0].rig) or {}).items():
+    rig = recordings[0].rig if recordings else found.rig
+    for key, one in (electrical(found, rig) or {}).items():
         console.print(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}", highlight=False)
     for run in found.runs:
         for line in noise_lines(run.noise):
@@ -278,8 +283,40 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
         for finding in recording.findings:
             if finding.severity == "warning":
                 console.print(f"warning: {recording.name}: {finding.text}", style="bold red", highlight=False)
-    for text in (*recordings[0].rig.assumptions, *found.remarks[len(first) :]):
-        console.print(f"note: {text}", highlight=False)
+    show_dwells(found)
+    for text in (*(recordings[0].rig.assumptions if recordings else ()), *found.remarks[len(first) :]):
+        console.print(f"note: {text}", highlight=False, markup=False)
+
+
+def show_dwells(found: Fit) -> None:
+    """Print what a fit leaves of each dwell, its standard deviation, and the angle zeros."""
+    if found.dwells is None:
+        return
+    of = found.dwells
+    rows = [
+        (f"{math.degrees(angle):+.6g}", f"{left:+.3g}", f"{std:.2g}", f"{left / std:+.1f}")
+        for angle, left, std in zip(of.angle, of.residual, of.std, strict=True)
+    ]
+    show_table(("attitude (deg)", "residual (m/s²)", "std", "sigma"), rows)
+    for group, zero in of.zeros:
+        print(f"angle zero{f' of group {group}' if len(of.zeros) > 1 else ''}: {math.degrees(zero):+.4g} deg")
+    if of.freedom > 0:
+        print(
+            f"scatter between dwells over noise within them: {of.ratio:.3g}; "
+            f"p = {of.p_value:.2g} under all that is declared"
+        )
+
+
+def show_dwell_diagnosis(found: DwellDiagnosis) -> None:
+    """Print what a model lacks on dwells."""
+    print(f"{found.verdict}: {found.sentence}")
+    rows = [
+        (one.effect, short(one.estimate, one.std), one.unit, f"{one.sigma:.1f}", f"{one.p_value:.2g}")
+        for one in found.candidates[:MOST_CANDIDATES]
+    ]
+    show_table(("candidate", "value (std)", "unit", "sigma", "p"), rows)
+    for text in found.remarks:
+        print(f"note: {text}")
 
 
 def show_parameters(found: Fit) -> None:
@@ -409,7 +446,7 @@ def show_comparison(content: dict[str, Any]) -> None:
     for text in broken_lines(content):
         console.print(f"suspect data: {text}", style="bold red", highlight=False)
     for text in (*content["not_carried"], *(outside_lines(content) or content["remarks"])):
-        console.print(f"note: {text}", highlight=False)
+        console.print(f"note: {text}", highlight=False, markup=False)
 
 
 def outside_lines(content: dict[str, Any]) -> list[str]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
 
 
@@ -98,6 +99,8 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+    dwells: Dwells | None = None
+    """Static dwells of the same sensor: further rows of the regression of this run."""
 
     @property
     def session(self) -> str:
@@ -112,6 +115,23 @@ class Recording:
     def __repr__(self) -> str:
         side = "".join(f", {name}" for name in self.side)
         return f"Recording({self.name!r}: {len(self.accel)} samples of accel, {len(self.position)} of position{side})"
+
+    def with_dwells(self, dwells: Dwells) -> Recording:
+        """The recording with static dwells of the same sensor in place of its own; every fit to it then uses them.
+
+        Raises
+        ------
+        RecordingError
+            If a sidecar declares another sensor, or a constant does not reach the output.
+        """
+        require_same_sensor(self, dwells.rig, dwells.name or "the dwells")
+        if not self.rig.coupled:
+            raise RecordingError(
+                f"{self.name}: its output passes a high-pass, so that dwells show another sensor than this recording; "
+                "fit it without them"
+            )
+        digest = hashlib.sha256(f"{self.digest} with {dwells.digest}".encode()).hexdigest() if self.digest else ""
+        return replace(self, dwells=dwells, digest=digest, source=self.session)
 
     def part(self, start: float, end: float) -> Recording:
         """The recording from `start` to `end`, both included, s.

@@ -51,6 +51,8 @@ class Sensor:
     """Electrical output at zero acceleration, V (or counts)."""
     bias_instability: float | None = None
     """Slow change of the bias that is ordinary for it, rms, m/s²."""
+    random_walk: float | None = None
+    """Random walk of the bias, (m/s²)/sqrt(s)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -80,6 +80,7 @@ KINDS = {
     "speed": Kind("a speed", "m/s", "5 mm/s"),
     "acceleration": Kind("an acceleration", "m/s^2", "5 g"),
     "noise density": Kind("an acceleration noise density", "m/s^2/Hz^0.5", "225 ug/sqrt(Hz)"),
+    "random walk": Kind("a random walk of acceleration", "m/s^2/s^0.5", "10 ug/sqrt(h)"),
     "voltage": Kind("a voltage", "V", "2.5 V"),
     "count": Kind("a number of counts", "count", "2048 count"),
     "scale in volts": Kind("an electrical scale factor", "V/(m/s^2)", "0.25 V/g"),

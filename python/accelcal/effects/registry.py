@@ -178,7 +178,7 @@ class Traits:
     """Whether its value at one time depends on the signals at other times. Users' own effects are always taken to; a
     built-in effect that does not is evaluated on parts of a long record."""
     visible: bool = True
-    """False for what no motion of a level, untouched rig can show."""
+    """False for what no single motion of an untouched rig can show."""
     basis: str = ""
     """Name of the functions that its columns are, each times a positive size: shape parameters that are not refined set
     the functions, those that are refined set the sizes alone."""
@@ -240,6 +240,11 @@ class Effect:
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
+
+    @property
+    def seen_by_sets(self) -> bool:
+        """Whether no single run shows it, but runs of other mounts and directions of the axis do, or dwells."""
+        return not self.traits.visible and bool(self.traits.separated_by or self.traits.uncertainty)
 
     @property
     def experiment(self) -> str:

@@ -12,12 +12,16 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
+from accelcal.data.dwell_sets import together
+from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED, LEVERS, TURNED
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
+from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
+from accelcal.estimation.dwell_rows import determines
 from accelcal.estimation.gauss_newton import (
     MAX_ROUNDS,
     Layout,
@@ -25,7 +29,7 @@ from accelcal.estimation.gauss_newton import (
     Solution,
     iterate,
 )
-from accelcal.estimation.rows import spectrum_of
+from accelcal.estimation.rows import measure_noise
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -74,12 +78,14 @@ class Fit:
     tilt: float = 0.0
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
+    dwells: DwellFit | None = None
+    """What is left of the dwells of the fit; None where it has none."""
 
     def __repr__(self) -> str:
         each = (
             f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
         )
-        return f"Fit({', '.join(run.name or 'recording' for run in self.runs)}: {', '.join(each)})"
+        return f"Fit({', '.join(name for name, _ in self.sources)}: {', '.join(each)})"
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the (first) estimate called `name`."""
@@ -87,6 +93,12 @@ class Fit:
             if estimate.name == name:
                 return estimate
         raise KeyError(f"{name!r} is not a parameter of this fit; it has {', '.join(e.name for e in self.estimates)}")
+
+    @property
+    def sources(self) -> tuple[tuple[str, str], ...]:
+        """Name and SHA-256 of every file that it was made from."""
+        runs = [(run.name or "recording", run.digest) for run in self.runs]
+        return (*runs, *([(self.dwells.name or "dwells", self.dwells.digest)] if self.dwells else []))
 
     @property
     def free(self) -> tuple[Estimate, ...]:
@@ -101,7 +113,7 @@ class Fit:
 
     @property
     def log_likelihood(self) -> float:
-        """Innovation log-likelihood of all runs."""
+        """Innovation log-likelihood of all runs; dwells are not in it."""
         return sum(run.log_likelihood for run in self.runs)
 
     def values(self, run: int | None = None) -> Values:
@@ -112,7 +124,18 @@ class Fit:
         return Values({**by_name, **own}, self.model.terms)
 
     def noise(self, run: int = 0) -> Noise:
-        """Noise of one run."""
+        """Noise of one run.
+
+        Raises
+        ------
+        RecordingError
+            If the fit is to dwells alone, which do not show it.
+        """
+        if not self.runs:
+            raise RecordingError(
+                f"{self.dwells.name if self.dwells else 'the fit'}: a model of dwells alone knows neither the noise of "
+                "the position nor the time offset; fit a motion together with the dwells"
+            )
         return self.runs[run].noise.noise
 
 
@@ -179,7 +202,8 @@ def solve_runs(
     Parameters and errors are those of :func:`fit`.
     """
     require_distinct(recordings)
-    model = complete(model, recordings)
+    recordings = dwells_with_first(recordings)
+    asked, model = model, complete(model, recordings)
     first = prepare(recordings[0], origins, start=start, end=end)
     runs = [first, *(prepare(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
@@ -188,7 +212,7 @@ def solve_runs(
     solution = iterate(model, runs, [band] * len(runs), report)
     unlike, seen = differing(solution)
     if unlike:
-        model = model.vary(*unlike)
+        model = complete(asked.vary(*unlike), recordings)
         solution = iterate(model, runs, [band] * len(runs), report)
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
@@ -208,7 +232,7 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
     if len(recordings) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
     states = []
-    for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
+    for index, (recording, fitted) in enumerate(zip(dwells_with_first(recordings), fit.runs, strict=True)):
         run = prepare(recording, fit.origins)
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
@@ -219,13 +243,59 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
     return states
 
 
+def dwells_with_first(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings, all their dwells with the first; a table that several sidecars name counts once."""
+    several = {r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None}
+    if not several:
+        return list(recordings)
+    first, *others = recordings
+    return [replace(first, dwells=together([*several.values()])), *(replace(r, dwells=None) for r in others)]
+
+
+@one_thread
+def estimate_dwells(model: Model, dwells: Dwells, origins: Origins | None = None) -> Fit:
+    """Estimate the parameters of a model from static dwells alone: a tumble test (IEEE 1293).
+
+    Parameters
+    ----------
+    model : base and effects; the timing is held, since no dwell shows it.
+    dwells : means at known attitudes.
+    origins : zero of the temperature; by default the mean of the dwells.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the attitudes do not determine the model, or one of its effects does not act at rest.
+    """
+    origins = origins or origins_of(dwells)
+    found = solve_dwells(model, dwells, origins)
+    x = np.array([found.values.by_name[term.name] for term, _ in found.layout.slots])
+    force = dwells.specific_force(dwells.angle)
+    ranges = {"a": (float(np.min(force)), float(np.max(force))), "v": (0.0, 0.0), "p": (0.0, 0.0)}
+    if dwells.temperature is not None:
+        ranges["temperature"] = (float(np.min(dwells.temperature)), float(np.max(dwells.temperature)))
+    return Fit(
+        model=found.model,
+        estimates=found.layout.estimates(x, found.covariance, found.model),
+        covariance=found.covariance,
+        runs=(),
+        origins=origins,
+        rig=dwells.rig,
+        method="dwells",
+        validity={**ranges, "frequency": (0.0, 0.0)},
+        remarks=found.seen.remarks,
+        shapes=tuple(held_shapes(found.model)),
+        dwells=found.seen,
+    )
+
+
 def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     """State of a run at the values and the noise that a fit has for its run `index`."""
     values = fit.values(index)
     state = RunState.at(run, values, fit.noise(index), fit.runs[index].noise.band, search_noise=False)
     for _ in range(0 if values.constant else SETTLING - 1):
         state.refresh(values, search_noise=False)
-    state.spectrum = spectrum_of(state, fit.model.free)
+    measure_noise(state, fit.model)
     return state
 
 
@@ -260,6 +330,12 @@ def result(solution: Solution) -> Fit:
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
     remarks += [one.sentence for one in solution.seen_by_runs]
+    still = [
+        seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.dwell_scatter)
+        for s in states
+        if s.run.recording.dwells is not None
+    ]
+    remarks += [text for one in still for text in one.remarks]
     means = {e.name: e.value for e in estimates}
     remarks += [spread.sentence(means[spread.name]) for spread in spreads]
     if not solution.converged:
@@ -280,6 +356,7 @@ def result(solution: Solution) -> Fit:
         shapes=(*solution.shapes, *held_shapes(model)),
         spreads=spreads,
         seen_by_runs=solution.seen_by_runs,
+        dwells=still[0] if still else None,
     )
 
 
@@ -350,6 +427,9 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
         model = model.freeze(bias=0.0)
     if {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts:
         extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
+    tumbled = any(r.dwells is not None and determines(r.dwells, "bias") for r in recordings)
+    if tumbled and "bias" not in model.per_run and any(r.rig.axis == "level" and r.rig.coupled for r in recordings):
+        extra += [n for n in SEPARATED_BY_TURNING if n not in (*model.effects, *extra)]
     if {"normal", "rolled"} <= mounts:
         extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
     if all(name in r.side for r in recordings for name in TURNED):
@@ -510,6 +590,8 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 def tied_sum(fit: Fit, name: str) -> str:
     """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
     base = CATALOGUE.get(name)
+    if not fit.runs:  # dwells show the sensor alone
+        return fit[name].symbol
     turning = ("gravity along a turning axis",) if fit.tilt > 0.0 and name in ("bias", "scale_factor") else ()
     if base is None or base.traits.lumped is None:
         return fit[name].symbol

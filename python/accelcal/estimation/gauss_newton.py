@@ -12,7 +12,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.estimation.initial import initial_estimate
 from accelcal.estimation.normal_equations import NormalEquations, normal_equations
-from accelcal.estimation.rows import spectrum_of
+from accelcal.estimation.rows import measure_noise
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
@@ -155,7 +155,7 @@ def _estimated(model: Model, states: list[RunState], report: Callable[[float], N
         for index, state in enumerate(states):
             if round_number > 0:
                 state.refresh(layout.scatter(x, model, index), search_noise=round_number < NOISE_ROUNDS)
-            state.spectrum = spectrum_of(state, model.free)
+            measure_noise(state, model)
             normals.append(normal_equations(state, model.free))
             rows = layout.rows(index)
             information[np.ix_(rows, rows)] += normals[index].gram

@@ -9,24 +9,50 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
+from accelcal.estimation.dwell_rows import DwellRows, dwell_rows, scatter_between
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
-from accelcal.model import Term
+from accelcal.model import Model, Term
 
 Rows = tuple[Array, Array, Array]
 """Times (n,) s, columns (n, m), innovations (n,)."""
 
 
 def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
-    """Rows of the readings that count, stretch by stretch; a run whose noise is not white is one stretch of sums."""
+    """Rows of the readings that count, stretch by stretch, those of dwells last, at the time of the last reading.
+
+    A run whose noise is not white is one stretch of sums.
+    """
     if state.spectrum is None:
         for readings, columns in whitened_columns(state, terms):
             kept = state.counts[readings]
             yield state.run.t[readings][kept], columns, state.whitened[readings][kept]
-        return
-    sums = ColumnFilter(state)
-    whiten = whitener(state.spectrum, sums.rate)
-    yield sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
+    else:
+        sums = ColumnFilter(state)
+        whiten = whitener(state.spectrum, sums.rate)
+        yield sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
+    rest = rows_of_dwells(state, terms)
+    if rest is not None:
+        yield np.full(len(rest.y), state.run.t[-1]), rest.columns, rest.y
+
+
+def rows_of_dwells(state: RunState, terms: Sequence[Term]) -> DwellRows | None:
+    """Rows of the dwells that a recording has; None where it has none."""
+    dwells = state.run.recording.dwells
+    if dwells is None:
+        return None
+    return dwell_rows(
+        dwells, terms, state.values, state.run.origins, scatter=state.dwell_scatter, apart=state.dwell_apart
+    )
+
+
+def measure_noise(state: RunState, model: Model) -> None:
+    """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, the scatter
+    between its dwells."""
+    state.spectrum = spectrum_of(state, model.free)
+    dwells, state.dwell_apart = state.run.recording.dwells, model.per_run
+    if dwells is not None:
+        state.dwell_scatter = scatter_between(dwells, model, state.values, state.run.origins)
 
 
 def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:

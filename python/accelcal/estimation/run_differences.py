@@ -18,9 +18,7 @@ from accelcal.model import Model, Term, terms_of
 
 LET_DIFFER = ("bias",)
 """Coefficients that differ from run to run in most laboratories: a set-up tilts, a sensor is turned on again."""
-SEEN_BY_RUNS = tuple(
-    e.name for e in BUILT_IN if not e.traits.visible and (e.traits.separated_by or e.traits.uncertainty)
-)
+SEEN_BY_RUNS = tuple(e.name for e in BUILT_IN if e.seen_by_sets)
 """Effects that no single run shows, and that runs of other mounts and directions of the axis do."""
 SEEN_SIGMA = 5.0
 """Standard deviations from which on such an effect explains how runs differ."""

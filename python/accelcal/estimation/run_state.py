@@ -56,6 +56,10 @@ class RunState:
     """Noise by likelihood, before a band is imposed."""
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
+    dwell_scatter: float = 0.0
+    """Variance between the dwells of the recording beyond all that is declared, (m/s²)²."""
+    dwell_apart: tuple[str, ...] = ()
+    """Coefficients that the dwells have values of their own of, since they differ from run to run."""
     counts: Flags = field(init=False)
     """Readings whose innovations are used, (n,)."""
     whitened: Array = field(init=False)

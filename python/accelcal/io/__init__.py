@@ -1,5 +1,6 @@
 """Files become recordings here and only here: nothing guessed, nothing repaired silently."""
 
+from accelcal.io.dwells import declares_dwells, load_dwells
 from accelcal.io.loading import load
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
@@ -8,8 +9,10 @@ from accelcal.io.write import atomic, atomic_write, write_csv, write_parquet, wr
 __all__ = [
     "atomic",
     "atomic_write",
+    "declares_dwells",
     "init",
     "load",
+    "load_dwells",
     "read_sidecar",
     "sidecar_of",
     "template",

@@ -14,6 +14,7 @@ from accelcal.data.recording import Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.io.assign import Plan, assign
 from accelcal.io.convert import in_seconds, in_si
+from accelcal.io.dwell_table import load_dwell_table
 from accelcal.io.formats import open_table
 from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
 from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
@@ -77,7 +78,7 @@ def load(
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
     if len(accel) and len(position):
         quality.require_overlap(str(path), accel, position)
-    return Recording(
+    recording = Recording(
         accel=accel,
         position=position,
         rig=rig,
@@ -86,6 +87,9 @@ def load(
         digest=_digest(path),
         findings=tuple(findings),
     )
+    if declared.dwell is None or not declared.dwell.table:
+        return recording
+    return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
 
 
 def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:

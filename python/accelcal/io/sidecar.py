@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from accelcal.data import units
 from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
+from accelcal.data.dwells import ATTITUDES, DwellSetup
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sense
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
@@ -73,6 +74,8 @@ class Sidecar:
     attitude: Attitude | None = None
     input_axis: tuple[float, float, float] | None = None
     """Direction of the input axis in axes of the sensor, of length 1."""
+    dwell: DwellSetup | None = None
+    """What is declared of dwells; None without that table."""
 
 
 def read_sidecar(path: Path) -> Sidecar:
@@ -354,6 +357,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "serial": _text,
         "noise": _amount("noise density", "positive"),
         "bias_instability": _amount("acceleration", "positive"),
+        "random_walk": _amount("random walk", "positive"),
         "range": _amount("acceleration", "positive"),
         "scale": _electrical("scale in volts", "scale in counts", "not zero"),
         "zero": _electrical("voltage", "count", "any"),
@@ -377,6 +381,13 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "encoder_scale": _amount("ratio", "not negative"),
         "level": _amount("angle", "not negative"),
         "misalignment": _amount("angle", "not negative"),
+    },
+    "dwell": {
+        "attitude": _one_of(*ATTITUDES, "unknown"),
+        "angle": _amount("angle"),
+        "angle_std": _amount("angle", "not negative"),
+        "gravity": _amount("acceleration", "positive"),
+        "table": _text,
     },
     "judge": {"tolerance": _amount("acceleration", "positive")},
 }
@@ -402,9 +413,19 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
             channels={name: source for name, (source, _) in channels.items()},
             attitude=attitude,
             input_axis=input_axis,
+            dwell=_dwell(tables["dwell"]) if "dwell" in content else None,
         )
     except _KeyError as error:
         raise RecordingError(f"{path}: {error.where}: {error.text}") from None
+
+
+def _dwell(values: dict[str, Any]) -> DwellSetup:
+    given = [key for key in ("attitude", "angle", "table") if key in values]
+    if len(given) > 1:
+        raise _KeyError(f"dwell.{given[1]}", f"dwell.{given[0]} is given as well; keep one of the two")
+    attitude = values.pop("attitude", None)
+    angle = values.pop("angle", ATTITUDES.get(attitude or ""))
+    return DwellSetup(angle=angle, unknown=attitude == "unknown", **values)
 
 
 def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import re
 from collections.abc import Iterator, Mapping
@@ -14,6 +15,7 @@ import numpy as np
 
 from accelcal.data import units
 from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
+from accelcal.data.dwells import DwellSetup
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
@@ -104,7 +106,9 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     return _sources(recording, "t", columns)
 
 
-def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | Path) -> None:
+def write_sidecar(
+    rig: Rig, channels: Mapping[str, Clock | Source], path: str | Path, dwell: DwellSetup | None = None
+) -> None:
     """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
 
     Parameters
@@ -112,6 +116,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
     rig : what it merely assumes is not written.
     channels : by channel name, time included, its column.
     path : the sidecar to write; replaced if it exists.
+    dwell : what it says of a table of dwells.
     """
     tables = {
         "sensor": _sensor(rig),
@@ -119,6 +124,7 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
         "clock": _clock(rig),
         "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
+        "dwell": {} if dwell is None else _dwell(dwell),
         "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2", "mg")}),
     }
     text = "\n".join(
@@ -127,6 +133,13 @@ def write_sidecar(rig: Rig, channels: Mapping[str, Clock | Source], path: str | 
         if entries
     )
     atomic_write(path, text)
+
+
+def _dwell(setup: DwellSetup) -> dict[str, str]:
+    degree = math.pi / 180.0
+    angles = {"angle": setup.angle, "angle_std": setup.angle_std}
+    shown = {key: None if y is None else f'"{y / degree!r} deg"' for key, y in angles.items()}
+    return _declared({**shown, "gravity": _amount(setup.gravity, "m/s^2")})
 
 
 def toml_key(name: str) -> str:
@@ -210,6 +223,7 @@ def _sensor(rig: Rig) -> dict[str, str]:
             "serial": toml_text(sensor.serial) if sensor.serial else None,
             "noise": _amount(sensor.noise, "m/s^2/Hz^0.5", "ug/sqrt(Hz)"),
             "bias_instability": _amount(sensor.bias_instability, "m/s^2", "ug"),
+            "random_walk": _amount(sensor.random_walk, "m/s^2/s^0.5"),
             "range": _amount(sensor.range, "m/s^2", "g"),
             "scale": _amount(sensor.scale, f"{sensor.scale_unit}/(m/s^2)"),
             "zero": _amount(sensor.zero, sensor.scale_unit),

@@ -365,7 +365,7 @@ def provenance(content: Content) -> list[tuple[str, str]]:
     """Origin of the model and the data."""
     fit = content.fit
     rows = [("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)]
-    rows += [(f"fitted: {run.name}", run.digest) for run in fit.runs]
+    rows += [(f"fitted: {name}", digest) for name, digest in fit.sources]
     rows += [(f"evaluated on: {r.name}", r.digest) for r in (content.recording, content.holdout) if r is not None]
     rows += [("effects", ", ".join(fit.model.effects))]
     sensor = fit.rig.sensor

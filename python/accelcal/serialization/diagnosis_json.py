@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Importance, Size
+from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.findings import Confounded, Finding
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
@@ -24,6 +26,7 @@ from accelcal.validation.paired import heldout_change
 from accelcal.validation.ruler import Ruler
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
+DWELLS_SCHEMA = "accelcal/diagnosis-of-dwells/1"
 IMPROVE_SCHEMA = "accelcal/improve/2"
 HISTORY_SCHEMA = "accelcal/history/1"
 
@@ -52,6 +55,19 @@ def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
         "detection_limits": detection_limits(found),
         "parameters": parameters(found),
         "where": where(found.where),
+    }
+
+
+def dwells_to_dict(found: DwellDiagnosis) -> dict[str, Any]:
+    """Return a diagnosis of dwells."""
+    return {
+        "schema": DWELLS_SCHEMA,
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "members": list(found.members),
+        "candidates": [asdict(one) for one in found.candidates],
+        "dwells": asdict(found.seen),
+        "remarks": list(found.remarks),
     }
 
 

@@ -16,6 +16,7 @@ from accelcal.calibration.electrical import electrical
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.effects import BUILT_IN, CATALOGUE, find, side_channel
+from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
 from accelcal.estimation.run_fit import RunFit
@@ -88,6 +89,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
             }
             for run in fit.runs
         ],
+        "dwells": None if fit.dwells is None else asdict(fit.dwells),
         "origins": asdict(fit.origins),
         "validity": {key: list(span) for key, span in fit.validity.items()},
         "remarks": list(fit.remarks),
@@ -223,6 +225,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         remarks=tuple(content["remarks"]),
         spreads=tuple(spread_from_dict(spread) for spread in content.get("run_to_run", ())),
         tilt=float(content.get("tilt_deg", 0.0)),
+        dwells=dwells_from_dict(content["dwells"]) if content.get("dwells") else None,
     )
     stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
     if stored != known:
@@ -241,6 +244,14 @@ def spread_from_dict(content: Mapping[str, Any]) -> Spread:
     """What a model file holds of a coefficient that differs from run to run; null stands for infinity."""
     known: dict[str, Any] = {key: math.inf if y is None else y for key, y in content.items()}
     return Spread(**{**known, "runs": tuple(known["runs"])})
+
+
+def dwells_from_dict(content: Mapping[str, Any]) -> DwellFit:
+    """What a model file holds of the dwells of its fit; null stands for what no dwell is left over to show."""
+    each = {key: tuple(content[key]) for key in ("angle", "residual", "std", "remarks")}
+    zeros = tuple((str(group), float(zero)) for group, zero in content["zeros"])
+    ratio = math.nan if content["ratio"] is None else content["ratio"]
+    return DwellFit(**{**content, **each, "zeros": zeros, "ratio": ratio})
 
 
 def channel_filter_from_dict(content: Mapping[str, Any]) -> ChannelFilter:

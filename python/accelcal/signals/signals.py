@@ -70,7 +70,7 @@ class Signals:
         """A stretch; effects without memory have the values on it that they have on the whole."""
         return replace(self.at(rows), whole=self.whole or self)
 
-    def at(self, rows: NDArray[np.bool_] | slice) -> Signals:
+    def at(self, rows: NDArray[np.bool_] | NDArray[np.intp] | slice) -> Signals:
         """Some of the times only; no longer uniform."""
         return replace(
             self,

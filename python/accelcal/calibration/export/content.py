@@ -56,7 +56,7 @@ def to_dict(c: Calibration) -> dict[str, Any]:
         "remarks": list(c.remarks),
         "double": code_to_dict(c.double),
         "float": code_to_dict(c.single),
-        "data": [{"file": run.name, "sha256": run.digest} for run in c.fit.runs],
+        "data": [{"file": name, "sha256": digest} for name, digest in c.fit.sources],
     }
 
 

@@ -131,7 +131,7 @@ def sentences(c: Calibration) -> Iterator[tuple[str, list[str]]]:
     yield "Note", list(c.remarks) or ["nothing"]
     yield (
         "Fitted to",
-        [f"{run.name or 'recording'}, SHA-256 {run.digest}" for run in c.fit.runs],
+        [f"{name}, SHA-256 {digest}" for name, digest in c.fit.sources],
     )
 
 

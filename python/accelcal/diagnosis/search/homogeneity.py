@@ -110,6 +110,8 @@ class PartScores:
                 self.c[k] += X[:, here] @ y[here]
                 squares_of_part[k] += float(np.sum((y[here] - every @ X[:, here]) ** 2))
                 counts_of_part[k] += np.count_nonzero(here)
+            if t[0] - number[0] * RUN_SPACING > ends[number[0]]:
+                continue  # dwells have no frequency
             cosines, rest = (scipy.fft.dct(rows, norm="ortho", axis=-1) for rows in (X, y))
             edges = np.geomspace(1.0, len(y), FREQUENCY_BANDS + 1)[1:-1]
             for k, band in enumerate(np.split(np.arange(len(y)), edges.astype(np.intp))):

@@ -54,7 +54,7 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     model : effects that it has are not offered again, but for the fine form of a coarse curve.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     """
-    s = state.signals
+    s, tumbled = state.signals, state.run.recording.dwells is not None
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
@@ -64,7 +64,8 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
         if may_be_refined(model, effect):
             hypotheses.append(Hypothesis(effect, model.shapes[effect.name]))
             continue
-        excluded = effect.name in model.effects or not effect.traits.visible or effect.port == "noise"
+        shown = effect.traits.visible or (tumbled and effect.seen_by_sets)
+        excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
         if excluded or premature or any(name not in s.side for name in effect.needs):
             continue

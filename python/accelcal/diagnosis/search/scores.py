@@ -22,12 +22,14 @@ from accelcal.diagnosis.search.likelihood_gain import (
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, whitener
-from accelcal.estimation.rows import spectrum_of
+from accelcal.estimation.rows import rows_of_dwells, spectrum_of
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate
 
 MOST_CACHED = 1 << 23
 """Largest number of column samples of a run that is kept for a second pass: 67 MB."""
+APART = 1e5
+"""Time from the end of a motion to its dwells when blocks are counted, s."""
 RUN_SPACING = 1e6
 """Time between the starts of two runs when blocks are counted, s."""
 
@@ -64,6 +66,9 @@ class BaseProjection:
             self.measured = state.spectrum or spectrum_of(state, [*plain, *separate])
         whiten = whitener(self.measured, self.rate)
         self.B, self.y = whiten(self.B), whiten(self.y)
+        rest = rows_of_dwells(state, terms)
+        if rest is not None:
+            self.B, self.y = np.hstack([self.B, rest.columns.T]), np.concatenate([self.y, rest.y])
         self._factorise()
 
     def _factorise(self) -> None:
@@ -75,8 +80,14 @@ class BaseProjection:
 
     @property
     def rate(self) -> float:
-        """Of the rows, Hz."""
+        """Of the rows of the motion, Hz."""
         return self.column_filter.rate
+
+    @property
+    def times(self) -> Array:
+        """Time of each row, s; dwells lie apart behind the motion."""
+        t = self.column_filter.times
+        return np.concatenate([t, np.full(len(self.y) - len(t), t[-1] + APART)])
 
     def whitened(self, noise: SlowNoise | None) -> BaseProjection:
         """The same run, its rows whitened by the spectrum of slow noise."""
@@ -85,7 +96,9 @@ class BaseProjection:
         one = copy.copy(self)
         one.slow_noise = noise
         whiten = whitener(noise, self.rate)
-        one.B, one.y = whiten(self.B), whiten(self.y)
+        n = self.column_filter.rows
+        one.B = np.hstack([whiten(self.B[:, :n]), self.B[:, n:]])
+        one.y = np.concatenate([whiten(self.y[:n]), self.y[n:]])
         one._factorise()
         if self._cached is not None:
             terms, rows, Z = self._cached
@@ -98,7 +111,13 @@ class BaseProjection:
         return np.asarray((scipy.linalg.cho_solve(self.factor, scaled).T / self.size).T)
 
     def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
-        """Columns stretch by stretch; those of a short run are cached for a second pass."""
+        """Columns stretch by stretch, those of dwells last; those of a short run are cached for a second pass."""
+        yield from self._of_motion(terms)
+        rest = rows_of_dwells(self.column_filter.state, terms)
+        if rest is not None:
+            yield slice(self.column_filter.rows, len(self.y)), rest.columns.T
+
+    def _of_motion(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
         if self._cached is not None and self._cached[0] is terms:
             yield self._cached[1:]
             return
@@ -127,7 +146,7 @@ class BaseProjection:
             G += Z @ Z.T
             products += self.B[:, rows] @ Z.T
             score += Z @ self.y[rows]
-            report(rows.stop / self.column_filter.rows)
+            report(rows.stop / len(self.y))
         weights, own = self.weights(products), np.diag(G).copy()
         G -= products.T @ weights
         score -= products.T @ self.wy
@@ -212,7 +231,7 @@ class CandidateScores:
         Time of each row, s, with a large gap between runs; the innovations, (rows,); the columns, (m, rows).
         """
         for number, (run, weights) in enumerate(zip(self.runs, self._weights, strict=True)):
-            t = run.column_filter.times
+            t = run.times
             t = t - t[0] + number * RUN_SPACING
             for rows, Z in run.stretches(self.terms):
                 B = run.B[:, rows]
@@ -234,7 +253,8 @@ class CandidateScores:
         """Slow noise of one run; only what its base leaves is examined where that is white already."""
         run, weights = self.runs[number], self._weights[number]
         crossover = run.column_filter.state.run.crossover(run.column_filter.state.noise)
-        left = run.y - run.wy @ run.B
+        moving = slice(0, run.column_filter.rows)
+        left = (run.y - run.wy @ run.B)[moving]
         if slow_noise(left, run.rate, crossover) is None:
             return None
         size = scale_of(np.diag(self.G))
@@ -245,9 +265,11 @@ class CandidateScores:
         every = basis @ (basis.T @ self.c)
         explained = np.zeros(len(left))
         for rows, Z in run.stretches(self.terms):
-            if rows != slice(0, len(left)):
+            if rows.start == moving.stop:
+                continue
+            if rows != moving:
                 return None
-            X = Z - weights.T @ run.B
+            X = Z - weights.T @ run.B[:, moving]
             left = left - every @ X
             cosines = scipy.fft.dct(basis.T @ X, norm="ortho", axis=1)
             explained = np.einsum("mn,mn->n", cosines, cosines)

@@ -1,0 +1,67 @@
+"""Dwells of several files as one set."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from accelcal.data.dwells import Dwells
+from accelcal.data.recording import Recording, RecordingError
+
+
+def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording] | Dwells:
+    """Recordings, all dwells among them given to the first; the dwells themselves where there is no recording."""
+    given = [several] if isinstance(several, Recording | Dwells) else list(several)
+    recordings = [one for one in given if isinstance(one, Recording)]
+    dwells = [one for one in given if isinstance(one, Dwells)]
+    if not dwells:
+        return recordings
+    if not recordings:
+        return together(dwells)
+    own = [] if recordings[0].dwells is None else [recordings[0].dwells]
+    return [recordings[0].with_dwells(together([*own, *dwells])), *recordings[1:]]
+
+
+def together(several: Sequence[Dwells]) -> Dwells:
+    """Dwells of several files as one set; groups of two files have angle zeros of their own.
+
+    Raises
+    ------
+    RecordingError
+        If they are not of one sensor, or declare different gravity or uncertainty of the angle.
+    """
+    first, *others = several
+    if not others:
+        return first
+    for one in others:
+        for key, words in (("gravity", "local gravity"), ("angle_std", "an angle_std")):
+            if getattr(one, key) != getattr(first, key):
+                raise RecordingError(
+                    f"{one.name}: {words} of {getattr(one, key):.6g} is declared, but {first.name} has "
+                    f"{getattr(first, key):.6g}; dwells of one fit share it: correct [dwell] in one of the sidecars"
+                )
+        for key in ("model", "serial"):
+            here, there = getattr(one.rig.sensor, key), getattr(first.rig.sensor, key)
+            if here and there and here != there:
+                raise RecordingError(
+                    f'{one.name}: sensor.{key} is "{here}" but that of {first.name} is "{there}"; expected one sensor'
+                )
+        if one.digest and one.digest in {first.digest, *(other.digest for other in others if other is not one)}:
+            raise RecordingError(f"{one.name} is given twice: its dwells would count twice. Give it once")
+    warm = [one.temperature for one in several]
+    return replace(
+        first,
+        angle=np.concatenate([one.angle for one in several]),
+        mean=np.concatenate([one.mean for one in several]),
+        std=np.concatenate([one.std for one in several]),
+        duration=np.concatenate([one.duration for one in several]),
+        samples=np.concatenate([one.samples for one in several]),
+        group=tuple(f"{k}: {group}" if group else str(k) for k, one in enumerate(several) for group in one.group),
+        temperature=None if any(each is None for each in warm) else np.concatenate([w for w in warm if w is not None]),
+        name=" and ".join(one.name for one in several),
+        digest=hashlib.sha256(" ".join(one.digest for one in several).encode()).hexdigest(),
+        assumptions=tuple(dict.fromkeys(text for one in several for text in one.assumptions)),
+    )

@@ -1,0 +1,114 @@
+"""Static dwells: means of the output at rest, at known elevations of the input axis above the horizontal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from accelcal._support.notebook_repr import notebook_repr
+from accelcal.data.arrays import Array
+from accelcal.data.rig import STANDARD_GRAVITY, Rig
+
+ATTITUDES = {"up": 0.5 * math.pi, "down": -0.5 * math.pi, "level": 0.0}
+"""Elevation of the input axis by the word of a sidecar, rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwellSetup:
+    """What a sidecar declares of dwells; None = not declared."""
+
+    angle: float | None = None
+    """Elevation of the input axis above the horizontal, rad; +90 degrees reads +g."""
+    unknown: bool = False
+    """Whether attitudes are not known: hand-held positions of a triad."""
+    angle_std: float | None = None
+    """Standard uncertainty of each angle, rad."""
+    gravity: float | None = None
+    """Local gravity, m/s²."""
+    table: str = ""
+    """File of dwells of the same sensor that are fitted together with this recording."""
+
+
+@notebook_repr
+@dataclass(frozen=True, slots=True, eq=False)
+class Dwells:
+    """Means of the output of one sensor at rest. All arrays are (n,), one value for each dwell."""
+
+    angle: Array
+    """Elevation of the input axis above the horizontal, rad; beyond ±90 degrees as on a dividing head."""
+    mean: Array
+    """Of the samples, m/s²."""
+    std: Array
+    """Of the samples, not of their mean, m/s²."""
+    duration: Array
+    """s"""
+    samples: Array
+    """Number of samples."""
+    group: tuple[str, ...]
+    """Dwells of one group share one angle zero."""
+    rig: Rig
+    temperature: Array | None = None
+    """degC; None where it was not recorded."""
+    angle_std: float = 0.0
+    """Standard uncertainty of each angle, independent of the others, rad."""
+    gravity: float = STANDARD_GRAVITY
+    """Local gravity, m/s²."""
+    name: str = ""
+    """File name, for messages."""
+    digest: str = ""
+    """SHA-256 of the source file, hex."""
+    assumptions: tuple[str, ...] = ()
+    """Sentences on what was not declared and therefore assumed."""
+
+    def __post_init__(self) -> None:
+        count = len(self.mean)
+        for key in ("angle", "std", "duration", "samples", "group"):
+            if len(getattr(self, key)) != count:
+                raise ValueError(f"{key} has {len(getattr(self, key))} values for {count} dwells; give one for each")
+        if not count:
+            raise ValueError(f"{self.name or 'dwells'}: there is no dwell; give at least one")
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    def __repr__(self) -> str:
+        degrees = np.degrees(self.angle)
+        return f"Dwells({self.name!r}: {len(self)} between {np.min(degrees):+.4g} and {np.max(degrees):+.4g} degrees)"
+
+    @property
+    def white(self) -> Array:
+        """Variance of each mean from noise within its dwell, (m/s²)²: of the samples, and no less than the declared
+        density allows."""
+        scatter = self.std**2 / self.samples
+        declared = 0.5 * (self.rig.sensor.noise or 0.0) ** 2 / self.duration
+        return np.maximum(scatter, declared)
+
+    @property
+    def variance(self) -> Array:
+        """Variance of each mean from all that is declared, (m/s²)² (derivations 6.11): noise, instability and random
+        walk of the bias, angle."""
+        sensor, var = self.rig.sensor, self.angle_std**2
+        walk = (sensor.random_walk or 0.0) ** 2 * self.duration / 3.0
+        square = 0.5 * (1.0 - math.exp(-2.0 * var) * np.cos(2.0 * self.angle))
+        angle = self.gravity**2 * np.maximum(square - np.sin(self.angle) ** 2 * math.exp(-var), 0.0)
+        return np.asarray(self.white + (sensor.bias_instability or 0.0) ** 2 + walk + angle)
+
+    def specific_force(self, angle: Array) -> Array:
+        """Mean specific force along the input axis at elevations of which each is uncertain, m/s²."""
+        return np.asarray(self.gravity * math.exp(-0.5 * self.angle_std**2) * np.sin(angle))
+
+    def rows(self, kept: Array) -> Dwells:
+        """Some of the dwells."""
+        some = np.flatnonzero(kept) if np.asarray(kept).dtype == np.bool_ else np.asarray(kept, dtype=np.intp)
+        return replace(
+            self,
+            angle=self.angle[some],
+            mean=self.mean[some],
+            std=self.std[some],
+            duration=self.duration[some],
+            samples=self.samples[some],
+            group=tuple(self.group[k] for k in some),
+            temperature=None if self.temperature is None else self.temperature[some],
+        )

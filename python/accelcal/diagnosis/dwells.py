@@ -1,0 +1,143 @@
+"""What a model lacks on static dwells: effects of the sensor at constant arguments, and the scatter that is left."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.dwells import Dwells
+from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
+from accelcal.effects import BUILT_IN, Effect, is_local, users_own
+from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
+from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
+from accelcal.estimation.estimate import Fit
+from accelcal.model import terms_of
+
+BEYOND = 1e-6
+"""Share of a column's power beyond the model and the angle zeros below which dwells do not show it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwellCandidate:
+    """What one effect explains beside the model."""
+
+    effect: str
+    unit: str
+    estimate: float
+    std: float
+    sigma: float
+    """Equivalent standard deviations."""
+    p_value: float
+    """Of all candidates together."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwellDiagnosis:
+    """What a model lacks on dwells."""
+
+    verdict: str
+    """adequate, named, tied or unexplained."""
+    sentence: str
+    candidates: tuple[DwellCandidate, ...]
+    """The most significant first."""
+    members: tuple[str, ...]
+    """Effects that explain what is missing about as well as the first."""
+    seen: DwellFit
+    remarks: tuple[str, ...]
+
+
+def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA) -> DwellDiagnosis:
+    """Say which effect a model lacks on dwells, all its coefficients estimated on them.
+
+    Parameters
+    ----------
+    fit : its model is used.
+    dwells : means at known attitudes.
+    alpha : family-wise false-alarm rate.
+
+    Notes
+    -----
+    Each candidate is one column beside the model and the angle zeros. Where what is declared explains the scatter, its
+    gain is chi-square; where it does not, the scatter is unknown and the gain an F ratio with what the candidate
+    leaves.
+    """
+    solution = solve_dwells(fit.model, dwells, fit.origins)
+    model, seen = solution.model, solution.seen
+    variance = seen.scatter**2
+    given = dwell_rows(dwells, model.free, solution.values, fit.origins, scatter=variance)
+    squares, freedom = remainder(given)
+    names = {term.name for term in model.terms}
+    able = [
+        effect
+        for effect in (*BUILT_IN, *users_own())
+        if effect.name not in names and tests(effect) and shown(dwells, effect)
+    ]
+    terms = [term for effect in able for term in terms_of(effect)]
+    extra = dwell_rows(dwells, terms, solution.values, fit.origins, scatter=variance).columns
+    basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
+    left = given.y - basis @ (basis.T @ given.y)
+    exact = seen.scatter == 0.0
+    found: list[tuple[float, float, float, int]] = []
+    for k in range(len(terms)):
+        column = extra[:, k]
+        beyond = column - basis @ (basis.T @ column)
+        power = float(beyond @ beyond)
+        if freedom < 2 or power <= BEYOND * float(column @ column):
+            continue
+        gain = float(beyond @ left) ** 2 / power
+        left_each = 1.0 if exact else max(squares - gain, 1e-300) / (freedom - 1)
+        p = scipy.special.chdtrc(1, gain) if exact else scipy.special.fdtrc(1, freedom - 1, gain / left_each)
+        found.append((float(p), float(beyond @ left) / power, math.sqrt(left_each / power), k))
+    count = max(len(found), 1)
+    candidates = tuple(
+        DwellCandidate(
+            terms[k].name,
+            terms[k].unit,
+            estimate,
+            std,
+            float(-scipy.special.ndtri(max(0.5 * p, 1e-300))),
+            -math.expm1(count * math.log1p(-min(p, 1.0 - 1e-16))),
+        )
+        for p, estimate, std, k in sorted(found)
+    )
+    return judged(candidates, seen, dwells, alpha)
+
+
+def tests(effect: Effect) -> bool:
+    """Whether an effect can be a candidate on dwells: it acts at rest, at once, with one size and no shape."""
+    return (
+        acts_at_rest(effect)
+        and is_local(effect)
+        and effect.width == 1
+        and all(shape.usual is not None for shape in effect.shapes.values())
+    )
+
+
+def judged(candidates: tuple[DwellCandidate, ...], seen: DwellFit, dwells: Dwells, alpha: float) -> DwellDiagnosis:
+    """The verdict on what candidates explain and what is left."""
+    best = candidates[0] if candidates and candidates[0].p_value < alpha else None
+    members: tuple[str, ...] = ()
+    known = dwells.rig.sensor.bias_instability is not None or dwells.rig.sensor.random_walk is not None
+    if best is not None:
+        rivals = [one for one in candidates if best.sigma**2 - one.sigma**2 < 2.0 * CLEAR_LOG_EVIDENCE]
+        members = tuple(one.effect for one in rivals)
+        verdict = "named" if len(members) == 1 else "tied"
+        sentence = f"{best.effect} is missing ({best.sigma:.1f} sigma; {len(candidates)} candidates examined)."
+        if len(members) > 1:
+            sentence += (
+                f" It is confounded with {', '.join(members[1:])} on these dwells; more elevations separate them."
+            )
+    elif known and seen.p_value < alpha:
+        verdict = "unexplained"
+        sentence = (
+            f"The dwells scatter by {seen.scatter:.2g} m/s² more than noise, instability and angles explain, and none "
+            f"of {len(candidates)} candidates explains it."
+        )
+    else:
+        verdict = "adequate"
+        largest = f", the largest at {candidates[0].sigma:.1f} sigma" if candidates else ""
+        sentence = f"Nothing is missing ({len(candidates)} candidates examined{largest})."
+    return DwellDiagnosis(verdict, sentence, candidates, members, seen, seen.remarks)

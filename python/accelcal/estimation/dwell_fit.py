@@ -1,0 +1,184 @@
+"""A fit to static dwells alone, and what any fit says of its dwells."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells
+from accelcal.estimation.dwell_rows import (
+    SCATTER_ALPHA,
+    acts_at_rest,
+    dwell_rows,
+    remainder,
+    scatter_between,
+    shown,
+)
+from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, solve
+from accelcal.estimation.values import Values
+from accelcal.model import Model
+from accelcal.signals.signals import Origins
+
+ROUNDS = 50
+SETTLED = 1e-11
+"""Steps are over once each is below this share of a standard deviation."""
+SCATTER_REMARK = 1.5
+"""Scatter between dwells over that of noise within them from which on it is remarked."""
+
+
+@dataclass(frozen=True, slots=True)
+class DwellFit:
+    """What a fit leaves of its dwells."""
+
+    name: str
+    digest: str
+    angle: tuple[float, ...]
+    """Elevation of each as declared, rad."""
+    residual: tuple[float, ...]
+    """Mean output less that of the model, m/s²."""
+    std: tuple[float, ...]
+    """Its standard deviation by all that is declared and found, without the uncertainty of the model, m/s²."""
+    zeros: tuple[tuple[str, float], ...]
+    """Angle zero of each group, rad."""
+    ratio: float
+    """Scatter between dwells over what noise within them explains; NaN where no dwell is left over."""
+    scatter: float
+    """Standard deviation between dwells beyond all that is declared, m/s²; 0 where there is none."""
+    p_value: float
+    """Of the scatter under all that is declared; 1 where no dwell is left over."""
+    freedom: int
+    """Dwells less coefficients and angle zeros."""
+    remarks: tuple[str, ...] = ()
+
+
+def dwell_model(model: Model, dwells: Dwells) -> Model:
+    """The model without the timing, which no dwell shows.
+
+    Raises
+    ------
+    NotIdentifiable
+        If it has effects that no dwell shows.
+    """
+    held = {term.name: 0.0 for term in model.free if term.owner == "timing" and term.effect.name in model.effects[:3]}
+    model = model.freeze(**held)
+    for term in model.free:
+        if not acts_at_rest(term.effect):
+            raise NotIdentifiable(
+                f"{dwells.name or 'dwells'}: {term.name} does not act on a sensor at rest; drop it, hold it with a "
+                "value, or fit a motion together with the dwells"
+            )
+        if not shown(dwells, term.effect):
+            raise NotIdentifiable(
+                f"{dwells.name or 'dwells'}: {term.name} needs {' and '.join(term.effect.needs)}, which these dwells "
+                "do not have; add the column, or drop the effect"
+            )
+    return model
+
+
+def origins_of(dwells: Dwells) -> Origins:
+    """Zero points that suit a set of dwells: their mean temperature."""
+    return Origins(temperature=0.0 if dwells.temperature is None else float(np.mean(dwells.temperature)))
+
+
+@dataclass(frozen=True, slots=True)
+class DwellSolution:
+    """Estimates of a model from dwells alone."""
+
+    model: Model
+    layout: Layout
+    values: Values
+    covariance: Array
+    log_likelihood: float
+    seen: DwellFit
+
+
+def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolution:
+    """Generalised least squares with angle zeros, to the fixed point of angle and scatter.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the attitudes do not determine the model.
+    """
+    model = dwell_model(model, dwells)
+    layout = Layout.of(model, 1)
+    if not layout.slots:
+        raise NotIdentifiable(f"{dwells.name or 'dwells'}: every parameter is held; release at least one")
+    x = layout.prior_mean(model)
+    belief, scatter = layout.prior_information(model), 0.0
+    for number in range(ROUNDS):
+        values = layout.scatter(x, model, 0)
+        if 1 <= number < ROUNDS // 2:
+            scatter = scatter_between(dwells, model, values, origins)
+        rows = dwell_rows(dwells, model.free, values, origins, scatter=scatter)
+        score = rows.columns.T @ rows.y + belief * (layout.prior_mean(model) - x)
+        try:
+            step, covariance = solve(rows.columns.T @ rows.columns + np.diag(belief), score, layout)
+        except NotIdentifiable as error:
+            raise NotIdentifiable(
+                f"{dwells.name or 'dwells'}: {error}; {len(dwells)} dwells at "
+                f"{len(set(np.round(np.sin(dwells.angle), 6)))} elevations do not determine it"
+            ) from None
+        x = x + step
+        if number > 1 and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
+            break
+    values = layout.scatter(x, model, 0)
+    squares, _ = remainder(dwell_rows(dwells, model.free, values, origins, scatter=scatter))
+    variance = dwells.variance + scatter
+    return DwellSolution(
+        model,
+        layout,
+        values,
+        covariance,
+        -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * variance)))),
+        seen_in(dwells, model, values, origins, scatter),
+    )
+
+
+def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, scatter: float) -> DwellFit:
+    """What a model at some values leaves of dwells."""
+    rows = dwell_rows(dwells, model.free, values, origins, scatter=scatter, apart=model.per_run)
+    alone = replace(
+        dwells,
+        angle_std=0.0,
+        rig=replace(dwells.rig, sensor=replace(dwells.rig.sensor, bias_instability=None, random_walk=None)),
+    )
+    squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, apart=model.per_run))
+    white, _ = remainder(dwell_rows(alone, model.free, values, origins, apart=model.per_run))
+    ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
+    p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
+    remarks = list(dwells.assumptions)
+    if ratio > SCATTER_REMARK:
+        left = f"{rms_of(rows.left, freedom):.2g} m/s²"
+        said = (
+            "what is declared of the bias and the angles explains it"
+            if p_value >= SCATTER_ALPHA
+            else f"{math.sqrt(scatter):.2g} m/s² more than is declared, taken into the uncertainty: instability of the "
+            "bias, angles, or temperature"
+        )
+        remarks.append(
+            f"{dwells.name or 'dwells'}: the dwells scatter by {left}, {ratio:.2g} times what noise within them "
+            f"explains; {said}"
+        )
+    return DwellFit(
+        name=dwells.name,
+        digest=dwells.digest,
+        angle=tuple(dwells.angle.tolist()),
+        residual=tuple(rows.left.tolist()),
+        std=tuple(np.sqrt(dwells.variance + scatter).tolist()),
+        zeros=tuple(rows.zeros.items()),
+        ratio=ratio,
+        scatter=math.sqrt(scatter),
+        p_value=p_value,
+        freedom=freedom,
+        remarks=tuple(remarks),
+    )
+
+
+def rms_of(left: Array, freedom: int) -> float:
+    """Root of the sum of squares over its degrees of freedom."""
+    return math.sqrt(float(left @ left) / max(freedom, 1))

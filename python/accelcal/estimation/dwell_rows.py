@@ -1,0 +1,193 @@
+"""Rows of static dwells: what each says of the coefficients of the sensor, its angle zero eliminated.
+
+A dwell is one row of the regression, the effect functions at constant arguments (derivations 6.11). Dwells of one group
+share an angle zero; rows are projected onto what no angle zero explains, so that their Gram matrix is the Schur
+complement and adds to that of any motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells
+from accelcal.effects import BUILT_IN, Effect, is_local, of_one_record
+from accelcal.estimation.values import Values
+from accelcal.model import Model, Term, evaluate
+from accelcal.signals.signals import Origins, Signals
+
+SERIES = 16
+"""Samples of the constant series that an effect with memory is evaluated on; the last is what a dwell shows."""
+TURN = 1e-6
+"""Half the difference of angles that a slope is taken over, rad."""
+ROUNDS = 4
+"""Newton steps to the angle zeros."""
+ZERO_STD = 0.1
+"""Standard deviation of an angle zero where no level is declared, rad: some degrees."""
+SCATTER_ALPHA = 0.01
+"""Probability of the scatter between dwells under all that is declared below which more is taken into account."""
+ORDINARY = {effect.name: 10.0 * effect.scale for effect in BUILT_IN}
+"""Coefficient that is ordinary for each effect."""
+UNSEEN = 1e-9
+"""Share of the largest singular value below which no dwell shows an angle zero."""
+
+
+def acts_at_rest(effect: Effect) -> bool:
+    """Whether an effect adds to the output of a sensor that dwells apart from its rig: it belongs to the sensor and to
+    no clock, and is none that the mount makes."""
+    return (
+        effect.owner == "sensor"
+        and effect.port == "output"
+        and not of_one_record(effect)
+        and not effect.traits.separated_by
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class DwellRows:
+    """Whitened rows, angle zeros eliminated, and what was eliminated."""
+
+    columns: Array
+    """(n, m)"""
+    y: Array
+    """What the model leaves of each, (n,)."""
+    zeros: dict[str, float]
+    """Angle zero of each group, rad."""
+    left: Array
+    """What the model leaves of each mean, (dwells,) m/s²."""
+    freedom: int
+    """Dwells less the angle zeros that they show."""
+
+
+def signals_at(dwells: Dwells, angle: Array, scale: float, origins: Origins) -> Signals:
+    """Constant arguments of the effects in dwells at some elevations, (n,) each."""
+    nothing = np.zeros(len(dwells))
+    warm = {} if dwells.temperature is None else {"temperature": dwells.temperature - origins.temperature}
+    force = dwells.specific_force(angle)
+    return Signals(t=nothing, p=nothing, v=nothing, a=force, jerk=nothing, scale=scale, rig=dwells.rig, side=warm)
+
+
+def columns_at(dwells: Dwells, terms: Sequence[Term], s: Signals) -> Array:
+    """Output per unit coefficient in each dwell, (dwells, m)."""
+    X = np.zeros((len(dwells), len(terms)))
+    there = [k for k, term in enumerate(terms) if acts_at_rest(term.effect) and shown(dwells, term.effect)]
+    local = [k for k in there if is_local(terms[k].effect)]
+    for k, column in zip(local, evaluate([terms[k] for k in local], s), strict=True):
+        X[:, k] = column
+    remembering = [k for k in there if k not in local]
+    for row, length in enumerate(dwells.duration if remembering else ()):
+        constant = s.at(np.full(SERIES, row))
+        constant = replace(constant, t=np.linspace(0.0, float(length), SERIES))
+        for k, column in zip(remembering, evaluate([terms[k] for k in remembering], constant), strict=True):
+            X[row, k] = column[-1]
+    return X
+
+
+def shown(dwells: Dwells, effect: Effect) -> bool:
+    """Whether dwells have the channels of an effect."""
+    return set(effect.needs) <= ({"temperature"} if dwells.temperature is not None else set())
+
+
+def output_at(dwells: Dwells, angle: Array, values: Values, origins: Origins) -> Array:
+    """Output of the model in dwells at some elevations, (n,) m/s²."""
+    s = signals_at(dwells, angle, values.scale, origins)
+    coefficients = np.array([values.by_name[term.name] for term in values.terms])
+    return np.asarray(s.a + columns_at(dwells, values.terms, s) @ coefficients)
+
+
+def dwell_rows(
+    dwells: Dwells,
+    terms: Sequence[Term],
+    values: Values,
+    origins: Origins,
+    *,
+    scatter: float = 0.0,
+    apart: Sequence[str] = (),
+) -> DwellRows:
+    """Rows at given coefficients.
+
+    Parameters
+    ----------
+    dwells : the set.
+    terms : coefficients that become columns, (m,).
+    values : at which the model is taken.
+    origins : zero of the temperature.
+    scatter : further variance of each mean, (m/s²)².
+    apart : coefficients that these dwells have values of their own of; they are eliminated like angle zeros.
+    """
+    groups = sorted(set(dwells.group))
+    member = np.array([[group == g for g in groups] for group in dwells.group], dtype=np.float64)
+    weight = 1.0 / np.sqrt(dwells.variance + scatter)
+    belief = np.eye(len(groups)) / (dwells.rig.uncertainty.level or ZERO_STD)
+    zero = np.zeros(len(groups))
+    for _ in range(ROUNDS):
+        angle = dwells.angle + member @ zero
+        ahead, behind = (output_at(dwells, angle + side * TURN, values, origins) for side in (1.0, -1.0))
+        left = dwells.mean - output_at(dwells, angle, values, origins)
+        slope = (ahead - behind) / (2.0 * TURN)
+        Z = np.vstack([(weight * slope)[:, None] * member, belief])
+        y = np.concatenate([weight * left, -belief @ zero])
+        zero = zero + np.linalg.lstsq(Z, y, rcond=UNSEEN)[0]
+    angle = dwells.angle + member @ zero
+    left = dwells.mean - output_at(dwells, angle, values, origins)
+    s = signals_at(dwells, angle, values.scale, origins)
+    X = np.vstack([weight[:, None] * columns_at(dwells, terms, s), np.zeros((len(belief), len(terms)))])
+    y = np.concatenate([weight * left, -belief @ zero])
+    own = [k for k, term in enumerate(values.terms) if term.name in apart]
+    if own:
+        extra = columns_at(dwells, [values.terms[k] for k in own], s)
+        Z = np.hstack([Z, np.vstack([weight[:, None] * extra, np.zeros((len(belief), len(own)))])])
+    basis = scipy.linalg.orth(Z, rcond=UNSEEN) if np.any(Z) else np.zeros((len(y), 0))
+    free = (weight * slope)[:, None] * member
+    shown_zeros = int(np.count_nonzero(np.linalg.norm(free, axis=0) > np.diag(belief)))
+    freedom = len(dwells) - shown_zeros - len(own)
+    return DwellRows(
+        X - basis @ (basis.T @ X),
+        y - basis @ (basis.T @ y),
+        dict(zip(groups, zero.tolist(), strict=True)),
+        left,
+        freedom,
+    )
+
+
+def scatter_between(dwells: Dwells, model: Model, values: Values, origins: Origins) -> float:
+    """Variance between dwells beyond all that is declared, (m/s²)²: 0 where what a model leaves of them is as likely as
+    not; else the one at which its sum of squares is what it should be."""
+
+    def left_over(variance: float) -> tuple[float, int]:
+        rows = dwell_rows(dwells, model.free, values, origins, scatter=variance, apart=model.per_run)
+        return remainder(rows)
+
+    squares, freedom = left_over(0.0)
+    if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= SCATTER_ALPHA:
+        return 0.0
+    largest = squares * float(np.max(dwells.variance))
+    while left_over(largest)[0] > freedom:
+        largest *= 4.0
+    return float(scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12))
+
+
+def remainder(rows: DwellRows) -> tuple[float, int]:
+    """Sum of squares that the columns leave of the rows, and its degrees of freedom."""
+    size = np.linalg.norm(rows.columns, axis=0)
+    scaled = rows.columns[:, size > 0.0] / size[size > 0.0]
+    if not scaled.size:
+        return float(rows.y @ rows.y), rows.freedom
+    basis = scipy.linalg.orth(scaled, rcond=UNSEEN)
+    left = rows.y - basis @ (basis.T @ rows.y)
+    return float(left @ left), rows.freedom - basis.shape[1]
+
+
+def determines(dwells: Dwells, name: str) -> bool:
+    """Whether dwells alone determine a parameter of the linear model, angle zeros unknown: to less than half of what is
+    ordinary for it."""
+    terms = [term for term in Model.linear().terms if acts_at_rest(term.effect)]
+    rows = dwell_rows(dwells, terms, Values({term.name: 0.0 for term in terms}, tuple(terms)), Origins())
+    ordinary = np.array([ORDINARY[term.name] for term in terms])
+    X = rows.columns * ordinary
+    share = np.sqrt(np.diag(np.linalg.inv(X.T @ X + np.eye(len(terms)))))
+    return bool(share[[term.name for term in terms].index(name)] < 0.5)

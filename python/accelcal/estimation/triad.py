@@ -1,0 +1,299 @@
+"""A triad of accelerometers from positions of unknown attitude, in which the norm of gravity alone is known.
+
+a = T K (y - b), T upper triangular with unit diagonal, K diagonal: nine parameters, by least squares of |a| - g over
+the positions, each with the same weight (Tedaldi, Pretto, Menegatti, ICRA 2014). Terms of second and third order are
+tested one by one; those that the norm cannot tell apart form one class.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import RecordingError
+from accelcal.estimation.dwell_fit import SCATTER_REMARK
+from accelcal.estimation.gauss_newton import NotIdentifiable
+
+AXES = "xyz"
+PARAMETERS = 9
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Free elements of T K."""
+ALPHA = 0.01
+"""Probability of a term under none, over all that are tested, below which it is said to be missing."""
+LEFT = 1e-6
+"""Share of a column's power beyond the nine parameters below which the norm does not show it."""
+LEAST_KNOWN = 0.1
+"""Relative standard deviation of a scale beyond which it is not determined."""
+WORST_CONDITION = 1e8
+"""Condition number of the scaled problem beyond which the positions do not determine it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Positions:
+    """Means of three outputs at rest, in any unit."""
+
+    mean: Array
+    """(n, 3)"""
+    std: Array
+    """Of the samples, (n, 3)."""
+    samples: Array
+    """(n,)"""
+    gravity: float
+    """m/s²"""
+    name: str = ""
+    unit: str = "count"
+
+
+@dataclass(frozen=True, slots=True)
+class NormTerm:
+    """One product of accelerations, tested beside the nine parameters."""
+
+    members: tuple[str, ...]
+    """Terms of single axes that are this product in the norm."""
+    t: float
+    """Estimate over its standard deviation; 0 where the norm does not show it."""
+    p_value: float
+    """Of all that were tested together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriadFit:
+    """Nine parameters of a triad."""
+
+    T: Array
+    """Upper triangular, unit diagonal: angles between the axes, rad."""
+    K: Array
+    """Scale of each axis, m/s² per unit of the output, (3,)."""
+    b: Array
+    """Output of each axis without acceleration, (3,)."""
+    std: tuple[tuple[str, float], ...]
+    """Standard deviation of each parameter, from the scatter of the positions."""
+    residual: Array
+    """|a| - g, (n,) m/s²."""
+    ratio: float
+    """Scatter between positions over what noise within them explains."""
+    terms: tuple[NormTerm, ...]
+    name: str
+    unit: str
+    gravity: float
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residual, m/s²."""
+        return float(np.sqrt(np.mean(self.residual**2)))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Parameters by name."""
+        angles = {f"T_{AXES[i]}{AXES[j]}": float(self.T[i, j]) for i, j in UPPER if i != j}
+        scales = {f"K_{axis}": float(k) for axis, k in zip(AXES, self.K, strict=True)}
+        return {**scales, **angles, **{f"b_{axis}": float(y) for axis, y in zip(AXES, self.b, strict=True)}}
+
+    @property
+    def missing(self) -> NormTerm | None:
+        """The most significant term beyond the nine parameters; None where none is."""
+        found = min(self.terms, key=lambda term: term.p_value, default=None)
+        return found if found is not None and found.p_value < ALPHA else None
+
+    @property
+    def verdict(self) -> str:
+        """What the nine parameters lack."""
+        return "adequate" if self.missing is None else "tied"
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        shown = [term for term in self.terms if term.t != 0.0]
+        largest = max((abs(term.t) for term in shown), default=0.0)
+        if self.missing is None:
+            return (
+                f"Nothing is missing ({len(shown)} products of second and third order examined, the largest at "
+                f"{largest:.1f} sigma)."
+            )
+        return (
+            f"{' or '.join(self.missing.members)} is missing ({abs(self.missing.t):.1f} sigma, p = "
+            f"{self.missing.p_value:.2g}, {len(shown)} products examined); the norm of gravity does not tell them "
+            "apart: use known attitudes."
+        )
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences to be read with the numbers."""
+        found = []
+        if self.ratio > SCATTER_REMARK:
+            found.append(
+                f"the positions scatter by {self.rms:.2g} m/s², {self.ratio:.2g} times what noise within them "
+                "explains (instability of the bias, temperature, a hand that shakes); the uncertainties are those of "
+                "this scatter"
+            )
+        classes = [" = ".join(term.members) for term in self.terms if len(term.members) > 1 and term.t != 0.0]
+        found.append(f"the norm of gravity does not tell apart: {'; '.join(classes[:4])}, and {len(classes) - 4} more")
+        return tuple(found)
+
+    def apply(self, y: Array) -> Array:
+        """Accelerations of outputs (n, 3), m/s²."""
+        return np.asarray((y - self.b) @ (self.T * self.K).T)
+
+
+def fit_triad(positions: Positions) -> TriadFit:
+    """Nine parameters by least squares.
+
+    Raises
+    ------
+    RecordingError
+        If there are too few positions.
+    NotIdentifiable
+        If the positions do not point into enough directions.
+    """
+    y, n = positions.mean, len(positions.mean)
+    if n <= PARAMETERS:
+        raise RecordingError(
+            f"{positions.name}: {n} positions; nine parameters need at least {PARAMETERS + 1}, better 30, of attitudes "
+            "that differ by more than 30 degrees"
+        )
+    undetermined = (
+        f"{positions.name}: {n} positions do not determine nine parameters; add positions in which each axis points up "
+        "and down, and some in between"
+    )
+    middle, half = 0.5 * (np.max(y, axis=0) + np.min(y, axis=0)), 0.5 * np.ptp(y, axis=0)
+    if np.any(half <= 0.0):
+        raise NotIdentifiable(f"{positions.name}: axis {AXES[int(np.argmin(half))]} is the same in all positions")
+    u = (y - middle) / half  # of order 1
+    start = ellipsoid(u)
+    found = scipy.optimize.least_squares(
+        lambda x: norm_error(x, u), start, jac=lambda x: slopes(x, u), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    x = found.x
+    for _ in range(3):  # to the last digit
+        x = x - np.linalg.lstsq(slopes(x, u), norm_error(x, u), rcond=None)[0]
+    J = slopes(x, u)
+    if not np.all(np.isfinite(x)) or np.linalg.cond(J / np.linalg.norm(J, axis=0)) > WORST_CONDITION:
+        raise NotIdentifiable(undetermined)
+    g = positions.gravity
+    residual = g * norm_error(x, u)
+    M, offset = matrix(x), x[6:]
+    K, b = g * np.diag(M) / half, middle + half * offset
+    T = M / np.diag(M)
+    a = g * (u - offset) @ M.T
+    white = white_noise(M * g / half, a, positions)
+    variance = float(residual @ residual) / (n - PARAMETERS)
+    covariance: Array = np.asarray(variance / g**2 * np.linalg.inv(J.T @ J))
+    std = deviations(x, covariance, g, half)
+    if any(dict(std)[f"K_{axis}"] > LEAST_KNOWN * k for axis, k in zip(AXES, K, strict=True)):
+        raise NotIdentifiable(undetermined)
+    return TriadFit(
+        T=T,
+        K=K,
+        b=b,
+        std=std,
+        residual=residual,
+        ratio=math.sqrt(variance / white) if white > 0.0 else math.inf,
+        terms=tested(a / g, J, residual / g),
+        name=positions.name,
+        unit=positions.unit,
+        gravity=g,
+    )
+
+
+def matrix(x: Array) -> Array:
+    """T K of scaled outputs."""
+    M = np.zeros((3, 3))
+    for value, (i, j) in zip(x, UPPER, strict=False):
+        M[i, j] = value
+    return M
+
+
+def norm_error(x: Array, u: Array) -> Array:
+    """|M (u - b)| - 1, (n,)."""
+    return np.asarray(np.linalg.norm((u - x[6:]) @ matrix(x).T, axis=1) - 1.0)
+
+
+def slopes(x: Array, u: Array) -> Array:
+    """Its derivatives, (n, 9)."""
+    M, away = matrix(x), u - x[6:]
+    a = away @ M.T
+    unit = a / np.linalg.norm(a, axis=1)[:, None]
+    return np.column_stack([*(unit[:, i] * away[:, j] for i, j in UPPER), -(unit @ M)])
+
+
+def ellipsoid(u: Array) -> Array:
+    """Start: the ellipsoid through the positions in algebraic least squares; a sphere where it is none."""
+    pairs = list(combinations_with_replacement(range(3), 2))
+    columns = np.column_stack([*(u[:, i] * u[:, j] for i, j in pairs), u])
+    found = np.linalg.lstsq(columns, np.ones(len(u)), rcond=None)[0]
+    A = np.zeros((3, 3))
+    for value, (i, j) in zip(found, pairs, strict=False):
+        A[i, j] += 0.5 * value
+        A[j, i] += 0.5 * value
+    sphere = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    try:
+        centre = -0.5 * np.linalg.solve(A, found[6:])
+        scaled = A / (1.0 + centre @ A @ centre)
+        M = np.linalg.cholesky(scaled).T  # M'M = A with M upper triangular
+    except np.linalg.LinAlgError:
+        return sphere
+    return np.array([*(M[i, j] for i, j in UPPER), *centre])
+
+
+def white_noise(M: Array, a: Array, positions: Positions) -> float:
+    """Mean variance of |a| from noise within the positions, (m/s²)²."""
+    unit = a / np.linalg.norm(a, axis=1)[:, None]
+    return float(np.mean(np.sum((unit @ M) ** 2 * positions.std**2 / positions.samples[:, None], axis=1)))
+
+
+def deviations(x: Array, covariance: Array, g: float, half: Array) -> tuple[tuple[str, float], ...]:
+    """Standard deviations of K, T and b from the covariance of the elements of the scaled matrix."""
+    place = {pair: k for k, pair in enumerate(UPPER)}
+    found: list[tuple[str, float]] = []
+    for j, axis in enumerate(AXES):
+        found.append((f"K_{axis}", g / float(half[j]) * math.sqrt(covariance[place[j, j], place[j, j]])))
+    for i, j in UPPER:
+        if i != j:
+            slope = np.zeros(PARAMETERS)
+            slope[place[i, j]], slope[place[j, j]] = 1.0 / x[place[j, j]], -x[place[i, j]] / x[place[j, j]] ** 2
+            found.append((f"T_{AXES[i]}{AXES[j]}", math.sqrt(float(slope @ covariance @ slope))))
+    for j, axis in enumerate(AXES):
+        found.append((f"b_{axis}", float(half[j]) * math.sqrt(covariance[6 + j, 6 + j])))
+    return tuple(found)
+
+
+def tested(a: Array, J: Array, residual: Array) -> tuple[NormTerm, ...]:
+    """Every product of two and of three accelerations on every axis, as the norm shows it: one class a monomial."""
+    basis = scipy.linalg.orth(J)
+    classes: dict[tuple[int, ...], list[str]] = {}
+    for order in (2, 3):
+        for axis in range(3):
+            for product in combinations_with_replacement(range(3), order):
+                name = f"{'K' if order == 2 else 'L'}_{AXES[axis]},{''.join(AXES[k] for k in product)}"
+                classes.setdefault(tuple(sorted((axis, *product))), []).append(name)
+    found = []
+    for monomial, members in classes.items():
+        column = np.prod(a[:, monomial], axis=1)
+        beyond = column - basis @ (basis.T @ column)
+        found.append((tuple(members), t_of(beyond, column, residual)))
+    freedom, count = len(residual) - PARAMETERS - 1, sum(1 for _, t in found if t != 0.0)
+    return tuple(NormTerm(members, t, corrected(t, freedom, count)) for members, t in found)
+
+
+def t_of(beyond: Array, column: Array, residual: Array) -> float:
+    """Student's t of a column beside the nine parameters; 0 where the norm does not show it."""
+    power = float(beyond @ beyond)
+    if power < LEFT * float(column @ column):
+        return 0.0
+    estimate = float(beyond @ residual) / power
+    left = residual - estimate * beyond
+    variance = float(left @ left) / max(len(residual) - PARAMETERS - 1, 1)
+    return estimate * math.sqrt(power / variance) if variance > 0.0 else 0.0
+
+
+def corrected(t: float, freedom: int, count: int) -> float:
+    """Probability of a t as large under none, over all that are tested (Sidak)."""
+    if t == 0.0 or freedom < 1:
+        return 1.0
+    alone = 2.0 * float(scipy.special.stdtr(freedom, -abs(t)))
+    return -math.expm1(count * math.log1p(-min(alone, 1.0 - 1e-16)))

@@ -1,0 +1,273 @@
+"""Static dwells: against generalised least squares, stacked problems, bounds and simulation; in files and verdicts."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import optimize, stats
+
+import accelcal as ac
+from accelcal.data.dwells import Dwells
+from accelcal.data.rig import Rig, Sensor, Uncertainty
+from accelcal.effects import CATALOGUE, is_local
+from accelcal.estimation.dwell_rows import acts_at_rest, determines
+from accelcal.estimation.estimate import restored_states
+from accelcal.estimation.normal_equations import normal_equations
+from accelcal.serialization import model_file
+from accelcal.validation.consistency import chi_square_region
+
+G = 9.80665
+TRUTH = {"bias": 0.05, "scale_factor": 0.004, "quadratic": 2e-5, "cubic": 3e-5}
+NOISE = 20e-6 * G
+"""(m/s²)/sqrt(Hz)"""
+
+
+def tumble(
+    rng, truth=TRUTH, *, count=24, angle_std=0.0, zero=0.0, instability=5e-5, further=0.0, rig=None, noise=NOISE
+):
+    """A tumble of a sensor about a horizontal axis, written down from IEEE 1293's equation and no code of ours."""
+    angle = np.arange(count) * 2.0 * np.pi / count
+    a = G * np.sin(angle + zero + angle_std * rng.standard_normal(count))
+    white = noise**2 / 2.0 / 60.0
+    mean = truth["bias"] + (1.0 + truth["scale_factor"]) * a + truth["quadratic"] * a**2 + truth["cubic"] * a**3
+    mean = mean + math.sqrt(white + instability**2 + further**2) * rng.standard_normal(count)
+    sensor = Sensor(noise=noise, bias_instability=instability or None)
+    return Dwells(
+        angle=angle,
+        mean=mean,
+        std=np.full(count, math.sqrt(white * 6000.0)),
+        duration=np.full(count, 60.0),
+        samples=np.full(count, 6000.0),
+        group=("0",) * count,
+        rig=rig or Rig(sensor=sensor),
+        angle_std=angle_std,
+        name="tumble.csv",
+    )
+
+
+def by_optimiser(dwells, order=4):
+    """K0, k, K2, K3 and the angle zero by scipy's least squares on the same covariance."""
+    std = np.sqrt(dwells.variance)
+
+    def missed(x):
+        a = dwells.gravity * math.exp(-0.5 * dwells.angle_std**2) * np.sin(dwells.angle + x[order])
+        model = x[0] + (1.0 + x[1]) * a + x[2] * a**2 + x[3] * a**3
+        return (dwells.mean - model) / std
+
+    found = optimize.least_squares(missed, np.zeros(order + 1), method="lm", xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    x = found.x
+    for _ in range(4):
+        J = np.column_stack([(missed(x + h) - missed(x - h)) / (2.0 * 1e-5) for h in 1e-5 * np.eye(order + 1)])
+        x = x - np.linalg.lstsq(J, missed(x), rcond=None)[0]
+    return x, np.linalg.inv(J.T @ J)
+
+
+def test_a_tumble_is_generalised_least_squares():
+    dwells = tumble(np.random.default_rng(1), angle_std=1e-4, zero=2e-3)
+    fit = ac.fit(ac.Model.cubic(), dwells)
+    x, covariance = by_optimiser(dwells)
+    std = np.sqrt(np.diag(covariance))[:4]
+    assert np.array([e.value for e in fit.free]) == pytest.approx(x[:4], rel=1e-9, abs=1e-9 * float(np.min(std)))
+    assert np.array([e.std for e in fit.free]) == pytest.approx(std, rel=1e-6)
+    assert fit.dwells.zeros[0][1] == pytest.approx(x[4], rel=1e-7)
+    assert fit["time_offset"].std == 0.0
+
+
+@pytest.mark.parametrize("understated", [False, True])
+def test_tumbles_with_errors_of_the_angle_are_consistent(understated):
+    """NEES of 100 tumbles in its 99 % region; the twin declares a third of the error of the angles."""
+    found = []
+    for seed in range(100):
+        dwells = tumble(np.random.default_rng(seed), angle_std=1e-3, zero=3e-3)
+        if understated:
+            dwells = dataclasses.replace(dwells, angle_std=3e-4)
+        fit = ac.fit(ac.Model.cubic(), dwells)
+        error = np.array([e.value - TRUTH[e.name] for e in fit.free])
+        scatter = fit.covariance if not understated else fit.covariance * (1e-9 + _declared_share(fit))
+        found.append(error @ np.linalg.solve(scatter, error))
+    low, high = chi_square_region(4, 100, 0.99)
+    print(f"NEES {np.mean(found):.2f} of 4 over 100 tumbles ({low:.2f} to {high:.2f})")
+    assert (low < np.mean(found) < high) is not understated
+
+
+def _declared_share(fit):
+    """What the covariance would be had the scatter between dwells not been taken into it."""
+    return 1.0 / (1.0 + (fit.dwells.scatter / (3e-4 * G)) ** 2)
+
+
+def test_the_moments_of_an_uncertain_angle_are_exact():
+    rng = np.random.default_rng(3)
+    dwells = dataclasses.replace(tumble(rng, count=8), angle_std=0.2)
+    plain = dataclasses.replace(dwells, angle_std=0.0)
+    drawn = G * np.sin(dwells.angle + 0.2 * rng.standard_normal((200_000, 8)))
+    assert dwells.specific_force(dwells.angle) == pytest.approx(np.mean(drawn, axis=0), abs=0.02)
+    assert dwells.variance - plain.variance == pytest.approx(np.var(drawn, axis=0), rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    rng = np.random.default_rng(3)
+    made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng).recording
+    return dataclasses.replace(made, digest="motion")
+
+
+def test_motion_and_dwells_together_are_the_stacked_problem(motion):
+    dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0)
+    fit = ac.fit(ac.Model.cubic(), [motion, dwells])
+    assert fit.model.added == ("quadratic", "cubic", "tilt")  # dwells separate it
+    states = restored_states(fit, [motion.with_dwells(dwells)])
+    joint = normal_equations(states[0], fit.model.free)
+    states[0].run = dataclasses.replace(states[0].run, recording=motion)
+    alone = normal_equations(states[0], fit.model.free)
+    # the dwells by hand: columns of IEEE 1293 and of the angle zero, eliminated
+    a = G * np.sin(dwells.angle + fit.dwells.zeros[0][1])
+    columns = {"bias": np.ones_like(a), "scale_factor": a, "quadratic": a**2, "cubic": a**3}
+    X = np.column_stack([columns.get(term.name, np.zeros_like(a)) for term in fit.model.free])
+    slope = 1.0 + fit["scale_factor"].value + 2.0 * fit["quadratic"].value * a + 3.0 * fit["cubic"].value * a**2
+    Z = (slope * G * np.cos(dwells.angle + fit.dwells.zeros[0][1]))[:, None]
+    W = np.diag(1.0 / dwells.variance)
+    schur = X.T @ W @ X - X.T @ W @ Z @ np.linalg.solve(Z.T @ W @ Z, Z.T @ W @ X)
+    size = np.sqrt(np.diag(joint.gram))
+    assert joint.gram / np.outer(size, size) == pytest.approx((alone.gram + schur) / np.outer(size, size), abs=1e-9)
+    bound = np.sqrt(np.diag(np.linalg.inv(joint.gram)))
+    assert np.array([e.std for e in fit.free]) == pytest.approx(bound, rel=0.01)
+
+
+def test_a_motion_and_dwells_are_more_certain_than_each(motion):
+    dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0, angle_std=3e-4)
+    together = ac.fit(ac.Model.cubic(), [motion, dwells])
+    for alone in (ac.fit(ac.Model.cubic(), motion), ac.fit(ac.Model.cubic(), dwells)):
+        for name in ("scale_factor", "cubic"):
+            assert together[name].std < alone[name].std
+    for name, value in TRUTH.items():
+        assert abs(together[name].value - value) < 4.0 * together[name].std
+
+
+@pytest.mark.parametrize("size", [2e-3, 0.0])
+def test_dwells_show_the_scale_of_the_encoder(motion, size):
+    dwells = tumble(np.random.default_rng(5), rig=motion.rig, noise=225e-6 * G, instability=0.0)
+    position = dataclasses.replace(motion.position, y=motion.position.y * (1.0 + size))
+    both = dataclasses.replace(motion, position=position, digest="").with_dwells(dwells)
+    found = ac.diagnose(ac.fit(ac.Model.cubic(), both), both)
+    named = {member for group in found.classes for member in group.members}
+    assert ("encoder_scale" in named) is (size > 0.0), found.sentence
+    if size:
+        grown = ac.add(found.fit, both, "encoder_scale")["encoder_scale"]
+        assert abs(grown.value - size) < 4.0 * grown.std
+
+
+def test_one_table_that_two_sidecars_name_counts_once(motion):
+    dwells = dataclasses.replace(tumble(np.random.default_rng(6), rig=motion.rig), digest="the table")
+    other = ac.simulate(
+        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
+    ).recording
+    once = ac.fit(ac.Model.linear(), [motion.with_dwells(dwells), other])
+    twice = ac.fit(ac.Model.linear(), [motion.with_dwells(dwells), other.with_dwells(dwells)])
+    assert [e.value for e in once.estimates] == pytest.approx([e.value for e in twice.estimates], rel=1e-12)
+
+
+def test_a_bias_that_differs_from_run_to_run_differs_in_dwells_too(motion):
+    dwells = tumble(np.random.default_rng(4), {**TRUTH, "bias": 0.3}, rig=motion.rig, instability=0.0)
+    other = ac.simulate(
+        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters={**TRUTH, "bias": 0.1}, rng=np.random.default_rng(8)
+    ).recording
+    fit = ac.fit(ac.Model.cubic().vary("bias"), [motion, other, dwells])
+    assert abs(fit["cubic"].value - TRUTH["cubic"]) < 4.0 * fit["cubic"].std
+    assert fit.dwells.p_value > 1e-3
+
+
+def test_scatter_beyond_what_is_declared_is_told_and_widens():
+    linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}
+    plain, wild = (tumble(np.random.default_rng(7), linear, further=further) for further in (0.0, 5e-3))
+    quiet, fit = (ac.fit(ac.Model.linear(), dwells) for dwells in (plain, wild))
+    assert quiet.dwells.scatter == 0.0
+    assert not any("more than is declared" in text for text in quiet.remarks)
+    assert fit.dwells.scatter == pytest.approx(5e-3, rel=0.5)
+    assert any("more than is declared" in text for text in fit.remarks)
+    assert fit["bias"].std > 10.0 * quiet["bias"].std
+    verdicts = [ac.diagnose_dwells(f, d).verdict for f, d in ((quiet, plain), (fit, wild))]
+    assert verdicts == ["adequate", "unexplained"]
+
+
+def test_a_null_tumble_lacks_nothing_and_a_cubic_one_does():
+    """At a stated rate of 0.5 % over 100; the twin has K3 at about ten standard deviations."""
+    linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}
+    false = missed = 0
+    for seed in range(100):
+        dwells = tumble(np.random.default_rng(seed), linear, angle_std=2e-4, zero=1e-3)
+        false += ac.diagnose_dwells(ac.fit(ac.Model.linear(), dwells), dwells).verdict != "adequate"
+        dwells = tumble(np.random.default_rng(seed), {**linear, "cubic": 2e-5}, angle_std=2e-4, zero=1e-3)
+        missed += "cubic" not in ac.diagnose_dwells(ac.fit(ac.Model.linear(), dwells), dwells).members
+    assert false <= stats.binom.ppf(0.975, 100, 0.005)
+    assert missed == 0
+
+
+def test_what_no_dwell_shows_is_refused(motion):
+    dwells = tumble(np.random.default_rng(1))
+    with pytest.raises(ac.NotIdentifiable, match="velocity does not act"):
+        ac.fit(ac.Model.linear().add("velocity"), dwells)
+    with pytest.raises(ac.NotIdentifiable, match="needs temperature"):
+        ac.fit(ac.Model.linear().add("temperature_bias"), dwells)
+    with pytest.raises(ac.NotIdentifiable, match=r"confounded.*2 dwells at 2 elevations"):
+        ac.fit(ac.Model.cubic(), dwells.rows(np.array([6, 18])))
+    with pytest.raises(ac.RecordingError, match="dwells alone"):
+        ac.compare(ac.fit(ac.Model.linear(), dwells), motion)
+
+
+def test_which_dwells_determine_the_bias():
+    dwells = tumble(np.random.default_rng(1))
+    flip, level = dwells.rows(np.array([6, 18])), dwells.rows(np.array([0, 0]))
+    assert determines(flip, "bias")
+    assert determines(flip, "scale_factor")
+    assert determines(dwells, "bias")
+    assert not determines(level, "bias")  # an angle zero is as likely
+    sure = dataclasses.replace(level, rig=Rig(uncertainty=Uncertainty(level=1e-4)))
+    assert determines(sure, "bias")
+    assert not determines(sure, "scale_factor")
+
+
+def test_every_effect_that_acts_at_rest_does_so_without_motion():
+    """Of the whole catalogue: constant arguments give finite columns."""
+    dwells = dataclasses.replace(tumble(np.random.default_rng(1)), temperature=np.linspace(20.0, 30.0, 24))
+    from accelcal.estimation.dwell_rows import columns_at, signals_at
+    from accelcal.model import terms_of
+
+    s = signals_at(dwells, dwells.angle, 1.0, ac.fit(ac.Model.linear(), dwells).origins)
+    tried = 0
+    for effect in CATALOGUE.values():
+        if not acts_at_rest(effect) or set(effect.needs) - {"temperature"}:
+            continue
+        try:
+            shape = {name: float(np.median(each.grid(s))) for name, each in effect.shapes.items() if not each.picked}
+        except (ValueError, ZeroDivisionError):
+            continue
+        if len(shape) < len(effect.shapes):
+            continue
+        X = columns_at(dwells, terms_of(effect, shape), s)
+        assert np.all(np.isfinite(X)), effect.name
+        tried += 1
+    assert tried > 10
+    assert any(not is_local(effect) for effect in CATALOGUE.values() if acts_at_rest(effect))
+
+
+def test_a_model_file_keeps_the_dwells(tmp_path):
+    fit = ac.fit(ac.Model.linear(), tumble(np.random.default_rng(1)))
+    model_file.save(fit, tmp_path / "m.json")
+    again = model_file.load(tmp_path / "m.json")
+    assert again.dwells == fit.dwells
+    assert again.runs == ()
+    assert again.estimates == fit.estimates
+    assert repr(again) == repr(fit)
+
+
+def test_origins_of_temperature_are_those_of_the_dwells():
+    rng = np.random.default_rng(2)
+    dwells = tumble(rng, {**TRUTH, "quadratic": 0.0, "cubic": 0.0})
+    warmth = rng.uniform(20.0, 40.0, len(dwells))
+    warm = dataclasses.replace(dwells, temperature=warmth, mean=dwells.mean + 1e-3 * (warmth - warmth.mean()))
+    found = ac.diagnose_dwells(ac.fit(ac.Model.linear(), warm), warm)
+    assert found.verdict == "named"
+    assert found.members == ("temperature_bias",)
+    fit = ac.fit(ac.Model.linear().add("temperature_bias"), warm)
+    assert abs(fit["temperature_bias"].value - 1e-3) < 4.0 * fit["temperature_bias"].std

@@ -1,0 +1,196 @@
+"""Dwells from files: tables, recordings at rest, rests of a long record; errors name file, row and column."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal.cli import app
+from accelcal.data.rests import rests
+
+TABLE = """attitude_deg,mean,std,duration_s,temperature_degC,samples,group
+0,0.05,0.002,60,23.1,6000,1
+90,9.9581,0.002,60,23.1,6000,1
+180,0.05,0.002,60,23.2,6000,2
+270,-9.8581,0.002,60,23.2,6000,2
+"""
+SIDECAR = """[sensor]
+noise = "20 ug/sqrt(Hz)"
+random_walk = "10 ug/sqrt(h)"
+[channels]
+accel = { column = "mean", unit = "m/s^2" }
+[dwell]
+angle_std = "0.1 deg"
+gravity = "9.81 m/s^2"
+"""
+
+
+@pytest.fixture
+def table(tmp_path):
+    path = tmp_path / "tumble.csv"
+    path.write_text(TABLE)
+    path.with_suffix(".toml").write_text(SIDECAR)
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def test_a_table_and_its_sidecar_are_read(table):
+    dwells = ac.load_dwells(table)
+    assert np.degrees(dwells.angle) == pytest.approx([0.0, 90.0, 180.0, 270.0])
+    assert dwells.group == ("1", "1", "2", "2")
+    assert dwells.gravity == 9.81
+    assert dwells.angle_std == pytest.approx(np.radians(0.1))
+    assert dwells.assumptions == ()
+    walk = 10e-6 * 9.80665 / 60.0
+    level = 9.81 * np.radians(0.1)
+    assert dwells.variance[0] == pytest.approx(0.002**2 / 6000 + walk**2 * 20.0 + level**2, rel=1e-3)
+    assert dwells.variance[1] < 1e-4 * dwells.variance[0]  # at +1 g an angle enters in second order
+
+
+def test_a_mean_in_volts_goes_through_the_scale(table):
+    table.write_text(TABLE.replace("9.9581,", "5.0,").replace("0.05,", "2.51,").replace("-9.8581,", "0.1,"))
+    text = '[sensor]\nscale = "0.25 V/g"\nzero = "2.5 V"\n[channels]\naccel = { column = "mean", unit = "V" }\n'
+    table.with_suffix(".toml").write_text(text)
+    dwells = ac.load_dwells(table)
+    assert dwells.mean[:2] == pytest.approx([0.01 / 0.25 * 9.80665, 10.0 * 9.80665])
+    assert dwells.std == pytest.approx(0.002 / 0.25 * 9.80665)
+    assert len(dwells.assumptions) == 2  # gravity, angle
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("90,9.9581,0.002", "90,9.9581,-0.002", r'row 3, column "std": found -0.002, expected a standard deviation'),
+        ("90,9.9581,0.002,60", "90,9.9581,0.002,0", r'row 3, column "duration_s": found 0, expected a duration'),
+        ("90,9.9", "900,9.9", r'row 3, column "attitude_deg": found 900, expected an angle'),
+        ("90,9.9581", "90,", r'row 3, column "mean": expected a finite number'),
+        (",6000,1\n90", ",1,1\n90", r'row 2, column "samples": found 1, expected a number of samples'),
+        ("duration_s", "length_s", r'no column "duration_s"; a table of dwells has the header attitude_deg,mean'),
+    ],
+)
+def test_what_is_wrong_in_a_table_is_told(table, old, new, told):
+    table.write_text(TABLE.replace(old, new, 1))
+    with pytest.raises(ac.RecordingError, match=told):
+        ac.load_dwells(table)
+
+
+def test_a_table_without_a_unit_shows_what_to_write(table):
+    table.with_suffix(".toml").unlink()
+    with pytest.raises(ac.RecordingError, match=r'(?s)"mean" has no unit; write in .*tumble.toml.*accel = '):
+        ac.load_dwells(table)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('[dwell]\nattitude = "sideways"', r'dwell.attitude: found \'sideways\', expected "up"'),
+        ('[dwell]\nattitude = "up"\nangle = "30 deg"', "dwell.angle: dwell.attitude is given as well"),
+        ('[dwell]\nangle = "30"', 'dwell.angle: "30" has no unit; expected an angle'),
+        ('[dwell]\nangel = "30 deg"', 'dwell.angel: unknown key; did you mean "angle"'),
+    ],
+)
+def test_what_is_wrong_in_a_sidecar_is_told(table, text, told):
+    table.with_suffix(".toml").write_text(text)
+    with pytest.raises(ac.RecordingError, match=told):
+        ac.load_dwells(table)
+
+
+def at_rest(folder, attitude, mean, seed):
+    rng = np.random.default_rng(seed)
+    t, path = np.arange(0.0, 20.0, 0.01), folder / f"{seed}.csv"
+    rows = np.column_stack([t, mean + 0.002 * rng.standard_normal(len(t))])
+    np.savetxt(path, rows, delimiter=",", header="t_s,accel_m_per_s2", comments="", fmt="%.9g")
+    path.with_suffix(".toml").write_text(f'[dwell]\n{attitude}\ngravity = "9.81 m/s^2"\nangle_std = "0.01 deg"\n')
+    return path
+
+
+def test_recordings_at_rest_are_dwells_and_fit_together(tmp_path):
+    paths = [
+        at_rest(tmp_path, 'attitude = "up"', 9.91, 1),
+        at_rest(tmp_path, 'attitude = "down"', -9.81, 2),
+        at_rest(tmp_path, 'angle = "30 deg"', 4.98, 3),
+    ]
+    several = [ac.load_dwells(path) for path in paths]
+    assert several[0].mean[0] == pytest.approx(9.91, abs=3e-4)
+    assert several[0].duration[0] == pytest.approx(20.0)
+    fit = ac.fit(ac.Model.linear(), several)
+    assert fit["bias"].value == pytest.approx(0.05, abs=3e-4)
+    assert 1.0 + fit["scale_factor"].value == pytest.approx(9.86 / 9.81, abs=1e-4)
+    shown = run("fit", *paths)
+    assert shown.exit_code == 0
+    assert "scale_factor" in shown.output
+    with pytest.raises(ac.RecordingError, match="is given twice"):
+        ac.fit(ac.Model.linear(), [several[0], several[0]])
+    paths[0].with_suffix(".toml").unlink()
+    with pytest.raises(ac.RecordingError, match=r"attitude of this dwell is not declared.*\n.*\[dwell\]"):
+        ac.load_dwells(paths[0])
+
+
+def test_the_sidecar_of_a_motion_names_its_table(table, tmp_path):
+    assert run("simulate", "-o", tmp_path / "run.csv", "--seconds", "10", "--seed", "2").exit_code == 0
+    sidecar = tmp_path / "run.toml"
+    sidecar.write_text(sidecar.read_text() + '\n[dwell]\ntable = "tumble.csv"\n')
+    recording = ac.load(tmp_path / "run.csv")
+    assert recording.dwells is not None
+    assert recording.dwells.name == "tumble.csv"
+    assert ac.fit(ac.Model.linear(), recording).dwells.name == "tumble.csv"
+    sidecar.write_text(sidecar.read_text().replace("tumble.csv", "other.csv"))
+    with pytest.raises((ac.RecordingError, OSError), match=r"other\.csv"):
+        ac.load(tmp_path / "run.csv")
+
+
+def long_record(path):
+    """A tumble by hand: 10 s at each of eight angles, 4 s of turning between them."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 8 * 14.0, 0.01)
+    turns = np.floor(t / 14.0) + 0.5 - 0.5 * np.cos(np.pi * np.clip((t % 14.0 - 10.0) / 4.0, 0.0, 1.0))
+    y = 0.05 + 1.004 * 9.80665 * np.sin(np.radians(45.0) * turns) + 0.002 * rng.standard_normal(len(t))
+    np.savetxt(path, np.column_stack([t, y]), delimiter=",", header="t_s,accel_m_per_s2", comments="", fmt="%.9g")
+    return t, y
+
+
+def test_rests_of_a_long_record_become_a_table(tmp_path):
+    path, out = tmp_path / "long.csv", tmp_path / "found.csv"
+    t, y = long_record(path)
+    found = rests(t, y[:, None])
+    assert len(found) == 8
+    for k, (a, b) in enumerate(found):
+        assert 14.0 * k - 0.8 <= t[a] < 14.0 * k + 1.0  # at the top a turn begins and ends slowly
+        assert 14.0 * k + 9.0 < t[b] < 14.0 * k + 10.8
+    unasked = run("dwells", path, "-o", out)
+    assert unasked.exit_code == 2
+    assert not out.exists()
+    written = run("dwells", path, "--attitudes", "0:45", "-o", out, "--figure", tmp_path / "rests.png", "--yes")
+    assert written.exit_code == 0, written.output
+    assert (tmp_path / "rests.png").stat().st_size > 10_000
+    fit = ac.fit(ac.Model.linear(), ac.load_dwells(out))
+    assert abs(fit["scale_factor"].value - 0.004) < 4.0 * fit["scale_factor"].std
+    assert run("dwells", path, "--attitudes", "0,45", "-o", tmp_path / "b.csv", "--yes").exit_code == 2
+    again = run("dwells", path, "--attitudes", "0:45", "-o", out, "--yes")
+    assert again.exit_code == 3  # the sidecar is not overwritten
+    none = run("dwells", path, "--least", "20 s")
+    assert none.exit_code == 3
+    assert "no rest of 20 s" in none.output + none.stderr
+
+
+def test_a_cut_says_that_dwells_are_not_written(table, tmp_path):
+    run("simulate", "-o", tmp_path / "run.csv", "--seconds", "10", "--seed", "2")
+    sidecar = tmp_path / "run.toml"
+    sidecar.write_text(sidecar.read_text() + '\n[dwell]\ntable = "tumble.csv"\n')
+    done = run("cut", tmp_path / "run.csv", "--only", "1:5", "-o", tmp_path / "part.csv")
+    assert done.exit_code == 0
+    assert "tumble.csv is not written" in done.output + done.stderr
+
+
+def test_a_diagnosis_takes_dwells_alone_and_with_a_motion(table, tmp_path):
+    run("simulate", "-o", tmp_path / "run.csv", "--seconds", "10", "--seed", "2")
+    assert run("fit", table, "-o", tmp_path / "m.json").exit_code == 0
+    alone = run("diagnose", tmp_path / "m.json", table, "--json")
+    assert alone.exit_code == 0
+    assert '"accelcal/diagnosis-of-dwells/1"' in alone.output
+    assert run("fit", tmp_path / "run.csv", "-o", tmp_path / "r.json").exit_code == 0
+    both = run("diagnose", tmp_path / "r.json", tmp_path / "run.csv", table)
+    assert both.exit_code == 0, both.output
