@@ -15,6 +15,7 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
+from accelcal.data.run_labels import NO_LABELS, RunLabels
 
 
 class RecordingError(ValueError):
@@ -99,6 +100,8 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     position_steps: tuple[PositionStep, ...] = ()
     """Jumps of the position that were found; the replay starts anew behind each."""
+    labels: RunLabels = NO_LABELS
+    """When, how mounted, by whom."""
     dwells: Dwells | None = None
     """Static dwells of the same sensor: further rows of the regression of this run."""
 

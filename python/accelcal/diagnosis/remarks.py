@@ -135,6 +135,7 @@ KINDS: dict[str, Kind] = {
         "sensor and reference cannot be told apart there",
     ),
     "run_to_run": Kind("beside", "{text}"),
+    "goes_with": Kind("beside", "{text}"),
     "transverse_coherence": Kind(
         "beside",
         "The residual is coherent with {channel} between {low:.2g} Hz and {high:.2g} Hz: {share:.0f} % of its power "

@@ -258,8 +258,11 @@ def verdict_on(
 
 
 def run_to_run(fit: Fit) -> tuple[Remark, ...]:
-    """Remarks on coefficients that differ from run to run."""
+    """Remarks on coefficients that differ from run to run, and on what they go with."""
     return tuple(
+        remark("goes_with", text=one.sentence, parameter=one.parameter, covariate=one.covariate, p=one.p_value)
+        for one in fit.goes_with
+    ) + tuple(
         remark(
             "run_to_run",
             text=spread.sentence(fit[spread.name].value),

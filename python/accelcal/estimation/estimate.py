@@ -31,10 +31,11 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.rows import measure_noise
 from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.run_to_run import SeenByRuns, Spread
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.model import Estimate, Model, Prior, terms_of
@@ -78,6 +79,8 @@ class Fit:
     tilt: float = 0.0
     """Turning of the axis that would explain the slow residual, degrees rms; 0 where there is none to explain, or where
     orientation was recorded."""
+    goes_with: tuple[GoesWith, ...] = ()
+    """What coefficients that differ from run to run go with; model files have their remarks alone."""
     dwells: DwellFit | None = None
     """What is left of the dwells of the fit; None where it has none."""
 
@@ -336,6 +339,8 @@ def result(solution: Solution) -> Fit:
         if s.run.recording.dwells is not None
     ]
     remarks += [text for one in still for text in one.remarks]
+    found = covariates_found(solution)
+    remarks += [one.sentence for one in found]
     means = {e.name: e.value for e in estimates}
     remarks += [spread.sentence(means[spread.name]) for spread in spreads]
     if not solution.converged:
@@ -356,6 +361,7 @@ def result(solution: Solution) -> Fit:
         shapes=(*solution.shapes, *held_shapes(model)),
         spreads=spreads,
         seen_by_runs=solution.seen_by_runs,
+        goes_with=found,
         dwells=still[0] if still else None,
     )
 
@@ -406,6 +412,18 @@ def over_runs(solution: Solution) -> tuple[tuple[Estimate, ...], Array, tuple[Sp
             estimates.append(replace(e, value=float(value[number]), std=float(std[number]), run=None))
             number += 1
     return tuple(estimates), covariance, tuple(spreads)
+
+
+def covariates_found(solution: Solution) -> tuple[GoesWith, ...]:
+    """What coefficients that differ from run to run go with."""
+    recordings = [state.run.recording for state in solution.states]
+    units = {term.name: term.unit for term in solution.model.terms}
+    found = (
+        goes_with(name, between, covariates_of(recordings, units[name]))
+        for name, between in solution.between.items()
+        if between.p_value < SPREAD_ALPHA
+    )
+    return tuple(one for one in found if one is not None)
 
 
 def name_of(run: PreparedRun) -> str:

@@ -80,6 +80,8 @@ class BetweenRuns:
     """Variance of each within its run, (n,)."""
     u: Array
     """Share of the mean in each, (n,)."""
+    turn: Array
+    """Share of every run in each, (n, runs)."""
 
     @classmethod
     def of(cls, information: Array, right: Array, rows: Sequence[int]) -> BetweenRuns:
@@ -93,7 +95,7 @@ class BetweenRuns:
         S, g = S * np.outer(size[own], size[own]), g * size[own]
         weight, U = scipy.linalg.eigh(0.5 * (S + S.T))
         seen = weight > UNSEEN * weight[-1]
-        return cls((U.T @ g)[seen] / weight[seen], 1.0 / weight[seen], np.sum(U, axis=0)[seen])
+        return cls((U.T @ g)[seen] / weight[seen], 1.0 / weight[seen], np.sum(U, axis=0)[seen], U.T[seen])
 
     def at(self, D: Array) -> tuple[Array, Array, Array]:
         """Mean over runs, its variance, and the weighted sum of squares about it, at variances D between runs, (k,)

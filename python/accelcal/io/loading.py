@@ -86,6 +86,7 @@ def load(
         name=path.name,
         digest=_digest(path),
         findings=tuple(findings),
+        labels=declared.labels,
     )
     if declared.dwell is None or not declared.dwell.table:
         return recording

@@ -16,6 +16,7 @@ from accelcal.data.dwells import ATTITUDES, DwellSetup
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sense
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
+from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
 
 ASSUMED_AXIS = 'axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2'
 ASSUMED_MOUNT = 'mount is not declared: "normal" is assumed, so the input axis points along the stage axis'
@@ -74,6 +75,8 @@ class Sidecar:
     attitude: Attitude | None = None
     input_axis: tuple[float, float, float] | None = None
     """Direction of the input axis in axes of the sensor, of length 1."""
+    labels: RunLabels = NO_LABELS
+    """When, how mounted, by whom."""
     dwell: DwellSetup | None = None
     """What is declared of dwells; None without that table."""
 
@@ -382,6 +385,7 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "level": _amount("angle", "not negative"),
         "misalignment": _amount("angle", "not negative"),
     },
+    "run": {"date": days_of, "mounting": _text, "operator": _text},
     "dwell": {
         "attitude": _one_of(*ATTITUDES, "unknown"),
         "angle": _amount("angle"),
@@ -413,6 +417,7 @@ def _sidecar(content: Mapping[str, Any], path: Path) -> Sidecar:
             channels={name: source for name, (source, _) in channels.items()},
             attitude=attitude,
             input_axis=input_axis,
+            labels=RunLabels(**tables["run"]),
             dwell=_dwell(tables["dwell"]) if "dwell" in content else None,
         )
     except _KeyError as error:

@@ -1,0 +1,41 @@
+"""What sets one run apart from another of the same sensor: when, how mounted, by whom."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+
+
+@dataclass(frozen=True, slots=True)
+class RunLabels:
+    """Labels of one run; None or empty = not declared."""
+
+    date: float | None = None
+    """Days since 1970-01-01 UTC."""
+    mounting: str = ""
+    """Name of the mounting; runs between which the sensor stayed in place share it."""
+    operator: str = ""
+
+
+NO_LABELS = RunLabels()
+
+
+def days_of(found: object) -> float:
+    """Days since 1970 of a date, or a date with time, as TOML has them or as ISO 8601; UTC where no zone is given.
+
+    Raises
+    ------
+    ValueError
+        If it is no date.
+    """
+    if isinstance(found, str):
+        try:
+            found = datetime.fromisoformat(found)
+        except ValueError:
+            raise ValueError(f"found {found!r}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00") from None
+    if isinstance(found, datetime):
+        at = found if found.tzinfo else found.replace(tzinfo=UTC)
+        return at.timestamp() / 86400.0
+    if isinstance(found, date):
+        return float((found - date(1970, 1, 1)).days)
+    raise ValueError(f"found {found!r}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")

@@ -1,0 +1,148 @@
+"""What a bias that differs from run to run goes with: rates over campaigns, closed forms, whole fits."""
+
+import dataclasses
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import accelcal as ac
+from accelcal.data.run_labels import RunLabels, days_of
+from accelcal.estimation.run_covariates import (
+    COVARIATE_ALPHA,
+    Covariate,
+    best_likelihood,
+    covariates_of,
+    goes_with,
+    likelihood,
+)
+from accelcal.estimation.run_to_run import SPREAD_ALPHA, BetweenRuns
+
+V = 1e-6
+"""Variance of one run."""
+
+
+def campaign(rng, runs, kind="", d=10.0):
+    """Dates, mountings and temperatures drawn at random; the bias differs by chance, and with one of them at d."""
+    t = np.sort(rng.uniform(0.0, 100.0, runs))
+    mounting = rng.permutation(np.arange(runs) % 2)
+    warm = rng.normal(23.0, 2.0, runs)
+    D = V * 10.0 ** rng.uniform(1.0, 4.0)
+    b = np.sqrt(D) * rng.standard_normal(runs)
+    column = {"line": t, "mounting": 1.0 * mounting, "temperature": warm}.get(kind)
+    if column is not None:
+        away = column - np.mean(column)
+        b = b + d * np.sqrt(D) * away / np.linalg.norm(away)
+    v = V * np.exp(0.5 * rng.standard_normal(runs))
+    y = b + np.sqrt(v) * rng.standard_normal(runs)
+    away = t - t[0]
+    every = [
+        Covariate("line", away[:, None]),
+        Covariate("logarithm", np.log(away + 1.0)[:, None]),
+        Covariate("walk", np.empty((runs, 0)), np.minimum.outer(away, away) / np.mean(away)),
+        Covariate("mounting", 1.0 * mounting[:, None]),
+        Covariate("temperature", warm[:, None]),
+    ]
+    return BetweenRuns.of(np.diag(1.0 / v), y / v, range(runs)), every
+
+
+def test_campaigns_that_differ_by_chance_go_with_nothing():
+    """At a stated rate of 1 % over 300 campaigns of 4 to 12 runs; the tests below are the twin."""
+    found = 0
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        seen, every = campaign(rng, int(rng.integers(4, 13)))
+        found += seen.p_value < SPREAD_ALPHA and goes_with("bias", seen, every) is not None
+    print(f"{found} of 300 campaigns without a cause go with one ({COVARIATE_ALPHA:g} stated, 7 allowed)")
+    assert found <= stats.binom.ppf(0.975, 300, COVARIATE_ALPHA)
+
+
+@pytest.mark.parametrize("kind", ["line", "mounting", "temperature"])
+def test_a_cause_of_ten_standard_deviations_is_named(kind):
+    named, count, z = 0, 40, []
+    for seed in range(count):
+        rng = np.random.default_rng(seed)
+        seen, every = campaign(rng, int(rng.integers(7, 13)), kind)
+        found = goes_with("bias", seen, every)
+        named += found is not None and kind in found.members
+        if found is not None and found.covariate == kind:
+            z.append(found.slope / found.std)
+    print(f"{kind}: named in {named} of {count} campaigns (95 %), {np.median(np.abs(z)):.1f} sigma")
+    assert named >= stats.binom.ppf(0.025, count, 0.95)
+    assert 5.0 < np.median(np.abs(z)) < 20.0
+
+
+def test_a_walk_over_the_dates_is_told_from_chance():
+    members = found = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        seen, every = campaign(rng, 12)
+        t = every[0].columns[:, 0]
+        walk = np.concatenate([[0.0], np.cumsum(np.sqrt(np.diff(t)) * rng.standard_normal(11))])
+        seen = dataclasses.replace(seen, y=seen.turn @ walk)
+        told = goes_with("bias", seen, every)
+        found += told is not None
+        members += told is not None and ("walk" in told.members or told.covariate in ("line", "logarithm"))
+    print(f"a walk: {found} of 30 told, {members} as a change over the dates")
+    assert members >= 15
+    assert found - members <= 3
+
+
+def test_the_likelihood_is_that_of_the_dense_mixed_model():
+    rng = np.random.default_rng(5)
+    seen, every = campaign(rng, 8)
+    y, x = seen.turn.T @ seen.y, every[0].columns[:, 0]
+    V = seen.turn.T @ np.diag(seen.v + 1e-5) @ seen.turn
+    X = np.column_stack([np.ones(8), x])
+    beta = np.linalg.solve(X.T @ np.linalg.solve(V, X), X.T @ np.linalg.solve(V, y))
+    dense = stats.multivariate_normal(X @ beta, V).logpdf(y) + 4.0 * np.log(2.0 * np.pi)
+    assert likelihood(seen.y[None], seen, every[0], 1e-5)[0] == pytest.approx(dense, rel=1e-9)
+    grid = np.array([0.0, 1e-6, 1e-5])
+    assert best_likelihood(seen.y[None], seen, every[0], grid)[0] >= dense
+
+
+def test_dates_are_read_as_toml_and_as_text():
+    noon = datetime(2026, 11, 3, 12, tzinfo=UTC)
+    assert days_of(noon) == pytest.approx(20760.5)
+    assert days_of("2026-11-03") == 20760.0
+    assert days_of(noon.date()) == 20760.0
+    with pytest.raises(ValueError, match="expected a date such as"):
+        days_of("yesterday")
+
+
+def labelled(number, bias, **labels):
+    made = ac.simulate(
+        "tones",
+        seconds=8.0,
+        rig=ac.CXL02_RIG,
+        parameters={"bias": bias, "scale_factor": 0.01},
+        rng=np.random.default_rng(number),
+    )
+    return dataclasses.replace(made.recording, name=f"run{number}", labels=RunLabels(**labels))
+
+
+def test_a_fit_tells_that_the_bias_drifts_over_the_dates():
+    rng = np.random.default_rng(3)
+    days = [0.0, 11.0, 30.0, 47.0, 58.0, 80.0, 92.0]
+    runs = [
+        labelled(k, 0.05 + 1e-3 * day + 2e-3 * rng.standard_normal(), date=day, mounting="AB"[k % 2])
+        for k, day in enumerate(days)
+    ]
+    fit = ac.fit(ac.Model.linear(), runs)
+    found = fit.goes_with[0]
+    print(found.sentence)
+    assert "line" in found.members
+    assert found.parameter == "bias"
+    assert any("drift" in text for text in fit.remarks)
+    if found.covariate == "line":
+        assert abs(found.slope - 1e-3) < 4.0 * found.std
+    judged = ac.diagnose(fit, runs)
+    assert "goes_with" in {one.code for one in judged.remarks}
+
+
+def test_what_is_the_same_in_all_runs_or_not_declared_is_not_tried():
+    runs = [labelled(k, 0.05, date=float(k), mounting="A", operator="AB"[k % 2]) for k in range(4)]
+    names = {one.name for one in covariates_of(runs, "m/s²")}
+    assert names == {"line", "logarithm", "walk", "operator"}
+    assert covariates_of([*runs[:3], labelled(4, 0.05)], "m/s²") == []
