@@ -39,6 +39,7 @@ LAYERS = (
     "plots",
     "paper",
     "report",
+    "fleet",
     "app",
     "notebook",
     "cli",

@@ -4,7 +4,7 @@ Grammar everywhere: model first, recording second. Data go to stdout, messages t
 Exit codes: 0 success, 2 usage, 3 bad data, 4 not identifiable, 130 interrupted.
 """
 
-from accelcal.cli import data, dwells, models, diagnosis, export, demo  # noqa: F401, I001  (importing a file registers its commands, in this order)
+from accelcal.cli import data, dwells, models, diagnosis, fleet, export, demo  # noqa: F401, I001  (importing a file registers its commands, in this order)
 from accelcal.cli.data import write_recording
 from accelcal.cli.common import app, main
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from accelcal.data.recording import Recording
     from accelcal.diagnosis.dwells import DwellDiagnosis
     from accelcal.estimation.estimate import Fit
+    from accelcal.fleet.summary import Fleet
     from accelcal.model import Estimate
     from accelcal.selection.improvement import Improvement
 
@@ -305,6 +306,32 @@ def show_dwells(found: Fit) -> None:
             f"scatter between dwells over noise within them: {of.ratio:.3g}; "
             f"p = {of.p_value:.2g} under all that is declared"
         )
+
+
+def show_fleet(found: Fleet) -> None:
+    """Print the population of every parameter, then one line a sensor, then what is remarkable."""
+    rows = []
+    for name in found.populations:
+        one = found.parameter_to_dict(name)
+        spread = [
+            f"{one[k]['value']:.3g} ({one[k]['low']:.2g} .. {one[k]['high']:.2g})"
+            for k in ("between_sensors", "run_to_run")
+        ]
+        rows.append(
+            (name, short(one["mean"], one["mean_std"]), one["unit"], *spread, f"{2.0 * one['next_run_std']:.2g}")
+        )
+    if rows:
+        show_table(("parameter", "mean (std)", "unit", "between sensors", "run to run", "next run +-"), rows)
+    lines = []
+    for i in range(len(found.sensors)):
+        content = found.sensor_to_dict(i)
+        each = [short(one["value"], one["std"]) for one in content["parameters"].values()]
+        lines.append((content["sensor"], str(content["runs"]), *each))
+    show_table(("sensor", "runs", *found.populations), lines)
+    for text in found.sentences:
+        print(f"note: {text}")
+    for file, error in found.errors.items():
+        print(f"not fitted: {file}: {error.strip().splitlines()[-1]}")
 
 
 def show_dwell_diagnosis(found: DwellDiagnosis) -> None:

@@ -1,0 +1,105 @@
+"""The command on many sensors: each recording fitted once, resumable, then one summary."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from accelcal.cli.common import Json, Output, UsageError, app, print_json, print_status, progress, with_exit_codes
+
+READABLE = (".csv", ".txt", ".tsv", ".parquet", ".npz", ".mat", ".h5", ".hdf5")
+
+
+@app.command()
+@with_exit_codes
+def fleet(
+    folders: Annotated[
+        list[Path], typer.Argument(help="One folder of recordings for each sensor.", metavar="FOLDER...")
+    ],
+    model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
+    store: Annotated[
+        Path, typer.Option("--store", help="File that keeps what is done; a call goes on from it.")
+    ] = Path("fleet.sqlite"),
+    workers: Annotated[int, typer.Option("--workers", help="Processes on this machine.", min=1)] = 1,
+    dask: Annotated[
+        str | None, typer.Option("--dask", help="Address of a dask scheduler, in place of --workers.")
+    ] = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Fit every recording of many sensors once and compare the sensors: population, outliers, repeatability, ageing.
+
+    A killed call loses nothing: the next one goes on. The page is written with -o fleet.html.
+
+    Example: [bold]accelcal fleet sensors/*/ -o fleet.html[/bold]
+    """
+    from accelcal import campaign
+    from accelcal.cli.printing import show_fleet
+    from accelcal.fleet.summary import summarise
+    from accelcal.fleet.task import MODELS, fit_of
+
+    if model not in MODELS:
+        raise UsageError(f"--model {model!r}: expected {' or '.join(MODELS)}")
+    files = recordings_in(folders)
+    with executor(workers, dask) as pool, progress("fleet") as report:
+        done = campaign.run(
+            fit_of,
+            [str(file) for file in files],
+            store=store,
+            parameters={"model": model},
+            executor=pool,
+            batch=1,
+            progress=lambda count, total: report(count / total),
+        )
+    print_status(f"{done.computed} recordings fitted, {done.kept} found in {store}, {done.failed} refused")
+    found = summarise(campaign.load(store))
+    if output is not None:
+        from accelcal.fleet.page import html
+        from accelcal.io import atomic_write
+
+        atomic_write(output, html(found, output.parent))
+        print_status(f"wrote {output}")
+    if json:
+        print_json(found.to_dict())
+    else:
+        show_fleet(found)
+
+
+def recordings_in(folders: list[Path]) -> list[Path]:
+    """Recordings of every folder, in order.
+
+    Raises
+    ------
+    UsageError
+        If a folder is none or holds no recording, or two have one name.
+    """
+    files: list[Path] = []
+    names: dict[str, Path] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(f"{folder}: expected a folder with the recordings of one sensor")
+        same = names.setdefault(folder.resolve().name, folder)
+        if same is not folder:
+            raise UsageError(f"{folder} and {same} have one name, which is that of the sensor; rename one of them")
+        found = sorted(path for path in folder.iterdir() if path.suffix.lower() in READABLE and path.is_file())
+        if not found:
+            raise UsageError(f"{folder}: no recording in it ({', '.join(READABLE)})")
+        files += found
+    return files
+
+
+def executor(workers: int, dask: str | None) -> AbstractContextManager[Executor | None]:
+    """Processes of this machine, or a cluster; None computes in threads of this process."""
+    if dask is not None:
+        try:
+            from distributed import Client  # type: ignore[import-untyped,unused-ignore]
+        except ImportError as error:
+            raise UsageError('--dask needs dask; install it with: pip install "accelcal[dask]"') from error
+        client: Any = Client
+        return nullcontext(client(dask).get_executor())
+    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))

@@ -1,0 +1,247 @@
+"""A fleet in numbers: every parameter's population, every sensor, every run, and control charts over the dates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.campaign import Results
+from accelcal.data.arrays import Array
+from accelcal.fleet.population import Population, population
+from accelcal.fleet.task import STD
+from accelcal.model import Model
+
+SCHEMA = "accelcal/fleet/1"
+LIMIT = 3.0
+"""Standard deviations of a control chart."""
+OUTLYING = 0.01
+"""Probability, over all sensors, below which one is outlying."""
+AGEING_ALPHA = 0.01
+"""Probability, over all sensors and parameters, below which a slope over the dates is ageing."""
+NO_SHORTER = 0.9
+"""Share of a calibration beyond which the population does not help."""
+FEWEST_DATES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """One parameter of one sensor over the dates of its runs."""
+
+    sensor: str
+    parameter: str
+    days: tuple[float, ...]
+    """Since 1970."""
+    values: tuple[float, ...]
+    std: tuple[float, ...]
+    """Of each value about the mean: fit and run-to-run together."""
+    mean: float
+    outside: tuple[int, ...]
+    """Runs beyond three standard deviations."""
+    slope: float
+    """Per year."""
+    slope_std: float
+    p_value: float
+    """Over all charts."""
+
+    @property
+    def ages(self) -> bool:
+        """Whether the slope is more than chance."""
+        return self.p_value < AGEING_ALPHA
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fleet:
+    """Many runs of many sensors."""
+
+    sensors: tuple[str, ...]
+    files: tuple[str, ...]
+    """Of all runs that were fitted, in the order in which they were given."""
+    sensor_of: NDArray[np.intp]
+    """Number of the sensor of each."""
+    values: dict[str, Array]
+    """By name, as `fleet.task` keeps them, (runs,)."""
+    parameters: dict[str, str]
+    """Unit of each parameter of the sensor."""
+    populations: dict[str, Population]
+    """Of each parameter; empty for a single sensor."""
+    charts: tuple[Chart, ...]
+    errors: dict[str, str]
+    """By file, why it was not fitted."""
+
+    @property
+    def outlying(self) -> list[tuple[str, str, float]]:
+        """Sensor, parameter and probability of all that are outlying."""
+        return [
+            (self.sensors[i], name, float(p))
+            for name, found in self.populations.items()
+            for i, p in enumerate(found.outlying)
+            if p < OUTLYING
+        ]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What is remarkable, for people."""
+        said = [
+            f"{name} of {sensor} is outlying among {len(self.sensors)} sensors (p = {p:.1g})"
+            for sensor, name, p in self.outlying
+        ]
+        said += [
+            f"{chart.parameter} of {chart.sensor} ages: {chart.slope:.3g} ± {chart.slope_std:.2g} "
+            f"{self.parameters[chart.parameter].removeprefix('1')} per year".rstrip()
+            + f" (p = {chart.p_value:.1g})"
+            for chart in self.charts
+            if chart.ages
+        ]
+        said += [
+            f"{chart.parameter} of {chart.sensor}: {len(chart.outside)} of {len(chart.days)} runs beyond "
+            f"{LIMIT:g} standard deviations"
+            for chart in self.charts
+            if chart.outside and not chart.ages
+        ]
+        for name, found in self.populations.items():
+            std = float(np.median(self.values[name + STD]))
+            share = found.shorter(std)
+            if share < NO_SHORTER:
+                said.append(
+                    f"{name}: with the population as prior the next sensor needs {100.0 * share:.0f} % of the "
+                    "length of a calibration"
+                )
+        failed = len(self.errors)
+        if failed:
+            said.append(f"{failed} of {failed + len(self.files)} recordings could not be fitted")
+        return said
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values ready for JSON."""
+        runs: list[dict[str, Any]] = []
+        for k, file in enumerate(self.files):
+            row = {name: float(y[k]) for name, y in self.values.items()}
+            runs.append({"file": file, "sensor": self.sensors[self.sensor_of[k]], **row})
+        return {
+            "schema": SCHEMA,
+            "sentences": self.sentences,
+            "parameters": {name: self.parameter_to_dict(name) for name in self.populations},
+            "sensors": [self.sensor_to_dict(i) for i in range(len(self.sensors))],
+            "charts": [{**asdict(chart), "ages": chart.ages} for chart in self.charts],
+            "runs": runs,
+            "errors": self.errors,
+        }
+
+    def parameter_to_dict(self, name: str) -> dict[str, Any]:
+        """Population of a parameter."""
+        found = self.populations[name]
+        return {
+            "unit": self.parameters[name],
+            "mean": found.mean,
+            "mean_std": found.mean_std,
+            "between_sensors": asdict(found.between_sensors),
+            "run_to_run": asdict(found.run_to_run),
+            "next_sensor_std": found.next_sensor_std,
+            "next_run_std": found.next_run_std,
+            "calibration_share": found.shorter(float(np.median(self.values[name + STD]))),
+        }
+
+    def sensor_to_dict(self, i: int) -> dict[str, Any]:
+        """Estimates of one sensor, given the population."""
+        each = {
+            name: {"value": float(found.sensors[i]), "std": float(found.sensors_std[i]), "p": float(found.outlying[i])}
+            for name, found in self.populations.items()
+        }
+        return {"sensor": self.sensors[i], "runs": int(np.count_nonzero(self.sensor_of == i)), "parameters": each}
+
+
+def sensor_name(file: str) -> str:
+    """Sensor of a recording: the folder that it is in."""
+    return Path(file).parent.name or "."
+
+
+def summarise(results: Results) -> Fleet:
+    """Everything that follows from the fits of a fleet; no recording is read.
+
+    Raises
+    ------
+    ValueError
+        If no recording was fitted.
+    """
+    good = np.array([item not in results.errors for item in results.items], dtype=np.bool_)
+    files = tuple(item for item, kept in zip(results.items, good, strict=True) if kept)
+    if not files:
+        first = next(iter(results.errors.items()), ("", ""))
+        raise ValueError(f"no recording of the fleet could be fitted; {first[0]}: {first[1].strip().splitlines()[-1]}")
+    values = {name: y[good] for name, y in results.values.items()}
+    names = [sensor_name(file) for file in files]
+    sensors = tuple(dict.fromkeys(names))
+    sensor_of = np.array([sensors.index(name) for name in names], dtype=np.intp)
+    parameters = {
+        term.name: term.unit for term in Model.cubic().terms if term.name in values and term.owner == "sensor"
+    }
+    populations = {}
+    if len(sensors) > 1:
+        populations = {name: population(values[name], values[name + STD], sensor_of) for name in parameters}
+    charts = control_charts(sensors, sensor_of, values, tuple(parameters), populations)
+    return Fleet(sensors, files, sensor_of, values, parameters, populations, charts, dict(results.errors))
+
+
+def control_charts(
+    sensors: Sequence[str],
+    sensor_of: NDArray[np.intp],
+    values: dict[str, Array],
+    parameters: Sequence[str],
+    populations: dict[str, Population],
+) -> tuple[Chart, ...]:
+    """A chart for each parameter of each sensor with enough dated runs."""
+    found = []
+    for i, sensor in enumerate(sensors):
+        mine = np.flatnonzero((sensor_of == i) & np.isfinite(values["date"]))
+        if len(set(values["date"][mine].tolist())) < FEWEST_DATES:
+            continue
+        mine = mine[np.argsort(values["date"][mine], kind="stable")]
+        for name in parameters:
+            between = populations[name].run_to_run.value if name in populations else 0.0
+            found.append(
+                chart(sensor, name, values["date"][mine], values[name][mine], values[name + STD][mine], between)
+            )
+    return tuple(corrected(one, len(found)) for one in found)
+
+
+def chart(sensor: str, name: str, days: Array, y: Array, std: Array, between: float) -> Chart:
+    """Mean, limits and slope of one parameter.
+
+    Limits are those of fit and run-to-run together. The slope is judged by the scatter of its own runs about the line,
+    so that one sensor that ages does not hide behind the spread that it adds to all.
+    """
+    spread = np.hypot(std, between)
+    mean = float(np.sum(y / spread**2) / np.sum(1.0 / spread**2))
+    w = 1.0 / std**2
+    t = (days - float(w @ days / np.sum(w))) / 365.25
+    information = float(w @ t**2)
+    slope = float(w @ (t * y)) / information
+    left = y - float(w @ y / np.sum(w)) - slope * t
+    freedom = len(y) - 2
+    slope_std = math.sqrt(max(1.0, float(w @ left**2) / freedom) / information)
+    sigma = np.abs(y - mean) / spread
+    return Chart(
+        sensor=sensor,
+        parameter=name,
+        days=tuple(days.tolist()),
+        values=tuple(y.tolist()),
+        std=tuple(spread.tolist()),
+        mean=mean,
+        outside=tuple(int(k) for k in np.flatnonzero(sigma > LIMIT)),
+        slope=slope,
+        slope_std=slope_std,
+        p_value=2.0 * float(scipy.special.stdtr(freedom, -abs(slope) / slope_std)),
+    )
+
+
+def corrected(one: Chart, count: int) -> Chart:
+    """The chart with its probability over all charts (Sidak)."""
+    p = -math.expm1(count * math.log1p(-min(one.p_value, 1.0 - 1e-16)))
+    return Chart(**{**{key: getattr(one, key) for key in one.__slots__}, "p_value": p})

@@ -1,0 +1,191 @@
+"""Many sensors: components against the analysis of variance and by simulation; the command, killed and resumed."""
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal import campaign
+from accelcal.cli import app, write_recording
+from accelcal.fleet import task
+from accelcal.fleet.population import population
+from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, summarise
+from accelcal.fleet.task import fit_of
+from accelcal.serialization import model_file
+
+SENSORS, RUNS = 24, 4
+
+
+def drawn(rng, sensors=SENSORS, runs=RUNS, between=3.0, within=1.0, error=0.3):
+    sensor = np.repeat(np.arange(sensors), runs)
+    std = error * np.exp(0.3 * rng.standard_normal(len(sensor)))
+    y = 10.0 + between * rng.standard_normal(sensors)[sensor] + within * rng.standard_normal(len(sensor))
+    return y + std * rng.standard_normal(len(sensor)), std, sensor
+
+
+def test_equal_runs_give_the_analysis_of_variance():
+    y, _, sensor = drawn(np.random.default_rng(1))
+    found = population(y, np.full(len(y), 1e-6), sensor)
+    each = y.reshape(SENSORS, RUNS)
+    within = np.sum((each - each.mean(axis=1, keepdims=True)) ** 2) / (SENSORS * (RUNS - 1))
+    between = np.var(each.mean(axis=1), ddof=1) - within / RUNS
+    assert found.run_to_run.value == pytest.approx(math.sqrt(within), rel=1e-4)
+    assert found.between_sensors.value == pytest.approx(math.sqrt(between), rel=1e-4)
+    assert found.mean == pytest.approx(np.mean(y), rel=1e-9)
+
+
+def test_components_mean_and_intervals_hold_over_fleets():
+    """100 fleets: z-rms of mean and sensors, coverage of 95 % intervals within its 99 % region, false outliers."""
+    z, sensors, inside, outliers = [], [], [], 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        S = 3.0 * rng.standard_normal(SENSORS)
+        sensor = np.repeat(np.arange(SENSORS), RUNS)
+        std = 0.3 * np.exp(0.3 * rng.standard_normal(len(sensor)))
+        y = 10.0 + S[sensor] + np.hypot(1.0, std) * rng.standard_normal(len(sensor))
+        found = population(y, std, sensor)
+        z.append((found.mean - 10.0) / found.mean_std)
+        sensors.append((found.sensors - 10.0 - S) / found.sensors_std)
+        inside += [c.low <= truth <= c.high for c, truth in ((found.between_sensors, 3.0), (found.run_to_run, 1.0))]
+        outliers += np.any(found.outlying < OUTLYING)
+    low, high = stats.binom.ppf([0.005, 0.995], len(inside), 0.95)
+    rms = [float(np.sqrt(np.mean(np.square(each)))) for each in (z, sensors)]
+    print(f"z-rms of the mean {rms[0]:.2f} of 100, of sensors {rms[1]:.3f} of {100 * SENSORS}; {sum(inside)} inside")
+    assert low <= sum(inside) <= high
+    assert stats.chi2.ppf(0.005, 100) < 100 * rms[0] ** 2 < stats.chi2.ppf(0.995, 100)
+    assert 0.9 < rms[1] < 1.1
+    assert outliers <= stats.binom.ppf(0.975, 100, OUTLYING)
+
+
+def test_an_outlying_sensor_is_found_in_every_fleet():
+    for seed in range(20):
+        y, std, sensor = drawn(np.random.default_rng(seed))
+        y[sensor == 7] += 25.0
+        found = population(y, std, sensor)
+        assert found.outlying[7] < OUTLYING
+        assert np.count_nonzero(found.outlying < OUTLYING) == 1
+
+
+def test_one_run_a_sensor_leaves_one_spread_and_one_sensor_is_no_fleet():
+    y, std, _ = drawn(np.random.default_rng(2), runs=1)
+    found = population(y, std, np.arange(SENSORS))
+    assert found.run_to_run.value == 0.0
+    assert found.between_sensors.value == pytest.approx(np.std(y, ddof=1), rel=0.05)
+    with pytest.raises(ValueError, match="at least two"):
+        population(y, std, np.zeros(SENSORS, dtype=np.intp))
+
+
+def test_a_prior_shortens_a_calibration_that_is_coarser_than_the_population():
+    y, std, sensor = drawn(np.random.default_rng(3), within=0.01, error=0.01)
+    found = population(y, std, sensor)
+    wide = found.next_run_std
+    assert found.shorter(0.5 * wide) == pytest.approx(0.75)
+    assert found.shorter(2.0 * wide) == 0.0
+    # a normal prior and a reading of a shorter calibration give the variance of the whole one
+    s, share = 0.5 * wide, 0.75
+    assert 1.0 / (1.0 / wide**2 + share / s**2) == pytest.approx(s**2)
+
+
+@pytest.fixture(scope="module")
+def sensors(tmp_path_factory):
+    """Four sensors of five runs: the bias of s1 grows, that of s3 is elsewhere; one file of s2 is broken."""
+    folder, rng = tmp_path_factory.mktemp("fleet"), np.random.default_rng(1)
+    for i in range(4):
+        k, b = 0.01 + 0.003 * rng.standard_normal(), 0.05 + 0.4 * (i == 3)
+        (folder / f"s{i}").mkdir()
+        for j in range(5):
+            bias = b + 5e-4 * rng.standard_normal() + 0.02 * j * (i == 1)
+            truth = {"bias": bias, "scale_factor": k}
+            made = ac.simulate("tones", seconds=6.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+            side = write_recording(made.recording, folder / f"s{i}" / f"r{j}.csv")
+            side.write_text(f"{side.read_text()}\n[run]\ndate = 2026-{j + 1:02d}-0{i + 1}\n")
+    (folder / "s2" / "r4.csv").write_text("t_s,accel_g\n0,1\n")
+    (folder / "s0" / "r2.html").write_text("a report")
+    return folder
+
+
+def run(folder, store, *options):
+    names = [str(folder / f"s{i}") for i in range(4)]
+    return CliRunner().invoke(app, ["fleet", *names, "--store", str(store), *options])
+
+
+def test_a_fleet_is_compared_and_its_page_links_reports(sensors, tmp_path):
+    page = sensors / "fleet.html"
+    done = run(sensors, tmp_path / "a.sqlite", "--workers", "2", "-o", str(page), "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert found["parameters"]["scale_factor"]["between_sensors"]["value"] > 1e-3
+    assert [chart["sensor"] for chart in found["charts"] if chart["ages"]] == ["s1"]
+    assert [len(found["errors"]), len(found["runs"])] == [1, 19]
+    assert any("1 of 20 recordings could not be fitted" in text for text in found["sentences"])
+    text = page.read_text()
+    assert 'href="s0/r2.html"' in text
+    assert "bias of s1 ages" in text
+    assert text.count("<tr>") > 19 + 4
+    assert "http://" not in text  # opens offline
+    assert "https://" not in text
+
+
+def test_workers_do_not_change_a_byte_and_nothing_is_computed_twice(sensors, tmp_path):
+    one = run(sensors, tmp_path / "one.sqlite", "--json")
+    two = run(sensors, tmp_path / "two.sqlite", "--workers", "2", "--json")
+    assert one.stdout == two.stdout
+    again = run(sensors, tmp_path / "two.sqlite", "--json")
+    assert again.stdout == two.stdout
+    assert "0 recordings fitted, 20 found" in again.stderr
+
+
+def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
+    files = [str(path) for i in range(4) for path in sorted((sensors / f"s{i}").glob("*.csv"))]
+    whole, half = tmp_path / "whole.sqlite", tmp_path / "half.sqlite"
+    campaign.run(fit_of, files, store=whole, parameters={"model": "linear"})
+
+    def killed(done, total):
+        if done == 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        campaign.run(fit_of, files, store=half, parameters={"model": "linear"}, batch=1, progress=killed)
+    kept = len(campaign.load(half).items)
+    assert 7 <= kept < 20
+    done = campaign.run(fit_of, files, store=half, parameters={"model": "linear"})
+    assert (done.computed, done.kept) == (20 - kept, kept)
+    kept, made = (model_file.dumps(summarise(campaign.load(store)).to_dict()) for store in (half, whole))
+    assert kept == made
+
+
+def test_what_cannot_be_a_fleet_is_refused(sensors, tmp_path):
+    def told(*names):
+        done = CliRunner().invoke(app, ["fleet", *map(str, names), "--store", str(tmp_path / "x.sqlite")])
+        assert done.exit_code != 0
+        return done.stderr
+
+    assert "expected a folder with the recordings of one sensor" in told(sensors / "s0" / "r0.csv")
+    (tmp_path / "s0").mkdir()
+    assert "have one name" in told(sensors / "s0", tmp_path / "s0")
+    assert "no recording in it" in told(tmp_path / "s0")
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "a.csv").write_text("t_s,accel_g\n0,1\n")
+    assert "no recording of the fleet could be fitted" in told(tmp_path / "bad")
+
+
+def test_a_sensor_that_does_not_age_is_not_said_to(sensors):
+    """Slopes of 200 charts of chance alone, at a stated rate of 1 % of campaigns of ten."""
+    from accelcal.fleet.summary import chart, corrected
+
+    rng, false = np.random.default_rng(5), 0
+    for _ in range(60):
+        days = np.sort(rng.uniform(0.0, 400.0, 6))
+        charts = [
+            chart(f"s{k}", "bias", days, 2e-3 * rng.standard_normal(6), np.full(6, 1e-4), 2e-3) for k in range(10)
+        ]
+        false += any(corrected(one, 10).p_value < AGEING_ALPHA for one in charts)
+    print(f"{false} of 60 campaigns of ten sensors say that one ages ({AGEING_ALPHA:g} stated)")
+    assert false <= stats.binom.ppf(0.975, 60, AGEING_ALPHA)
+    assert set(task.MODELS) == {"linear", "cubic"}
+    assert replace(charts[0], p_value=0.0).ages
