@@ -74,6 +74,15 @@ def test_a_tumble_is_generalised_least_squares():
     assert fit["time_offset"].std == 0.0
 
 
+def test_angles_do_not_take_the_scale_factor():
+    """At +-1 g any angle is as good, and those dwells weigh most: a wrong scale must not turn them."""
+    for seed in range(20):
+        dwells = tumble(np.random.default_rng(seed), {**TRUTH, "scale_factor": 0.03}, angle_std=9e-4, instability=0.0)
+        fit = ac.fit(ac.Model.cubic(), dwells)
+        assert abs(fit.dwells.zeros[0][1]) < 4.0 * 9e-4
+        assert abs(fit["scale_factor"].value - 0.03) < 5.0 * fit["scale_factor"].std
+
+
 @pytest.mark.parametrize("understated", [False, True])
 def test_tumbles_with_errors_of_the_angle_are_consistent(understated):
     """NEES of 100 tumbles in its 99 % region; the twin declares a third of the error of the angles."""

@@ -23,6 +23,7 @@ from accelcal.paper.gaps import CURVED_SENSOR, GAP, gap_ends, gap_errors, gaps_i
 from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scale_update_item
 from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
+from accelcal.paper.standard_tests import standard_tests_item
 from accelcal.paper.tracks import CUBIC_SENSOR, parameter_tracks, tracks_item
 from accelcal.paper.tuning import ACI, CWPA
 from accelcal.paper.vibration import table_row, vibration_item
@@ -61,6 +62,7 @@ FALSE_CLAIMS = {
         vibration_item,
         gaps_item,
         question_item,
+        standard_tests_item,
         lambda plan: tracks_item(plan)[0],
     ],
     ids=[
@@ -73,6 +75,7 @@ FALSE_CLAIMS = {
         "vibration",
         "gaps",
         "question",
+        "standard_tests",
         "tracks",
     ],
 )

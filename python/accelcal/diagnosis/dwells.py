@@ -66,8 +66,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
     model, seen = solution.model, solution.seen
-    variance = seen.scatter**2
-    given = dwell_rows(dwells, model.free, solution.values, fit.origins, scatter=variance)
+    given = dwell_rows(dwells, model.free, solution.values, fit.origins, solution.known)
     squares, freedom = remainder(given)
     names = {term.name for term in model.terms}
     able = [
@@ -76,7 +75,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
         if effect.name not in names and tests(effect) and shown(dwells, effect)
     ]
     terms = [term for effect in able for term in terms_of(effect)]
-    extra = dwell_rows(dwells, terms, solution.values, fit.origins, scatter=variance).columns
+    extra = dwell_rows(dwells, terms, solution.values, fit.origins, solution.known).columns
     basis = scipy.linalg.orth(given.columns / np.maximum(np.linalg.norm(given.columns, axis=0), 1e-300))
     left = given.y - basis @ (basis.T @ given.y)
     exact = seen.scatter == 0.0

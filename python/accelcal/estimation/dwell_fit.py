@@ -12,11 +12,13 @@ from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.dwell_rows import (
     SCATTER_ALPHA,
+    Nuisances,
     acts_at_rest,
     dwell_rows,
     remainder,
-    scatter_between,
     shown,
+    stepped,
+    with_scatter,
 )
 from accelcal.estimation.gauss_newton import Layout, NotIdentifiable, solve
 from accelcal.estimation.values import Values
@@ -94,6 +96,7 @@ class DwellSolution:
     covariance: Array
     log_likelihood: float
     seen: DwellFit
+    known: Nuisances
 
 
 def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolution:
@@ -109,12 +112,14 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
     if not layout.slots:
         raise NotIdentifiable(f"{dwells.name or 'dwells'}: every parameter is held; release at least one")
     x = layout.prior_mean(model)
-    belief, scatter = layout.prior_information(model), 0.0
+    belief, known = layout.prior_information(model), Nuisances()
     for number in range(ROUNDS):
         values = layout.scatter(x, model, 0)
-        if 1 <= number < ROUNDS // 2:
-            scatter = scatter_between(dwells, model, values, origins)
-        rows = dwell_rows(dwells, model.free, values, origins, scatter=scatter)
+        if number > 0:
+            known = stepped(dwells, values, origins, known)
+        if 1 < number < ROUNDS // 2:
+            known = with_scatter(dwells, model, values, origins, known)
+        rows = dwell_rows(dwells, model.free, values, origins, known)
         score = rows.columns.T @ rows.y + belief * (layout.prior_mean(model) - x)
         try:
             step, covariance = solve(rows.columns.T @ rows.columns + np.diag(belief), score, layout)
@@ -124,31 +129,34 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
                 f"{len(set(np.round(np.sin(dwells.angle), 6)))} elevations do not determine it"
             ) from None
         x = x + step
-        if number > 1 and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
+        if number > 2 and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     values = layout.scatter(x, model, 0)
-    squares, _ = remainder(dwell_rows(dwells, model.free, values, origins, scatter=scatter))
-    variance = dwells.variance + scatter
+    known = stepped(dwells, values, origins, known)
+    squares, _ = remainder(dwell_rows(dwells, model.free, values, origins, known))
+    variance = dwells.variance + known.scatter
     return DwellSolution(
         model,
         layout,
         values,
         covariance,
         -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * variance)))),
-        seen_in(dwells, model, values, origins, scatter),
+        seen_in(dwells, model, values, origins, known),
+        known,
     )
 
 
-def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, scatter: float) -> DwellFit:
+def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, known: Nuisances) -> DwellFit:
     """What a model at some values leaves of dwells."""
-    rows = dwell_rows(dwells, model.free, values, origins, scatter=scatter, apart=model.per_run)
+    rows = dwell_rows(dwells, model.free, values, origins, known)
     alone = replace(
         dwells,
         angle_std=0.0,
         rig=replace(dwells.rig, sensor=replace(dwells.rig.sensor, bias_instability=None, random_walk=None)),
     )
-    squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, apart=model.per_run))
-    white, _ = remainder(dwell_rows(alone, model.free, values, origins, apart=model.per_run))
+    plain = replace(known, scatter=0.0)
+    squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, plain))
+    white, _ = remainder(dwell_rows(alone, model.free, values, origins, plain))
     ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
     remarks = list(dwells.assumptions)
@@ -157,8 +165,8 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, scat
         said = (
             "what is declared of the bias and the angles explains it"
             if p_value >= SCATTER_ALPHA
-            else f"{math.sqrt(scatter):.2g} m/s² more than is declared, taken into the uncertainty: instability of the "
-            "bias, angles, or temperature"
+            else f"{math.sqrt(known.scatter):.2g} m/s² more than is declared, taken into the uncertainty: "
+            "instability of the bias, angles, or temperature"
         )
         remarks.append(
             f"{dwells.name or 'dwells'}: the dwells scatter by {left}, {ratio:.2g} times what noise within them "
@@ -169,10 +177,10 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, scat
         digest=dwells.digest,
         angle=tuple(dwells.angle.tolist()),
         residual=tuple(rows.left.tolist()),
-        std=tuple(np.sqrt(dwells.variance + scatter).tolist()),
+        std=tuple(np.sqrt(dwells.variance + known.scatter).tolist()),
         zeros=tuple(rows.zeros.items()),
         ratio=ratio,
-        scatter=math.sqrt(scatter),
+        scatter=math.sqrt(known.scatter),
         p_value=p_value,
         freedom=freedom,
         remarks=tuple(remarks),

@@ -24,8 +24,6 @@ SERIES = 16
 """Samples of the constant series that an effect with memory is evaluated on; the last is what a dwell shows."""
 TURN = 1e-6
 """Half the difference of angles that a slope is taken over, rad."""
-ROUNDS = 4
-"""Newton steps to the angle zeros."""
 ZERO_STD = 0.1
 """Standard deviation of an angle zero where no level is declared, rad: some degrees."""
 SCATTER_ALPHA = 0.01
@@ -58,7 +56,7 @@ class DwellRows:
     zeros: dict[str, float]
     """Angle zero of each group, rad."""
     left: Array
-    """What the model leaves of each mean, (dwells,) m/s²."""
+    """What the model and the angle zeros leave of each mean, (dwells,) m/s²."""
     freedom: int
     """Dwells less the angle zeros that they show."""
 
@@ -99,14 +97,64 @@ def output_at(dwells: Dwells, angle: Array, values: Values, origins: Origins) ->
     return np.asarray(s.a + columns_at(dwells, values.terms, s) @ coefficients)
 
 
+@dataclass(frozen=True, slots=True)
+class Nuisances:
+    """What is estimated of dwells beside the coefficients."""
+
+    zeros: tuple[float, ...] = ()
+    """Angle zero of each group, rad; all 0 where empty."""
+    scatter: float = 0.0
+    """Variance of each mean beyond all that is declared, (m/s²)²."""
+    apart: tuple[str, ...] = ()
+    """Coefficients that the dwells have values of their own of, since they differ from run to run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Linearised:
+    """Dwells at given coefficients and angle zeros."""
+
+    groups: list[str]
+    zeros: Array
+    weight: Array
+    """Inverse standard deviations, (n,)."""
+    left: Array
+    """Mean output less that of the model, (n,) m/s²."""
+    signals: Signals
+    Z: Array
+    """Whitened columns of the angle zeros and of what is apart, the beliefs in the zeros last, (n + groups, z)."""
+    shown: int
+    """Columns of Z that the dwells themselves determine."""
+
+    @property
+    def y(self) -> Array:
+        """Whitened residuals, the beliefs in the zeros last, (n + groups,)."""
+        return np.concatenate([self.weight * self.left, -self.zeros * np.diag(self.Z[len(self.weight) :])])
+
+    @classmethod
+    def at(cls, dwells: Dwells, values: Values, origins: Origins, known: Nuisances) -> Linearised:
+        """Linearise."""
+        groups = sorted(set(dwells.group))
+        member = np.array([[group == g for g in groups] for group in dwells.group], dtype=np.float64)
+        zeros = np.array(known.zeros or (0.0,) * len(groups))
+        angle = dwells.angle + member @ zeros
+        ahead, behind, at = (output_at(dwells, angle + turn, values, origins) for turn in (TURN, -TURN, 0.0))
+        weight = 1.0 / np.sqrt(dwells.variance + known.scatter)
+        slope = (weight * (ahead - behind) / (2.0 * TURN))[:, None] * member
+        belief = np.eye(len(groups)) / (dwells.rig.uncertainty.level or ZERO_STD)
+        signals = signals_at(dwells, angle, values.scale, origins)
+        own = columns_at(dwells, [term for term in values.terms if term.name in known.apart], signals)
+        Z = np.vstack(
+            [
+                np.hstack([slope, weight[:, None] * own]),
+                np.hstack([belief, np.zeros((len(groups), own.shape[1]))]),
+            ]
+        )
+        shown = int(np.count_nonzero(np.linalg.norm(slope, axis=0) > np.diag(belief))) + own.shape[1]
+        return cls(groups, zeros, weight, dwells.mean - at, signals, Z, shown)
+
+
 def dwell_rows(
-    dwells: Dwells,
-    terms: Sequence[Term],
-    values: Values,
-    origins: Origins,
-    *,
-    scatter: float = 0.0,
-    apart: Sequence[str] = (),
+    dwells: Dwells, terms: Sequence[Term], values: Values, origins: Origins, known: Nuisances | None = None
 ) -> DwellRows:
     """Rows at given coefficients.
 
@@ -116,59 +164,48 @@ def dwell_rows(
     terms : coefficients that become columns, (m,).
     values : at which the model is taken.
     origins : zero of the temperature.
-    scatter : further variance of each mean, (m/s²)².
-    apart : coefficients that these dwells have values of their own of; they are eliminated like angle zeros.
+    known : angle zeros to linearise about, further scatter, and what is eliminated like the zeros.
     """
-    groups = sorted(set(dwells.group))
-    member = np.array([[group == g for g in groups] for group in dwells.group], dtype=np.float64)
-    weight = 1.0 / np.sqrt(dwells.variance + scatter)
-    belief = np.eye(len(groups)) / (dwells.rig.uncertainty.level or ZERO_STD)
-    zero = np.zeros(len(groups))
-    for _ in range(ROUNDS):
-        angle = dwells.angle + member @ zero
-        ahead, behind = (output_at(dwells, angle + side * TURN, values, origins) for side in (1.0, -1.0))
-        left = dwells.mean - output_at(dwells, angle, values, origins)
-        slope = (ahead - behind) / (2.0 * TURN)
-        Z = np.vstack([(weight * slope)[:, None] * member, belief])
-        y = np.concatenate([weight * left, -belief @ zero])
-        zero = zero + np.linalg.lstsq(Z, y, rcond=UNSEEN)[0]
-    angle = dwells.angle + member @ zero
-    left = dwells.mean - output_at(dwells, angle, values, origins)
-    s = signals_at(dwells, angle, values.scale, origins)
-    X = np.vstack([weight[:, None] * columns_at(dwells, terms, s), np.zeros((len(belief), len(terms)))])
-    y = np.concatenate([weight * left, -belief @ zero])
-    own = [k for k, term in enumerate(values.terms) if term.name in apart]
-    if own:
-        extra = columns_at(dwells, [values.terms[k] for k in own], s)
-        Z = np.hstack([Z, np.vstack([weight[:, None] * extra, np.zeros((len(belief), len(own)))])])
-    basis = scipy.linalg.orth(Z, rcond=UNSEEN) if np.any(Z) else np.zeros((len(y), 0))
-    free = (weight * slope)[:, None] * member
-    shown_zeros = int(np.count_nonzero(np.linalg.norm(free, axis=0) > np.diag(belief)))
-    freedom = len(dwells) - shown_zeros - len(own)
+    at = Linearised.at(dwells, values, origins, known or Nuisances())
+    X = at.weight[:, None] * columns_at(dwells, terms, at.signals)
+    X = np.vstack([X, np.zeros((len(at.groups), len(terms)))])
+    basis = scipy.linalg.orth(at.Z, rcond=UNSEEN)
+    y = at.y - basis @ (basis.T @ at.y)
     return DwellRows(
         X - basis @ (basis.T @ X),
-        y - basis @ (basis.T @ y),
-        dict(zip(groups, zero.tolist(), strict=True)),
-        left,
-        freedom,
+        y,
+        dict(zip(at.groups, at.zeros.tolist(), strict=True)),
+        y[: len(dwells)] / at.weight,
+        len(dwells) - at.shown,
     )
 
 
-def scatter_between(dwells: Dwells, model: Model, values: Values, origins: Origins) -> float:
-    """Variance between dwells beyond all that is declared, (m/s²)²: 0 where what a model leaves of them is as likely as
-    not; else the one at which its sum of squares is what it should be."""
+def stepped(dwells: Dwells, values: Values, origins: Origins, known: Nuisances) -> Nuisances:
+    """Angle zeros one Newton step on, at given coefficients.
+
+    The zeros follow the coefficients step by step from 0: most likely for coefficients that are far off they would
+    explain what those miss, by turning dwells at ±1 g, where any angle is about as good.
+    """
+    at = Linearised.at(dwells, values, origins, known)
+    step = np.linalg.lstsq(at.Z, at.y, rcond=UNSEEN)[0][: len(at.zeros)]
+    return replace(known, zeros=tuple((at.zeros + step).tolist()))
+
+
+def with_scatter(dwells: Dwells, model: Model, values: Values, origins: Origins, known: Nuisances) -> Nuisances:
+    """The variance between dwells beyond all that is declared: 0 where what a model leaves of them is as likely as not;
+    else the one at which its sum of squares is what it should be."""
 
     def left_over(variance: float) -> tuple[float, int]:
-        rows = dwell_rows(dwells, model.free, values, origins, scatter=variance, apart=model.per_run)
-        return remainder(rows)
+        return remainder(dwell_rows(dwells, model.free, values, origins, replace(known, scatter=variance)))
 
     squares, freedom = left_over(0.0)
     if freedom < 1 or scipy.special.chdtrc(freedom, squares) >= SCATTER_ALPHA:
-        return 0.0
+        return replace(known, scatter=0.0)
     largest = squares * float(np.max(dwells.variance))
     while left_over(largest)[0] > freedom:
         largest *= 4.0
-    return float(scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12))
+    found = scipy.optimize.brentq(lambda v: left_over(v)[0] - freedom, 0.0, largest, rtol=1e-12)
+    return replace(known, scatter=float(found))
 
 
 def remainder(rows: DwellRows) -> tuple[float, int]:

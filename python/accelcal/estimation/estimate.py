@@ -21,15 +21,16 @@ from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
-from accelcal.estimation.dwell_rows import determines
+from accelcal.estimation.dwell_rows import Nuisances, determines
 from accelcal.estimation.gauss_newton import (
+    DWELL_STEPS,
     MAX_ROUNDS,
     Layout,
     NotIdentifiable,
     Solution,
     iterate,
 )
-from accelcal.estimation.rows import measure_noise
+from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
@@ -299,6 +300,7 @@ def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     for _ in range(0 if values.constant else SETTLING - 1):
         state.refresh(values, search_noise=False)
     measure_noise(state, fit.model)
+    settle_dwells(state, fit.model, DWELL_STEPS)
     return state
 
 
@@ -334,7 +336,7 @@ def result(solution: Solution) -> Fit:
     remarks += mostly_prior(layout, covariance, model)
     remarks += [one.sentence for one in solution.seen_by_runs]
     still = [
-        seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.dwell_scatter)
+        seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())
         for s in states
         if s.run.recording.dwells is not None
     ]

@@ -12,7 +12,7 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.estimation.initial import initial_estimate
 from accelcal.estimation.normal_equations import NormalEquations, normal_equations
-from accelcal.estimation.rows import measure_noise
+from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
@@ -29,6 +29,8 @@ NOISE_ROUNDS = 5
 """Rounds in which the noise is estimated anew."""
 CONVERGED = 0.01
 """A round that moves every parameter by less than this share of its standard deviation is the last."""
+DWELL_STEPS = 3
+"""Newton steps of the angle zeros of dwells at coefficients that stay."""
 PER_RUN_OWNERS = ("timing",)
 """Owners whose coefficients belong to each run of a joint fit."""
 
@@ -104,6 +106,7 @@ def iterate(
     solution = estimated(model, initial_states(model, runs, bands), report)
     for index, state in enumerate(solution.states):
         state.refresh(solution.layout.scatter(solution.x, model, index), search_noise=False)
+        settle_dwells(state, model, DWELL_STEPS)
     return solution
 
 

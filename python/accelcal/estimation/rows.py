@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
-from accelcal.estimation.dwell_rows import DwellRows, dwell_rows, scatter_between
+from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
@@ -41,18 +42,25 @@ def rows_of_dwells(state: RunState, terms: Sequence[Term]) -> DwellRows | None:
     dwells = state.run.recording.dwells
     if dwells is None:
         return None
-    return dwell_rows(
-        dwells, terms, state.values, state.run.origins, scatter=state.dwell_scatter, apart=state.dwell_apart
-    )
+    return dwell_rows(dwells, terms, state.values, state.run.origins, state.of_dwells)
 
 
 def measure_noise(state: RunState, model: Model) -> None:
-    """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, the scatter
-    between its dwells."""
+    """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, and the angle
+    zeros of its dwells, a step on, with the scatter between them."""
     state.spectrum = spectrum_of(state, model.free)
-    dwells, state.dwell_apart = state.run.recording.dwells, model.per_run
-    if dwells is not None:
-        state.dwell_scatter = scatter_between(dwells, model, state.values, state.run.origins)
+    settle_dwells(state, model)
+
+
+def settle_dwells(state: RunState, model: Model, steps: int = 1) -> None:
+    """Move the angle zeros of the dwells of a run on by some Newton steps; at first they are 0."""
+    dwells, known = state.run.recording.dwells, state.of_dwells
+    if dwells is None:
+        return
+    at = state.values, state.run.origins
+    for _ in range(0 if known is None and steps == 1 else steps):
+        known = stepped(dwells, *at, replace(known or Nuisances(), apart=model.per_run))
+    state.of_dwells = with_scatter(dwells, model, *at, replace(known or Nuisances(), apart=model.per_run))
 
 
 def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:

@@ -11,6 +11,7 @@ import numpy as np
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter, without_transients
+from accelcal.estimation.dwell_rows import Nuisances
 from accelcal.estimation.initial import initial_coefficients
 from accelcal.estimation.noise import GROWN, LEAST_COUNT, NoiseSearch
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum
@@ -56,10 +57,8 @@ class RunState:
     """Noise by likelihood, before a band is imposed."""
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
-    dwell_scatter: float = 0.0
-    """Variance between the dwells of the recording beyond all that is declared, (m/s²)²."""
-    dwell_apart: tuple[str, ...] = ()
-    """Coefficients that the dwells have values of their own of, since they differ from run to run."""
+    of_dwells: Nuisances | None = None
+    """What was estimated of the dwells of the recording beside the coefficients; None before a fit has."""
     counts: Flags = field(init=False)
     """Readings whose innovations are used, (n,)."""
     whitened: Array = field(init=False)

@@ -19,6 +19,7 @@ from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_it
 from accelcal.paper.question import question_item
 from accelcal.paper.render import render
 from accelcal.paper.rows import Item, Plan, Row
+from accelcal.paper.standard_tests import standard_tests_item
 from accelcal.paper.tracks import tracks_item
 from accelcal.paper.vibration import vibration_item
 
@@ -36,6 +37,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     vibration_item,
     gaps_item,
     question_item,
+    standard_tests_item,
 )
 
 
