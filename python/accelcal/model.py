@@ -191,6 +191,10 @@ class Model:
         """Return the model with some coefficients that differ from run to run."""
         return replace(self, per_run=(*self.per_run, *(n for n in names if n not in self.per_run)))
 
+    def alike(self, *names: str) -> Model:
+        """Return the model with one value for all runs of some coefficients."""
+        return replace(self, per_run=tuple(n for n in self.per_run if n not in names))
+
     def freeze(self, **values: float) -> Model:
         """Return the model with some coefficients or shape parameters (creep.tau) held at given values (SI)."""
         shapes = {name: dict(shape) for name, shape in self.shapes.items()}

@@ -236,7 +236,8 @@ def add(
         if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
         if name in SEEN_BY_RUNS and len(several) > 1 and all(need in r.side for need in effect.needs for r in several):
-            model = model.add(name)  # no single run shows it: the joint fit tells whether all do
+            instead = [one.instead for one in fit.seen_by_runs if one.effect == name]
+            model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
         if states is None or model is not fit.model:
             states = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).states

@@ -210,12 +210,13 @@ def test_the_scale_of_the_encoder_that_no_single_run_shows_is_seen_by_runs_up_an
     """Moved by 5e-4 of the travel; gravity does not move with the encoder. It enters as the sentence says."""
     runs = directions(5e-4, (0.02, 0.02, 0.02), 21)
     found = ac.fit(ac.Model.linear(), runs)
-    assert found.spreads == ()
+    assert [one.effect for one in found.seen_by_runs] == ["encoder_scale"]
     judged = ac.diagnose(found, runs)
     assert judged.verdict == "tied"
     assert judged.sentence.startswith("The runs differ as encoder_scale of")
     assert judged.classes[0].members == ("encoder_scale", "bias")
     added = ac.add(found, runs, "encoder_scale")
+    assert added.spreads == ()
     assert abs(added["encoder_scale"].value - 5e-4) < 4.0 * added["encoder_scale"].std < 1.5e-4
     assert abs(added["scale_factor"].value - 0.01) < 4.0 * added["scale_factor"].std
     assert ac.diagnose(added, runs).verdict == "adequate"

@@ -22,6 +22,7 @@ from accelcal.diagnosis.findings import (
     present,
     with_findings,
 )
+from accelcal.diagnosis.further_run import FurtherRun, further_runs
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
@@ -187,6 +188,8 @@ def verdict_on(
     }
     seen = solution.seen_by_runs[:1] if found.enough and not found.found else ()
     disagreeing = run_agreement(solution.states, model, [one.instead for one in seen])
+    further = further_runs(solution.states, model)
+    telling = {one.effect: further_runs(solution.states, model, [one.instead], [one.effect]) for one in seen}
     signals, origin = solution.states[0].signals, runs[0].origins.t
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
@@ -215,7 +218,12 @@ def verdict_on(
         for name, p in p_values.items()
         if name not in {group.effect for group in groups}
     ]
-    groups += [Confounded(one.effect, (one.effect, one.instead), SEEN_EXPERIMENT) for one in seen]
+    groups += [
+        Confounded(
+            one.effect, (one.effect, one.instead), with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect])
+        )
+        for one in seen
+    ]
     coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
     unsteady = unsteady_effects(found)
     known = [one.effect for one in found.found]
@@ -234,7 +242,10 @@ def verdict_on(
         sentence=with_findings(inside, left, profiled.rig.tolerance),
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
-        inseparable=inseparable_groups(model),
+        inseparable=tuple(
+            replace(group, experiment=with_further(group.experiment, group.members, further))
+            for group in inseparable_groups(model)
+        ),
         scan=found,
         fit=profiled if turning is None else replace(profiled, tilt=float(turning.values["tilt_deg"])),
         used=tuple((run.start, run.end) for run in profiled.runs),
@@ -255,6 +266,12 @@ def verdict_on(
         present=inside,
         left=left,
     )
+
+
+def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:
+    """An experiment, with the one further run that would separate each member, and how well."""
+    told = [one.sentence for one in further if one.effect in members]
+    return "; ".join((experiment, *told))
 
 
 def run_to_run(fit: Fit) -> tuple[Remark, ...]:

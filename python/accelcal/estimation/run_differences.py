@@ -29,28 +29,28 @@ SEEN_APART = 1e-8
 def differing(solution: Solution) -> tuple[tuple[str, ...], tuple[SeenByRuns, ...]]:
     """Coefficients that all runs share in a solution and that differ between them, one step from it.
 
-    Also effects that no single run shows and that make all runs alike: where there is one, nothing is said to differ.
+    Also effects that no single run shows and that make all runs alike. Until one is added the coefficient differs,
+    since else all other estimates would bear the difference.
     """
     model, states = solution.model, solution.states
     found: list[str] = []
     coupled = len(states) > 1 and all(state.run.rig.coupled for state in states)
-    apart = {*model.per_run, *model.priors}
-    shared = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in apart]
-    for name in shared if coupled else ():
+    names = [term.name for term in model.free if term.name in LET_DIFFER and term.name not in model.priors]
+    for name in names if coupled else ():
         if between_runs(states, model, name)[0].p_value >= SPREAD_ALPHA:
             continue
         tried = (seen_by_runs(states, model, name, e) for e in SEEN_BY_RUNS if e not in model.effects)
         explaining = tuple(one for one in tried if one is not None)
+        found += [name] if name not in model.per_run else []
         if explaining:
             return tuple(found), tuple(sorted(explaining, key=lambda one: one.std / abs(one.value)))
-        found.append(name)
     return tuple(found), ()
 
 
 def between_runs(
     states: Sequence[RunState], model: Model, name: str, further: Sequence[Term] = ()
 ) -> tuple[BetweenRuns, Array, Array]:
-    """A coefficient of each run one step from a solution, and the normal equations, those of further terms last."""
+    """A coefficient of each run one step from a solution, and the normal equations A x = c, further terms last."""
     layout = Layout.of(model.vary(name), len(states))
     m = len(layout.slots)
     information, score = np.zeros((m + len(further), m + len(further))), np.zeros(m + len(further))
@@ -63,6 +63,7 @@ def between_runs(
         rows = [*layout.rows(index), *range(m, m + len(further))]
         information[np.ix_(rows, rows)] += normal.gram
         score[rows] += normal.score
+    score += information @ np.concatenate([at, np.zeros(len(further))])  # of the coefficients, not of their steps
     return BetweenRuns.of(information, score, layout.rows_of(name)), information, score
 
 

@@ -1,0 +1,187 @@
+"""Which one further run would separate effects that the recordings at hand do not, and how well."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.dwells import Dwells
+from accelcal.data.orientation import GRAVITY
+from accelcal.data.rig import Axis, Mount
+from accelcal.effects import find
+from accelcal.estimation.dwell_rows import ORDINARY, dwell_rows
+from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
+from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.run_differences import SEEN_APART, SEEN_BY_RUNS
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model, Term, terms_of
+
+MOTIONS: tuple[tuple[str, Axis | None, Mount | None], ...] = (
+    ("the axis level", "level", None),
+    ("the axis up", "up", None),
+    ("the axis down", "down", None),
+    ("the sensor turned by 180 degrees about the vertical", None, "reversed"),
+    ("the sensor rolled by 180 degrees about its input axis", None, "rolled"),
+    ("the sensor as mounted normally", None, "normal"),
+)
+"""The same motion once more, with another axis or mount."""
+DWELLS, DWELL = 24, 60.0
+"""Dwells of a tumble, and the length of each, s."""
+ANGLE_STD = math.radians(0.01)
+"""Of its angles where no level is declared, rad."""
+INSIDE = 1e-4
+"""Component of an effect in the directions that nothing shows beyond which it is not seen."""
+
+
+@dataclass(frozen=True, slots=True)
+class FurtherRun:
+    """One further run that separates an effect."""
+
+    effect: str
+    unit: str
+    run: str
+    """What to record."""
+    std: float
+    """Standard deviation that the effect would have, all recordings together."""
+
+    @property
+    def sentence(self) -> str:
+        """For people; half a sentence."""
+        unit = self.unit.removeprefix("1")
+        return f"one further run with {self.run} gives {self.effect} to {self.std:.2g} {unit}".rstrip()
+
+
+def further_runs(
+    states: Sequence[RunState], model: Model, apart: Sequence[str] = (), only: Sequence[str] = SEEN_BY_RUNS
+) -> tuple[FurtherRun, ...]:
+    """For each effect that these runs do not show, the further run that shows it best.
+
+    Parameters
+    ----------
+    states : fitted runs.
+    model : that they were fitted with.
+    apart : coefficients that are let differ from run to run.
+    only : effects that are asked for; all others are taken to be absent.
+
+    Notes
+    -----
+    The further run is the first one once more: the same motion and noise, with the signals of another rig; or a tumble
+    of 24 dwells. All effects that only sets of runs show are estimated together.
+    """
+    first = states[0]
+    if GRAVITY in first.run.recording.side or not first.run.rig.coupled:
+        return ()
+    model = model.vary(*(name for name in apart if name not in model.priors))
+    sides = set.intersection(*(set(state.run.recording.side) for state in states))
+    names = [n for n in only if n not in model.effects and set(find(n).needs) <= sides]
+    extra = [term for name in names for term in terms_of(find(name))]
+    if not extra:
+        return ()
+    known = information(states, model, extra)
+    before = deviations(known, len(extra))
+    found: dict[str, FurtherRun] = {}
+    for text, gram in tried(first, model, extra):
+        together = added(known, gram, model, len(states), extra)
+        after = deviations(together, len(extra))
+        for name, term, old, std in zip(names, extra, before, after, strict=True):
+            shown = old > ORDINARY[name] > std  # not by these runs, but with that one
+            if shown and std < (found[name].std if name in found else math.inf):
+                found[name] = FurtherRun(name, term.unit, text, std)
+    return tuple(found.values())
+
+
+def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[str, Array]]:
+    """Every further run with its Gram matrix of the free terms and the further ones."""
+    terms = [*model.free, *extra]
+    rig = state.run.rig
+    grams = []
+    for text, axis, mount in MOTIONS:
+        if (axis or rig.axis) == rig.axis and (mount or rig.mount) == rig.mount:
+            continue
+        grams.append((text, normal_equations(turned(state, axis or rig.axis, mount or rig.mount), terms).gram))
+    angle_std = rig.uncertainty.level or ANGLE_STD
+    X = dwell_rows(tumble(state, angle_std), terms, state.values, state.run.origins).columns
+    text = f"{DWELLS} dwells of {DWELL:g} s around a turn in gravity, angles to {math.degrees(angle_std):.2g} degrees,"
+    return [*grams, (text, X.T @ X)]
+
+
+def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
+    """The run as it would have been with another axis or mount."""
+    one, old = copy.copy(state), state.run.rig
+    rig = replace(old, axis=axis, mount=mount, gravity_along_axis=None if axis != old.axis else old.gravity_along_axis)
+    one.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
+    sign, s = rig.polarity * old.polarity, state.signals
+    a = sign * s.a + rig.polarity * (rig.gravity - old.gravity)
+    one.signals = replace(s, rig=rig, a=a, jerk=sign * s.jerk)
+    return one
+
+
+def tumble(state: RunState, angle_std: float) -> Dwells:
+    """Dwells of the sensor around a turn; their means do not matter here."""
+    samples = 1e4
+    white = math.sqrt(state.noise.q / DWELL * samples) * abs(state.values.scale)
+    warm = state.run.recording.side.get("temperature")
+    return Dwells(
+        angle=np.arange(DWELLS) * 2.0 * np.pi / DWELLS,
+        mean=np.zeros(DWELLS),
+        std=np.full(DWELLS, white),
+        duration=np.full(DWELLS, DWELL),
+        samples=np.full(DWELLS, samples),
+        group=("",) * DWELLS,
+        rig=state.run.rig,
+        temperature=None if warm is None else np.full(DWELLS, float(np.mean(warm.y))),
+        angle_std=angle_std,
+    )
+
+
+def information(states: Sequence[RunState], model: Model, extra: Sequence[Term]) -> Array:
+    """Normal equations of all runs, those of further terms last."""
+    layout = Layout.of(model, len(states))
+    m = len(layout.slots)
+    total = np.diag(np.concatenate([layout.prior_information(model), np.zeros(len(extra))]))
+    for index, state in enumerate(states):
+        rows = [*layout.rows(index), *range(m, m + len(extra))]
+        total[np.ix_(rows, rows)] += normal_equations(state, [*model.free, *extra]).gram
+    return total
+
+
+def added(known: Array, gram: Array, model: Model, runs: int, extra: Sequence[Term]) -> Array:
+    """Normal equations with one more run, whose own coefficients are eliminated."""
+    free = list(model.free)
+    own = [k for k, term in enumerate(free) if term.owner in PER_RUN_OWNERS or term.name in model.per_run]
+    shared = [k for k in range(len(gram)) if k not in own]
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    G = gram / np.outer(size, size)
+    left = (
+        G[np.ix_(shared, shared)]
+        - G[np.ix_(shared, own)]
+        @ np.linalg.pinv(G[np.ix_(own, own)], rcond=1e-10, hermitian=True)
+        @ G[np.ix_(own, shared)]
+    )
+    left = left * np.outer(size[shared], size[shared])
+    layout = Layout.of(model, runs)
+    m = len(layout.slots)
+    place = [layout.rows(0)[k] for k in shared if k < len(free)] + list(range(m, m + len(extra)))
+    total = known.copy()
+    total[np.ix_(place, place)] += left
+    return total
+
+
+def deviations(information: Array, count: int) -> list[float]:
+    """Standard deviations of the last coefficients, infinite where nothing tells them from the others."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    weights, vectors = scipy.linalg.eigh(information / np.outer(size, size))
+    blind = weights < SEEN_APART
+    found = []
+    for k in range(len(size) - count, len(size)):
+        hidden = float(np.sum(vectors[k, blind] ** 2))
+        shown = vectors[k, ~blind]
+        std = math.sqrt(float(np.sum(shown**2 / weights[~blind]))) / float(size[k])
+        found.append(math.inf if hidden > INSIDE or size[k] <= 1e-140 else std)
+    return found
