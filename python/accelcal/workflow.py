@@ -11,7 +11,7 @@ from dataclasses import replace
 from accelcal._support.threads import one_thread
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording, listed
+from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
@@ -42,12 +42,28 @@ from accelcal.validation.ruler import Ruler
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
+WHOLE_RUNS = 3
+"""Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
+
+
+def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
+    """Recordings of motions, dwells among them given to the first.
+
+    Raises
+    ------
+    RecordingError
+        If there is no motion.
+    """
+    several = with_dwells(recordings)
+    if isinstance(several, Dwells):
+        raise RecordingError(f"{several.name or 'dwells'}: dwells alone show no motion; diagnose_dwells judges them")
+    return several
 
 
 @one_thread
 def diagnose(
     fit: Fit,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *,
     extra: Sequence[Effect] | None = None,
     alpha: float = FAMILYWISE_ALPHA,
@@ -76,7 +92,7 @@ def diagnose(
     NotIdentifiable
         If the motion does not excite what the model already contains.
     """
-    several = listed(recordings)
+    several = runs_of(recordings)
     if "scale_factor" not in fit.model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
@@ -209,7 +225,7 @@ def fit_without_outliers(
 @one_thread
 def add(
     fit: Fit,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *names: str,
     extra: Sequence[Effect] | None = None,
     report: Callable[[float], None] = lambda share: None,
@@ -229,7 +245,7 @@ def add(
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
-    several, broken = usable_recordings(listed(recordings))
+    several, broken = usable_recordings(runs_of(recordings))
     model, states = fit.model, restored_states(fit, several)
     for name in names:
         effect = find(name)
@@ -258,7 +274,7 @@ def add(
 @one_thread
 def drop(
     fit: Fit,
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *names: str,
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
@@ -266,7 +282,7 @@ def drop(
 
     `report` is called with the share of the work that is done, 0 to 1.
     """
-    several, broken = usable_recordings(listed(recordings))
+    several, broken = usable_recordings(runs_of(recordings))
     left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
     return with_breaks(fit_without_outliers(left, several)[0], broken)
 
@@ -297,7 +313,7 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
 
 @one_thread
 def improve(
-    recordings: Recording | Sequence[Recording],
+    recordings: Recording | Dwells | Sequence[Recording | Dwells],
     *,
     holdout: Recording | None = None,
     most: int = MOST_EFFECTS,
@@ -312,8 +328,8 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : held-out run on which the errors are computed; by default the last 30 % of the first run, which then is
-        not fitted. It takes no part in any decision.
+    holdout : held-out run on which the errors are computed; by default the last of three runs or more, or the last
+        30 % of the first of fewer, which then is not fitted. It takes no part in any decision.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
@@ -330,7 +346,9 @@ def improve(
     NotIdentifiable, RecordingError
         From the fit of the base model.
     """
-    original = listed(recordings)
+    original = runs_of(recordings)
+    if holdout is None and len(original) >= WHOLE_RUNS:
+        *original, holdout = original
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     require_one_axis(original, start=start, end=end)

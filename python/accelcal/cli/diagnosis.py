@@ -127,18 +127,21 @@ def improve(
 ) -> None:
     """Fit the base model, then diagnose, add the missing effect and refit, until no effect is missing.
 
+    Without --holdout the last of three recordings or more is held out, or the end of the first of fewer.
+
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
     from accelcal import io
+    from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import require_distinct
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with
 
     load_own_effects(effects_file)
-    recordings = [io.load(path, rig) for path in runs]
+    recordings = [io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
-        require_distinct([*recordings, unseen])
+        require_distinct([*(one for one in recordings if isinstance(one, Recording)), unseen])
     with progress("improve") as report:
         found = improve_with(
             recordings,

@@ -15,7 +15,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.rig import Axis, Mount
 from accelcal.effects import find
-from accelcal.estimation.dwell_rows import ORDINARY, dwell_rows
+from accelcal.estimation.dwell_rows import dwell_rows
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.run_differences import SEEN_APART, SEEN_BY_RUNS
@@ -35,6 +35,8 @@ DWELLS, DWELL = 24, 60.0
 """Dwells of a tumble, and the length of each, s."""
 ANGLE_STD = math.radians(0.01)
 """Of its angles where no level is declared, rad."""
+TELLS = 0.1
+"""Share of its standard deviation that an effect keeps with a run that shows it."""
 INSIDE = 1e-4
 """Component of an effect in the directions that nothing shows beyond which it is not seen."""
 
@@ -90,7 +92,7 @@ def further_runs(
         together = added(known, gram, model, len(states), extra)
         after = deviations(together, len(extra))
         for name, term, old, std in zip(names, extra, before, after, strict=True):
-            shown = old > ORDINARY[name] > std  # not by these runs, but with that one
+            shown = old > find(name).scale and std < TELLS * old  # not by these runs, but with that one
             if shown and std < (found[name].std if name in found else math.inf):
                 found[name] = FurtherRun(name, term.unit, text, std)
     return tuple(found.values())

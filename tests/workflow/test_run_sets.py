@@ -1,0 +1,74 @@
+"""Sets of runs: what they show, which further run would show the rest, whole runs held out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.data.dwells import Dwells
+from accelcal.diagnosis.further_run import further_runs
+from accelcal.estimation.estimate import solve_runs
+
+G = 9.80665
+
+
+def run(number, axis="level", mount="normal", eps=0.0, **truth):
+    rig = replace(ac.CXL02_RIG, axis=axis, mount=mount)
+    parameters = {"bias": 0.05, "scale_factor": 0.01, **truth}
+    made = ac.simulate("tones", seconds=12.0, rig=rig, parameters=parameters, rng=np.random.default_rng(number))
+    one = made.recording
+    read = replace(one.position, y=one.position.y * (1.0 + eps))
+    return replace(one, position=read, digest=f"{number}", name=f"{axis} {mount} {number}")
+
+
+def test_the_deviation_that_a_further_run_promises_is_the_one_it_gives():
+    first = run(1)
+    solution = solve_runs(ac.Model.linear(), [first])
+    promised = {one.effect: one for one in further_runs(solution.states, solution.model)}
+    assert set(promised) == {"encoder_scale", "tilt", "misalignment", "cross_axis_gravity"}
+    assert "axis" in promised["encoder_scale"].run
+    assert "turned" in promised["tilt"].run
+    for effect in ("misalignment", "cross_axis_gravity"):
+        assert "rolled" in promised[effect].run
+    axis = "up" if "up" in promised["encoder_scale"].run else "down"
+    up = ac.fit(ac.Model.linear().add("encoder_scale"), [first, run(2, axis)])
+    assert up["encoder_scale"].std == pytest.approx(promised["encoder_scale"].std, rel=0.15)
+    turned = ac.fit(ac.Model.linear(), [first, run(3, mount="reversed")])
+    assert turned["tilt"].std == pytest.approx(promised["tilt"].std, rel=0.15)
+    rolled = ac.fit(ac.Model.linear(), [first, run(4, mount="rolled")])
+    assert rolled["misalignment"].std == pytest.approx(promised["misalignment"].std, rel=0.15)
+    assert rolled["cross_axis_gravity"].std == pytest.approx(promised["cross_axis_gravity"].std, rel=0.15)
+
+
+def test_a_verdict_says_which_run_would_tell_and_that_run_tells():
+    blind = ac.diagnose(ac.fit(ac.Model.linear(), run(5, eps=3e-4)), run(5, eps=3e-4))
+    assert blind.verdict == "adequate"
+    tie = next(tie for tie in blind.inseparable if "encoder_scale" in tie.members)
+    assert "one further run with the axis" in tie.experiment
+    assert "gives encoder_scale to" in tie.experiment
+    several = [run(k, axis, eps=3e-4) for k, axis in enumerate(("level", "up", "down"), 5)]
+    found = ac.diagnose(ac.fit(ac.Model.linear(), several), several)
+    assert found.classes[0].members == ("encoder_scale", "bias")
+    assert "dwells" in found.classes[0].experiment  # what tells it from a bias that differs
+
+
+def test_the_last_of_three_runs_is_held_out_as_a_whole():
+    several = [run(k) for k in range(3)]
+    found = ac.improve(several)
+    assert not found.same_run
+    assert [one.name for one in found.diagnosis.fit.runs] == [one.name for one in several[:2]]
+    assert found.steps[-1].heldout.recording == several[2].name
+    few = ac.improve(several[:2])
+    assert few.same_run
+
+
+def test_dwells_alone_have_no_motion_to_diagnose():
+    each = (np.full(4, 1e-3), np.full(4, 60.0), np.full(4, 6000.0))
+    angle = np.arange(4) * np.pi / 2.0
+    dwells = Dwells(angle, 0.05 + 1.01 * G * np.sin(angle), *each, ("0",) * 4, ac.CXL02_RIG, name="tumble.csv")
+    with pytest.raises(ac.RecordingError, match="dwells alone show no motion; diagnose_dwells"):
+        ac.diagnose(ac.fit(ac.Model.linear(), dwells), dwells)
+    one = run(9)
+    together = [one, dwells]
+    assert ac.diagnose(ac.fit(ac.Model.linear(), together), together).fit.dwells is not None
