@@ -34,7 +34,9 @@ def run(rng: np.random.Generator, axis: str, mount: str, effect: str, size: floa
     """One run with an effect hidden in it."""
     rig = replace(ac.CXL02_RIG, axis=axis, mount=mount)
     truth = {"bias": 0.05, "scale_factor": 0.01}
-    if effect and effect != "encoder_scale":
+    if effect == "tilt":  # of the stage: its sign is that of the mount
+        truth["bias"] += 1.01 * rig.polarity * G * size
+    elif effect and effect != "encoder_scale":
         truth[effect] = size
     made = ac.simulate("tones", seconds=SECONDS, rig=rig, parameters=truth, rng=rng).recording
     eps = size if effect == "encoder_scale" else 0.0
@@ -86,10 +88,11 @@ def main() -> None:
     asked.add_argument("--seed", type=int, default=1601)
     asked.add_argument("--count", type=int, default=40)
     asked.add_argument("--nulls", type=int, default=300)
+    asked.add_argument("--effects", nargs="*", default=list(SETS))
     given = asked.parse_args()
     least = int(stats.binom.ppf(0.025, given.count, 0.95))
-    for effect, sets in SETS.items():
-        for which in sets:
+    for effect in given.effects:
+        for which in SETS[effect]:
             size = D * deviation(which, effect)
             named = said = 0
             for k in range(given.count):

@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from functools import singledispatch
 from html import escape
 
+import numpy as np
+
 from accelcal import formatting
 from accelcal.app.wording import cards, limits, value
 from accelcal.calibration.budget import COVERAGE_FACTOR
+from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.summary import describe
 from accelcal.diagnosis.verdict import Diagnosis
@@ -118,6 +121,32 @@ def _(recording: Recording) -> Card:
             for name, c in seen["channels"].items()
         ),
         notes=(*notes, *(f"assumed: {text}" for text in seen["assumptions"])),
+    )
+
+
+@card.register
+def _(dwells: Dwells) -> Card:
+    degrees = np.degrees(dwells.angle)
+    several = len(set(dwells.group))
+    return Card(
+        title=f"{dwells.name or 'Dwells'}",
+        sentence=f"{len(dwells)} dwells in {several} group{'s' if several > 1 else ''} that share an angle zero.",
+        head=("", "least", "greatest"),
+        rows=(
+            ("attitude", f"{number(float(degrees.min()), 5)} deg", f"{number(float(degrees.max()), 5)} deg"),
+            ("mean", measured(float(dwells.mean.min()), "m/s²"), measured(float(dwells.mean.max()), "m/s²")),
+            (
+                "duration",
+                f"{number(float(dwells.duration.min()), 4)} s",
+                f"{number(float(dwells.duration.max()), 4)} s",
+            ),
+            (
+                "standard deviation of a mean",
+                measured(float(np.sqrt(dwells.variance.min())), "m/s²"),
+                measured(float(np.sqrt(dwells.variance.max())), "m/s²"),
+            ),
+        ),
+        notes=tuple(f"assumed: {text}" for text in dwells.assumptions),
     )
 
 
@@ -238,7 +267,7 @@ def _(found: Improvement) -> Card:
     )
 
 
-CARDS = ("Recording", "Fit", "Comparison", "Diagnosis", "History", "Improvement")
+CARDS = ("Recording", "Dwells", "Fit", "Comparison", "Diagnosis", "History", "Improvement")
 
 
 def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:

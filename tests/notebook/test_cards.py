@@ -11,6 +11,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import notebook, workflow
+from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
 from accelcal.formatting import concise
 
@@ -22,12 +23,19 @@ def record(seed):
     return ac.simulate("interleaved", seconds=30.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
 
 
+def tumble():
+    angle = np.arange(8) * np.pi / 4.0
+    each = (np.full(8, 1e-3), np.full(8, 60.0), np.full(8, 6000.0))
+    return Dwells(angle, 9.8 * np.sin(angle), *each, ("0",) * 8, ac.CXL02_RIG, name="tumble.csv")
+
+
 @pytest.fixture(scope="module")
 def results():
     train, unseen = record(1), record(2)
     linear, cubic = estimate(ac.Model.linear(), train), workflow.add(estimate(ac.Model.linear(), train), train, "cubic")
     return {
         "recording": train,
+        "dwells": tumble(),
         "fit": linear,
         "comparison": ac.compare(linear, unseen),
         "lacking": workflow.diagnose(linear, train),
@@ -37,7 +45,7 @@ def results():
     }
 
 
-KINDS = ("recording", "fit", "comparison", "lacking", "complete", "history", "improvement")
+KINDS = ("recording", "dwells", "fit", "comparison", "lacking", "complete", "history", "improvement")
 
 
 def shown(result):

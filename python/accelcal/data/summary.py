@@ -28,7 +28,7 @@ def describe(recording: Recording) -> dict[str, Any]:
     ``name``, ``digest``; ``channels``: by name ``samples``, ``start_s``, ``end_s``, ``rate_hz`` (gaps left out),
     ``longest_interval_s``, ``unit``, ``min``, ``max``; ``range_used`` (share of the declared full scale, or None);
     ``orientation``: "attitude", "gravity_along_axis", "gyroscope" or None; ``rest_s``: list of [start, end];
-    ``findings``; ``assumptions``.
+    ``dwells``: file of those fitted together with it, or None; ``findings``; ``assumptions``.
     """
     channels = [recording.accel, *([recording.position] if len(recording.position) else []), *recording.side.values()]
     full_scale = recording.rig.sensor.range
@@ -38,6 +38,7 @@ def describe(recording: Recording) -> dict[str, Any]:
         "channels": {channel.name: _channel(channel) for channel in channels},
         "range_used": float(np.max(np.abs(recording.accel.y))) / full_scale if full_scale else None,
         "orientation": orientation(recording),
+        "dwells": None if recording.dwells is None else recording.dwells.name,
         "rest_s": [list(stretch) for stretch in rest(recording)],
         "findings": [asdict(finding) for finding in recording.findings],
         "assumptions": list(recording.rig.assumptions),
@@ -74,6 +75,8 @@ def summarise(recording: Recording) -> str:
     total = sum(end - start for start, end in found["rest_s"])
     stretches = ", ".join(f"{start:.4g} s to {end:.4g} s" for start, end in found["rest_s"][:3])
     more = ", ..." if len(found["rest_s"]) > 3 else ""
+    if recording.dwells is not None:
+        lines.append(f"  dwells: {len(recording.dwells)} of {recording.dwells.name}, fitted together with the motion")
     lines.append(f"  orientation: {_ORIENTATIONS[found['orientation']]}")
     lines.append(
         f"  at rest: {total:.4g} s in {len(found['rest_s'])} stretches ({stretches}{more})"
