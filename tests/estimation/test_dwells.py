@@ -14,6 +14,7 @@ from accelcal.effects import CATALOGUE, is_local
 from accelcal.estimation.dwell_rows import acts_at_rest, determines
 from accelcal.estimation.estimate import restored_states
 from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.rows import rows_of_dwells
 from accelcal.serialization import model_file
 from accelcal.validation.consistency import chi_square_region
 
@@ -46,9 +47,8 @@ def tumble(
     )
 
 
-def by_optimiser(dwells, order=4):
+def by_optimiser(dwells, std, order=4):
     """K0, k, K2, K3 and the angle zero by scipy's least squares on the same covariance."""
-    std = np.sqrt(dwells.variance)
 
     def missed(x):
         a = dwells.gravity * math.exp(-0.5 * dwells.angle_std**2) * np.sin(dwells.angle + x[order])
@@ -66,7 +66,9 @@ def by_optimiser(dwells, order=4):
 def test_a_tumble_is_generalised_least_squares():
     dwells = tumble(np.random.default_rng(1), angle_std=1e-4, zero=2e-3)
     fit = ac.fit(ac.Model.cubic(), dwells)
-    x, covariance = by_optimiser(dwells)
+    x, covariance = by_optimiser(dwells, np.array(fit.dwells.std))
+    angle = dwells.angle + x[4]
+    assert fit.dwells.std == pytest.approx(np.sqrt(dwells.variance_at(angle, 1.0 + x[1])), rel=1e-3)
     std = np.sqrt(np.diag(covariance))[:4]
     assert np.array([e.value for e in fit.free]) == pytest.approx(x[:4], rel=1e-9, abs=1e-9 * float(np.min(std)))
     assert np.array([e.std for e in fit.free]) == pytest.approx(std, rel=1e-6)
@@ -127,15 +129,18 @@ def test_motion_and_dwells_together_are_the_stacked_problem(motion):
     assert fit.model.added == ("quadratic", "cubic", "tilt")  # dwells separate it
     states = restored_states(fit, [motion.with_dwells(dwells)])
     joint = normal_equations(states[0], fit.model.free)
+    recording = states[0].run.recording
     states[0].run = dataclasses.replace(states[0].run, recording=motion)
     alone = normal_equations(states[0], fit.model.free)
+    states[0].run = dataclasses.replace(states[0].run, recording=recording)
     # the dwells by hand: columns of IEEE 1293 and of the angle zero, eliminated
-    a = G * np.sin(dwells.angle + fit.dwells.zeros[0][1])
+    zero = rows_of_dwells(states[0], ()).zeros["0"]
+    a = G * np.sin(dwells.angle + zero)
     columns = {"bias": np.ones_like(a), "scale_factor": a, "quadratic": a**2, "cubic": a**3}
     X = np.column_stack([columns.get(term.name, np.zeros_like(a)) for term in fit.model.free])
     slope = 1.0 + fit["scale_factor"].value + 2.0 * fit["quadratic"].value * a + 3.0 * fit["cubic"].value * a**2
-    Z = (slope * G * np.cos(dwells.angle + fit.dwells.zeros[0][1]))[:, None]
-    W = np.diag(1.0 / dwells.variance)
+    Z = (slope * G * np.cos(dwells.angle + zero))[:, None]
+    W = np.diag(rows_of_dwells(states[0], ()).std ** -2.0)
     schur = X.T @ W @ X - X.T @ W @ Z @ np.linalg.solve(Z.T @ W @ Z, Z.T @ W @ X)
     size = np.sqrt(np.diag(joint.gram))
     assert joint.gram / np.outer(size, size) == pytest.approx((alone.gram + schur) / np.outer(size, size), abs=1e-9)

@@ -135,7 +135,7 @@ def test_a_hostile_name_is_text(results):
 
 
 def test_what_is_no_result_has_no_card():
-    with pytest.raises(TypeError, match="expected one of Recording, Fit"):
+    with pytest.raises(TypeError, match="expected one of Recording, Dwells, Fit"):
         notebook.html(3)
 
 

@@ -87,13 +87,17 @@ class Dwells:
 
     @property
     def variance(self) -> Array:
+        """Variance of each mean at its declared angle, (m/s²)²."""
+        return self.variance_at(self.angle)
+
+    def variance_at(self, angle: Array, scale: float = 1.0) -> Array:
         """Variance of each mean from all that is declared, (m/s²)² (derivations 6.11): noise, instability and random
-        walk of the bias, angle."""
+        walk of the bias, error of the angle at elevations of a sensor with a scale 1 + k."""
         sensor, var = self.rig.sensor, self.angle_std**2
         walk = (sensor.random_walk or 0.0) ** 2 * self.duration / 3.0
-        square = 0.5 * (1.0 - math.exp(-2.0 * var) * np.cos(2.0 * self.angle))
-        angle = self.gravity**2 * np.maximum(square - np.sin(self.angle) ** 2 * math.exp(-var), 0.0)
-        return np.asarray(self.white + (sensor.bias_instability or 0.0) ** 2 + walk + angle)
+        square = 0.5 * (1.0 - math.exp(-2.0 * var) * np.cos(2.0 * angle))
+        turned = (scale * self.gravity) ** 2 * np.maximum(square - np.sin(angle) ** 2 * math.exp(-var), 0.0)
+        return np.asarray(self.white + (sensor.bias_instability or 0.0) ** 2 + walk + turned)
 
     def specific_force(self, angle: Array) -> Array:
         """Mean specific force along the input axis at elevations of which each is uncertain, m/s²."""

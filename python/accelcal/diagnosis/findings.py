@@ -166,7 +166,8 @@ def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding,
     for name in fit.model.added:
         effect = find(name)
         finding = in_model(fit, Confounded(name, (name,), effect.experiment.rstrip(".")), sizes)
-        if not effect.traits.visible or effect.search.prior or name in fit.model.priors or not finding.estimate:
+        shown = effect.traits.visible or effect.seen_by_sets
+        if not shown or effect.search.prior or name in fit.model.priors or not finding.estimate:
             confirmed = effect.port == "process" and finding.largest is not None and finding.largest.value > 0.0
         else:
             confirmed = log_survival(*explained_gain(fit, name)) < math.log(alpha)

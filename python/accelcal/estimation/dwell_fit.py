@@ -25,7 +25,8 @@ from accelcal.estimation.values import Values
 from accelcal.model import Model
 from accelcal.signals.signals import Origins
 
-ROUNDS = 50
+ROUNDS, WEIGHING = 50, 6
+"""Linearisations at most, and those after which the weights of the dwells stay."""
 SETTLED = 1e-11
 """Steps are over once each is below this share of a standard deviation."""
 SCATTER_REMARK = 1.5
@@ -117,8 +118,11 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
         values = layout.scatter(x, model, 0)
         if number > 0:
             known = stepped(dwells, values, origins, known)
-        if 1 < number < ROUNDS // 2:
+        if 1 < number < WEIGHING:
             known = with_scatter(dwells, model, values, origins, known)
+        if number == WEIGHING:  # generalised least squares with these weights
+            declared = dwell_rows(dwells, (), values, origins, replace(known, scatter=0.0)).std
+            known = replace(known, weighed=tuple(declared.tolist()))
         rows = dwell_rows(dwells, model.free, values, origins, known)
         score = rows.columns.T @ rows.y + belief * (layout.prior_mean(model) - x)
         try:
@@ -129,18 +133,18 @@ def solve_dwells(model: Model, dwells: Dwells, origins: Origins) -> DwellSolutio
                 f"{len(set(np.round(np.sin(dwells.angle), 6)))} elevations do not determine it"
             ) from None
         x = x + step
-        if number > 2 and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
+        if number > WEIGHING and np.all(np.abs(step) <= SETTLED * np.sqrt(np.diag(covariance))):
             break
     values = layout.scatter(x, model, 0)
     known = stepped(dwells, values, origins, known)
-    squares, _ = remainder(dwell_rows(dwells, model.free, values, origins, known))
-    variance = dwells.variance + known.scatter
+    last = dwell_rows(dwells, model.free, values, origins, known)
+    squares, _ = remainder(last)
     return DwellSolution(
         model,
         layout,
         values,
         covariance,
-        -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * variance)))),
+        -0.5 * (squares + float(np.sum(np.log(2.0 * math.pi * last.std**2)))),
         seen_in(dwells, model, values, origins, known),
         known,
     )
@@ -156,7 +160,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
     )
     plain = replace(known, scatter=0.0)
     squares, freedom = remainder(dwell_rows(dwells, model.free, values, origins, plain))
-    white, _ = remainder(dwell_rows(alone, model.free, values, origins, plain))
+    white, _ = remainder(dwell_rows(alone, model.free, values, origins, replace(plain, weighed=())))
     ratio = math.sqrt(white / freedom) if freedom > 0 else math.nan
     p_value = float(scipy.special.chdtrc(freedom, squares)) if freedom > 0 else 1.0
     remarks = list(dwells.assumptions)
@@ -177,7 +181,7 @@ def seen_in(dwells: Dwells, model: Model, values: Values, origins: Origins, know
         digest=dwells.digest,
         angle=tuple(dwells.angle.tolist()),
         residual=tuple(rows.left.tolist()),
-        std=tuple(np.sqrt(dwells.variance + known.scatter).tolist()),
+        std=tuple(rows.std.tolist()),
         zeros=tuple(rows.zeros.items()),
         ratio=ratio,
         scatter=math.sqrt(known.scatter),

@@ -57,6 +57,8 @@ class DwellRows:
     """Angle zero of each group, rad."""
     left: Array
     """What the model and the angle zeros leave of each mean, (dwells,) m/s²."""
+    std: Array
+    """Standard deviation of each mean, (dwells,) m/s²."""
     freedom: int
     """Dwells less the angle zeros that they show."""
 
@@ -103,6 +105,8 @@ class Nuisances:
 
     zeros: tuple[float, ...] = ()
     """Angle zero of each group, rad; all 0 where empty."""
+    weighed: tuple[float, ...] = ()
+    """Declared standard deviation of each mean, m/s²; that at the values and angles at hand where empty."""
     scatter: float = 0.0
     """Variance of each mean beyond all that is declared, (m/s²)²."""
     apart: tuple[str, ...] = ()
@@ -138,7 +142,8 @@ class Linearised:
         zeros = np.array(known.zeros or (0.0,) * len(groups))
         angle = dwells.angle + member @ zeros
         ahead, behind, at = (output_at(dwells, angle + turn, values, origins) for turn in (TURN, -TURN, 0.0))
-        weight = 1.0 / np.sqrt(dwells.variance + known.scatter)
+        declared = np.square(known.weighed) if known.weighed else dwells.variance_at(angle, values.scale)
+        weight = 1.0 / np.sqrt(declared + known.scatter)
         slope = (weight * (ahead - behind) / (2.0 * TURN))[:, None] * member
         belief = np.eye(len(groups)) / (dwells.rig.uncertainty.level or ZERO_STD)
         signals = signals_at(dwells, angle, values.scale, origins)
@@ -176,6 +181,7 @@ def dwell_rows(
         y,
         dict(zip(at.groups, at.zeros.tolist(), strict=True)),
         y[: len(dwells)] / at.weight,
+        1.0 / at.weight,
         len(dwells) - at.shown,
     )
 
