@@ -30,7 +30,7 @@ from accelcal.estimation.estimate import Fit, estimate, estimate_dwells, restore
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
-from accelcal.model import Model
+from accelcal.model import BASE, Model
 from accelcal.selection.budget import SearchBudget
 from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
@@ -44,6 +44,12 @@ MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
 WHOLE_RUNS = 3
 """Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
+
+
+def model_in_motion(fit: Fit) -> Model:
+    """The model of a fit for recordings of a motion: a fit to dwells alone holds the timing, which they do not show."""
+    held = [name for name in BASE if name in fit.model.fixed and find(name).owner == "timing"]
+    return fit.model.release(*held) if fit.method == "dwells" else fit.model
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
@@ -103,7 +109,12 @@ def diagnose(
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(
-            fit.model, these, start=stretch.start, end=stretch.end, origins=fit.origins, report=within(report, 0.1, 0.3)
+            model_in_motion(fit),
+            these,
+            start=stretch.start,
+            end=stretch.end,
+            origins=fit.origins,
+            report=within(report, 0.1, 0.3),
         )
 
     fitted = clean_fit(several, solve)
@@ -246,7 +257,7 @@ def add(
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
     several, broken = usable_recordings(runs_of(recordings))
-    model, states = fit.model, restored_states(fit, several)
+    model, states = model_in_motion(fit), restored_states(fit, several)
     for name in names:
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
@@ -267,7 +278,11 @@ def add(
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
-    grown = result(solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9)))
+    solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9))
+    lost = [name for name in names if name not in solution.model.effects]
+    if lost:
+        raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
+    grown = result(solution)
     return with_breaks(fit_without_outliers(grown, several)[0], broken)
 
 

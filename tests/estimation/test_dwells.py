@@ -285,3 +285,58 @@ def test_origins_of_temperature_are_those_of_the_dwells():
     assert found.members == ("temperature_bias",)
     fit = ac.fit(ac.Model.linear().add("temperature_bias"), warm)
     assert abs(fit["temperature_bias"].value - 1e-3) < 4.0 * fit["temperature_bias"].std
+
+
+def test_a_channel_that_the_dwells_lack_is_refused_and_its_effects_are_no_candidates(motion):
+    """What a temperature that nobody recorded adds to the dwells is not known."""
+    warm = ac.Channel("temperature", motion.accel.t, 20.0 + 0.5 * np.sin(motion.accel.t), "degC")
+    both = dataclasses.replace(motion, side={"temperature": warm}).with_dwells(
+        tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0)
+    )
+    with pytest.raises(ac.RecordingError, match="temperature_bias needs temperature, which these dwells do not have"):
+        ac.fit(ac.Model.cubic().add("temperature_bias"), both)
+    found = ac.diagnose(ac.fit(ac.Model.cubic(), both), both)
+    names = {one.effect for one in found.scan.candidates}
+    assert not names & {"temperature_bias", "temperature_scale"}, names
+
+
+def test_recordings_and_tables_that_are_given_twice_count_once(motion):
+    shared = dataclasses.replace(tumble(np.random.default_rng(6), rig=motion.rig), digest="shared", name="shared.csv")
+    further = dataclasses.replace(tumble(np.random.default_rng(7), rig=motion.rig), digest="further", name="more.csv")
+    other = ac.simulate(
+        "tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=np.random.default_rng(8)
+    ).recording
+    several = [motion.with_dwells(shared), other.with_dwells(shared), further]
+    assert len(ac.fit(ac.Model.linear(), several).dwells.angle) == 48
+    with pytest.raises(ac.RecordingError, match="once more: its readings would count twice"):
+        ac.fit(ac.Model.linear(), [motion, motion, shared])
+
+
+def test_a_model_of_motion_and_dwells_is_used_again_on_either(motion):
+    dwells = tumble(np.random.default_rng(4), rig=motion.rig, noise=225e-6 * G, instability=0.0)
+    fit = ac.fit(ac.Model.cubic(), [motion, dwells])
+    assert "tilt" in fit.model.effects
+    assert ac.diagnose_dwells(fit, dwells).verdict == "adequate"
+    assert ac.diagnose(fit, motion).verdict == "adequate"
+    others = [
+        ac.simulate(
+            "tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters={**TRUTH, "bias": bias}, rng=np.random.default_rng(k)
+        ).recording
+        for k, bias in enumerate((0.02, 0.09), 30)
+    ]
+    found = ac.diagnose(fit, [motion, *others, dwells])
+    assert found.fit.spreads
+    assert "tilt" not in found.fit.model.effects
+
+
+def test_a_model_of_dwells_leaves_the_timing_of_a_motion_free(motion):
+    fit = ac.fit(ac.Model.cubic(), tumble(np.random.default_rng(4), rig=motion.rig, instability=0.0))
+    late = dataclasses.replace(motion, accel=dataclasses.replace(motion.accel, t=motion.accel.t + 5e-4))
+    found = ac.diagnose(fit, late)
+    assert found.effects == ("time_offset",)
+    assert abs(found.fit["time_offset"].value - 5e-4) < 5e-5
+
+
+def test_dwells_without_any_noise_are_refused():
+    with pytest.raises(ValueError, match=r"samples of dwell 1 do not scatter .* declare noise"):
+        dataclasses.replace(tumble(np.random.default_rng(1)), std=np.zeros(24), rig=Rig())

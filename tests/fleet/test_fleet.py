@@ -14,7 +14,7 @@ from accelcal import campaign
 from accelcal.cli import app, write_recording
 from accelcal.fleet import task
 from accelcal.fleet.population import population
-from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, summarise
+from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
 from accelcal.fleet.task import fit_of
 from accelcal.serialization import model_file
 
@@ -157,6 +157,43 @@ def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
     assert (done.computed, done.kept) == (20 - kept, kept)
     kept, made = (model_file.dumps(summarise(campaign.load(store)).to_dict()) for store in (half, whole))
     assert kept == made
+
+
+def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):
+    rng = np.random.default_rng(3)
+    for i in range(2):
+        (tmp_path / f"s{i}").mkdir()
+        for j in range(2):
+            made = ac.simulate("tones", seconds=6.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+            write_recording(made.recording, tmp_path / f"s{i}" / f"r{j}.csv")
+    store, good = tmp_path / "f.sqlite", (tmp_path / "s0" / "r1.csv").read_text()
+    (tmp_path / "s0" / "r1.csv").write_text("t_s,accel_g\n0,1\n")
+
+    def call(*options):
+        names = [str(tmp_path / "s0"), str(tmp_path / "s1"), "--store", str(store), "--json", *options]
+        done = CliRunner().invoke(app, ["fleet", *names])
+        assert done.exit_code == 0, done.output
+        return done.stderr
+
+    assert "4 recordings fitted, 0 found" in call()
+    (tmp_path / "s0" / "r1.csv").write_text(good)
+    write_recording(made.recording, tmp_path / "s0" / "r0b.csv")  # sorts before others
+    assert "1 recordings fitted, 4 found" in call()
+    assert "1 recordings fitted, 4 found" in call("--retry")
+
+
+def test_the_runs_of_one_sensor_have_limits_of_their_own():
+    rng = np.random.default_rng(4)
+    y = 0.05 + 0.01 * rng.standard_normal(200)
+    assert moving_range(y) == pytest.approx(0.01, rel=0.15)
+
+
+def test_large_fleets_have_intervals():
+    y, std, sensor = drawn(np.random.default_rng(6), sensors=3000)
+    found = population(y, std, sensor)
+    assert found.run_to_run.low < 1.0 < found.run_to_run.high
+    assert found.run_to_run.high - found.run_to_run.low == pytest.approx(2.0 * 1.96 / math.sqrt(2.0 * 9000), rel=0.15)
+    assert found.between_sensors.low < 3.0 < found.between_sensors.high
 
 
 def test_what_cannot_be_a_fleet_is_refused(sensors, tmp_path):

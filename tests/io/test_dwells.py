@@ -98,6 +98,21 @@ def test_what_is_wrong_in_a_sidecar_is_told(table, text, told):
         ac.load_dwells(table)
 
 
+def test_groups_are_told_apart_by_every_digit(table):
+    table.write_text(TABLE.replace("6000,2", "6000,20261104").replace("6000,1\n", "6000,20261103\n"))
+    assert ac.load_dwells(table).group == ("20261103", "20261103", "20261104", "20261104")
+
+
+def test_a_cut_keeps_when_how_and_by_whom_a_run_was_made(tmp_path):
+    run("simulate", "-o", tmp_path / "run.csv", "--seconds", "10", "--seed", "2")
+    sidecar = tmp_path / "run.toml"
+    sidecar.write_text(sidecar.read_text() + '\n[run]\ndate = 2026-11-03T14:30:00\nmounting = "A"\noperator = "RS"\n')
+    assert run("cut", tmp_path / "run.csv", "--only", "1:5", "-o", tmp_path / "part.csv").exit_code == 0
+    whole, part = (ac.load(tmp_path / name).labels for name in ("run.csv", "part.csv"))
+    assert (part.mounting, part.operator) == ("A", "RS")
+    assert part.date == pytest.approx(whole.date, abs=1e-8)
+
+
 def at_rest(folder, attitude, mean, seed):
     rng = np.random.default_rng(seed)
     t, path = np.arange(0.0, 20.0, 0.01), folder / f"{seed}.csv"
@@ -169,6 +184,10 @@ def test_rests_of_a_long_record_become_a_table(tmp_path):
     fit = ac.fit(ac.Model.linear(), ac.load_dwells(out))
     assert abs(fit["scale_factor"].value - 0.004) < 4.0 * fit["scale_factor"].std
     assert run("dwells", path, "--attitudes", "0,45", "-o", tmp_path / "b.csv", "--yes").exit_code == 2
+    bare = tmp_path / "bare.csv"
+    assert run("dwells", path, "-o", bare, "--yes").exit_code == 0
+    with pytest.raises(ac.RecordingError, match=r'row 2, column "attitude_deg": expected a finite number'):
+        ac.load_dwells(bare)
     again = run("dwells", path, "--attitudes", "0:45", "-o", out, "--yes")
     assert again.exit_code == 3  # the sidecar is not overwritten
     none = run("dwells", path, "--least", "20 s")

@@ -25,10 +25,10 @@ from typing import Any
 
 import numpy as np
 
-from accelcal.campaign.store import CampaignError, Outcome, Results, begin, keep, load, opened
+from accelcal.campaign.store import CampaignError, Outcome, Results, begin, forget_failures, items, keep, load, opened
 from accelcal.campaign.task import Item, Task, compute, label
 
-__all__ = ["CampaignError", "Count", "Results", "label", "load", "run", "seeds"]
+__all__ = ["CampaignError", "Count", "Results", "forget_failures", "items", "label", "load", "run", "seeds"]
 
 AHEAD = 64
 """Batches that wait at the executor at most; more would only take memory."""

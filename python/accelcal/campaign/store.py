@@ -138,6 +138,28 @@ def keep(connection: sqlite3.Connection, path: str | Path, outcomes: Sequence[Ou
         ) from None
 
 
+def items(path: str | Path) -> dict[int, str]:
+    """Item of each run that a file holds, by the number of the run."""
+    with opened(path, "rw") as connection:
+        _identity(connection, path)
+        return dict(connection.execute("SELECT run, item FROM run ORDER BY run"))
+
+
+def forget_failures(path: str | Path) -> None:
+    """Remove runs whose task raised, so that the next call computes them again.
+
+    Raises
+    ------
+    CampaignError
+        If the file holds no campaign.
+    """
+    with opened(path, "rw") as connection:
+        _identity(connection, path)
+        connection.execute("BEGIN IMMEDIATE")
+        connection.execute("DELETE FROM run WHERE error IS NOT NULL")
+        connection.execute("COMMIT")
+
+
 def load(path: str | Path) -> Results:
     """Read what a campaign has found so far, while it runs or afterwards.
 

@@ -158,5 +158,5 @@ def write_recording(recording: Recording, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     columns = write(recording, path)
     sidecar = io.sidecar_of(path)
-    io.write_sidecar(recording.rig, columns, sidecar)
+    io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels)
     return sidecar

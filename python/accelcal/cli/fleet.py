@@ -29,6 +29,7 @@ def fleet(
     dask: Annotated[
         str | None, typer.Option("--dask", help="Address of a dask scheduler, in place of --workers.")
     ] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Fit recordings again that could not be fitted.")] = False,
     output: Output = None,
     json: Json = False,
 ) -> None:
@@ -45,11 +46,11 @@ def fleet(
 
     if model not in MODELS:
         raise UsageError(f"--model {model!r}: expected {' or '.join(MODELS)}")
-    files = recordings_in(folders)
+    files = in_stored_order([str(file) for file in recordings_in(folders)], store, retry=retry)
     with executor(workers, dask) as pool, progress("fleet") as report:
         done = campaign.run(
             fit_of,
-            [str(file) for file in files],
+            files,
             store=store,
             parameters={"model": model},
             executor=pool,
@@ -68,6 +69,22 @@ def fleet(
         print_json(found.to_dict())
     else:
         show_fleet(found)
+
+
+def in_stored_order(files: list[str], store: Path, *, retry: bool) -> list[str]:
+    """Recordings in the order in which a store knows them, new ones behind; with `retry` it forgets its failures."""
+    from accelcal import campaign
+
+    if not store.exists():
+        return files
+    places = {item: run for run, item in campaign.items(store).items()}
+    if retry:
+        campaign.forget_failures(store)
+    if not set(places) <= set(files):
+        return files  # of other folders: the campaign says so
+    new = (file for file in files if file not in places)
+    known = {run: item for item, run in places.items()}
+    return [known[run] if run in known else next(new) for run in range(len(files))]
 
 
 def recordings_in(folders: list[Path]) -> list[Path]:

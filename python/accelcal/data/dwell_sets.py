@@ -17,12 +17,20 @@ def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> l
     given = [several] if isinstance(several, Recording | Dwells) else list(several)
     recordings = [one for one in given if isinstance(one, Recording)]
     dwells = [one for one in given if isinstance(one, Dwells)]
-    if not dwells:
-        return recordings
     if not recordings:
         return together(dwells)
-    own = [] if recordings[0].dwells is None else [recordings[0].dwells]
-    return [recordings[0].with_dwells(together([*own, *dwells])), *recordings[1:]]
+    return dwells_with_first(recordings, dwells)
+
+
+def dwells_with_first(recordings: Sequence[Recording], further: Sequence[Dwells] = ()) -> list[Recording]:
+    """The recordings, all their dwells and further ones with the first; a table that several sidecars name counts
+    once."""
+    own = {r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None}
+    every = [*own.values(), *(one for one in further if not one.digest or one.digest not in own)]
+    if not every:
+        return list(recordings)
+    first, *others = recordings
+    return [first.with_dwells(together(every)), *(replace(r, dwells=None) for r in others)]
 
 
 def together(several: Sequence[Dwells]) -> Dwells:
@@ -43,6 +51,16 @@ def together(several: Sequence[Dwells]) -> Dwells:
                     f"{one.name}: {words} of {getattr(one, key):.6g} is declared, but {first.name} has "
                     f"{getattr(first, key):.6g}; dwells of one fit share it: correct [dwell] in one of the sidecars"
                 )
+        for key in ("noise", "bias_instability", "random_walk"):
+            if getattr(one.rig.sensor, key) != getattr(first.rig.sensor, key):
+                raise RecordingError(
+                    f"{one.name}: sensor.{key} is not that of {first.name}; dwells of one fit share it: declare the "
+                    "same in both sidecars"
+                )
+        if one.rig.uncertainty.level != first.rig.uncertainty.level:
+            raise RecordingError(
+                f"{one.name}: uncertainty.level is not that of {first.name}; declare the same in both sidecars"
+            )
         for key in ("model", "serial"):
             here, there = getattr(one.rig.sensor, key), getattr(first.rig.sensor, key)
             if here and there and here != there:

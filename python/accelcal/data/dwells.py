@@ -69,6 +69,12 @@ class Dwells:
                 raise ValueError(f"{key} has {len(getattr(self, key))} values for {count} dwells; give one for each")
         if not count:
             raise ValueError(f"{self.name or 'dwells'}: there is no dwell; give at least one")
+        exact = np.flatnonzero(self.white <= 0.0)
+        if len(exact):
+            raise ValueError(
+                f"{self.name or 'dwells'}: the samples of dwell {exact[0] + 1} do not scatter and no noise is "
+                'declared, so that it would be exact; declare noise = "..." in [sensor]'
+            )
 
     def __len__(self) -> int:
         return len(self.mean)

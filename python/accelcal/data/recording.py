@@ -133,8 +133,7 @@ class Recording:
                 f"{self.name}: its output passes a high-pass, so that dwells show another sensor than this recording; "
                 "fit it without them"
             )
-        digest = hashlib.sha256(f"{self.digest} with {dwells.digest}".encode()).hexdigest() if self.digest else ""
-        return replace(self, dwells=dwells, digest=digest, source=self.session)
+        return replace(self, dwells=dwells)
 
     def part(self, start: float, end: float) -> Recording:
         """The recording from `start` to `end`, both included, s.

@@ -10,6 +10,7 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
+from accelcal.effects import find
 from accelcal.estimation.dwell_rows import (
     SCATTER_ALPHA,
     Nuisances,
@@ -67,6 +68,7 @@ def dwell_model(model: Model, dwells: Dwells) -> Model:
         If it has effects that no dwell shows.
     """
     held = {term.name: 0.0 for term in model.free if term.owner == "timing" and term.effect.name in model.effects[:3]}
+    model = model.drop(*(name for name in model.added if find(name).seen_by_sets and not acts_at_rest(find(name))))
     model = model.freeze(**held)
     for term in model.free:
         if not acts_at_rest(term.effect):

@@ -12,7 +12,7 @@ from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
-from accelcal.data.dwell_sets import together
+from accelcal.data.dwell_sets import dwells_with_first
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED, LEVERS, TURNED
 from accelcal.data.recording import Recording, RecordingError, listed, require_same_sensor
@@ -21,7 +21,7 @@ from accelcal.effects import BUILT_IN, CATALOGUE, find
 from accelcal.estimation.bands import best_band, change_with_band, needs_band, trial_bands
 from accelcal.estimation.channel_filters import names
 from accelcal.estimation.dwell_fit import DwellFit, origins_of, seen_in, solve_dwells
-from accelcal.estimation.dwell_rows import Nuisances, determines
+from accelcal.estimation.dwell_rows import Nuisances, acts_at_rest, determines, shown
 from accelcal.estimation.gauss_newton import (
     DWELL_STEPS,
     MAX_ROUNDS,
@@ -208,6 +208,7 @@ def solve_runs(
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
+    require_shown(model, recordings)
     first = prepare(recordings[0], origins, start=start, end=end)
     runs = [first, *(prepare(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
@@ -235,8 +236,12 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
     """States of the runs at the values of a fit; None where it was made to other data, or in a band."""
     if len(recordings) != len(fit.runs) or any(run.noise.band is not None for run in fit.runs):
         return None
+    recordings = dwells_with_first(recordings)
+    still = recordings[0].dwells if recordings else None
+    if (fit.dwells.digest if fit.dwells else None) != (still.digest if still else None):
+        return None
     states = []
-    for index, (recording, fitted) in enumerate(zip(dwells_with_first(recordings), fit.runs, strict=True)):
+    for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
         run = prepare(recording, fit.origins)
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
@@ -245,15 +250,6 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
             return None
         states.append(state_at(fit, index, run))
     return states
-
-
-def dwells_with_first(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings, all their dwells with the first; a table that several sidecars name counts once."""
-    several = {r.dwells.digest or str(number): r.dwells for number, r in enumerate(recordings) if r.dwells is not None}
-    if not several:
-        return list(recordings)
-    first, *others = recordings
-    return [replace(first, dwells=together([*several.values()])), *(replace(r, dwells=None) for r in others)]
 
 
 @one_thread
@@ -445,13 +441,17 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     extra: list[str] = []
     if not any(r.rig.coupled for r in recordings) and "bias" not in model.fixed:
         model = model.freeze(bias=0.0)
-    if {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts:
-        extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
+    turned = {"normal", "reversed"} <= mounts or {"rolled", "reversed"} <= mounts
     tumbled = any(r.dwells is not None and determines(r.dwells, "bias") for r in recordings)
-    if tumbled and "bias" not in model.per_run and any(r.rig.axis == "level" and r.rig.coupled for r in recordings):
-        extra += [n for n in SEPARATED_BY_TURNING if n not in (*model.effects, *extra)]
+    tumbled = tumbled and any(r.rig.axis == "level" and r.rig.coupled for r in recordings)
+    if turned or (tumbled and "bias" not in model.per_run):
+        extra += [n for n in SEPARATED_BY_TURNING if n not in model.effects]
+    else:  # that of other recordings, from which the model comes
+        model = without(model, SEPARATED_BY_TURNING)
     if {"normal", "rolled"} <= mounts:
         extra += [n for n in SEPARATED_BY_ROLLING if n not in model.effects]
+    elif not any(r.dwells is not None for r in recordings) and len(recordings) == 1:
+        model = without(model, SEPARATED_BY_ROLLING)
     if all(name in r.side for r in recordings for name in TURNED):
         extra += [n for n in WITH_GYROSCOPE if n not in model.effects]
     if all(name in r.side for r in recordings for name in LEVERS):
@@ -462,6 +462,29 @@ def complete(model: Model, recordings: Sequence[Recording]) -> Model:
     if unsure > 0.0 and "lowpass_error" not in model.effects:
         model = model.add("lowpass_error", priors={"lowpass_error": Prior(0.0, unsure)})
     return model.add(*extra) if extra else model
+
+
+def without(model: Model, names: Sequence[str]) -> Model:
+    """The model without those of some effects that are free and have no prior."""
+    held = {*model.fixed, *model.priors}
+    return model.drop(*(n for n in names if n in model.effects and n not in held))
+
+
+def require_shown(model: Model, recordings: Sequence[Recording]) -> None:
+    """Refuse dwells without a channel that an effect of the model needs: what it adds to them is not known.
+
+    Raises
+    ------
+    RecordingError
+        Naming effect, channel and file.
+    """
+    for dwells in (recording.dwells for recording in recordings if recording.dwells is not None):
+        for term in model.terms:
+            if acts_at_rest(term.effect) and not shown(dwells, term.effect):
+                raise RecordingError(
+                    f"{dwells.name or 'dwells'}: {term.name} needs {' and '.join(term.effect.needs)}, which these "
+                    "dwells do not have; add the column, or fit the motion without them"
+                )
 
 
 def require_motion(run: PreparedRun) -> None:

@@ -60,7 +60,7 @@ class GoesWith:
     """Over all covariates that were tried."""
     tried: int
     left: float
-    """Standard deviation between runs that it leaves, in the unit of the parameter."""
+    """Standard deviation between runs that it leaves, in the unit of the parameter; of a walk, how far it goes, rms."""
 
     @property
     def sentence(self) -> str:
@@ -72,8 +72,11 @@ class GoesWith:
             "walk": "walks from date to date",
         }.get(self.covariate, f"goes with the {self.covariate}")
         p = f"p = {self.p_value:.1g}" if self.p_value > 1.0 / DRAWS else f"p < {self.tried / DRAWS:.1g}"
+        left = f"; {self.left:.2g} is left between runs"
+        if self.covariate == "walk":
+            size, left = f": {self.left:.2g} rms from the first run on", ""
         also = f"; confounded with {', '.join(self.members[1:])} on these runs" if len(self.members) > 1 else ""
-        return f"{self.parameter} {words}{size} ({p}, {self.tried} tried){also}; {self.left:.2g} is left between runs"
+        return f"{self.parameter} {words}{size} ({p}, {self.tried} tried){also}{left}"
 
 
 def covariates_of(recordings: Sequence[Recording], unit: str) -> list[Covariate]:

@@ -7,6 +7,7 @@ sensor, and e with the standard deviation of the fit of the run (derivations 6.1
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 
-GRID, FINE, SPAN = 32, 96, 8.0
-"""Trial values of each of the two standard deviations: coarse over all, then fine up to this factor about the best."""
+GRID, SPAN = 32, 8.0
+"""Trial values of each of the two standard deviations before they are refined, and how far one may move about its best
+value while the other is held."""
 REACH = 1e-5, 10.0
 """Least and largest trial standard deviation, in those of the estimates."""
 DROP = 0.5 * 3.841458820694124
@@ -124,10 +126,6 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
     runs, sensors = np.array([0.0, *trials]) if repeated else np.zeros(1), np.array([0.0, *trials])
     surface = likelihoods(y, std, sensor, runs, sensors)
     i, j = np.unravel_index(int(np.argmax(surface)), surface.shape)
-    runs = around(float(runs[i]), scale) if repeated else runs
-    sensors = around(float(sensors[j]), scale)
-    surface = likelihoods(y, std, sensor, runs, sensors)
-    i, j = np.unravel_index(int(np.argmax(surface)), surface.shape)
 
     def missed(x: Array) -> float:
         return float(Sums.of(y, std, sensor, float(x[0] ** 2)).minus_two_log(np.array([x[1] ** 2]))[0])
@@ -147,8 +145,12 @@ def population(y: Array, std: Array, sensor: NDArray[np.intp]) -> Population:
     return Population(
         mean=mean,
         mean_std=math.sqrt(variance),
-        between_sensors=component(float(found[1]), sensors, surface.max(axis=0), best),
-        run_to_run=component(float(found[0]), runs, surface.max(axis=1), best),
+        between_sensors=component(
+            float(found[1]), float(found[0]), scale, best, lambda x, y: missed(np.array([y * repeated, x]))
+        ),
+        run_to_run=component(float(found[0]), float(found[1]), scale, best, lambda x, y: missed(np.array([x, y])))
+        if repeated
+        else Component(0.0, 0.0, 0.0),
         sensors=mean + share * (sums.ybar - mean),
         sensors_std=np.sqrt(share * sums.v + (1.0 - share) ** 2 * variance),
         outlying=deleted(sums, float(found[1] ** 2)),
@@ -160,26 +162,28 @@ def likelihoods(y: Array, std: Array, sensor: NDArray[np.intp], runs: Array, sen
     return np.array([-0.5 * Sums.of(y, std, sensor, float(w**2)).minus_two_log(sensors**2) for w in runs])
 
 
-def around(value: float, scale: float) -> Array:
-    """Finer trial standard deviations about the best coarse one, 0 among them."""
-    least = max(value / SPAN, REACH[0] * scale)
-    return np.array([0.0, *np.geomspace(least, max(value, 1e-3 * scale) * SPAN, FINE)])
+def component(
+    value: float, other: float, scale: float, best: float, missed: Callable[[float, float], float]
+) -> Component:
+    """A standard deviation, and its 95 % interval: where the likelihood, the largest over the other one, has fallen.
 
+    `missed` is -2 log-likelihood at this standard deviation and the other.
+    """
 
-def component(value: float, trials: Array, profile: Array, best: float) -> Component:
-    """A standard deviation, its interval where the profile has fallen."""
-    inside = np.flatnonzero(profile >= best - DROP)
-    low = 0.0 if inside[0] == 0 else crossing(trials, profile, int(inside[0]) - 1, best)
-    last = int(inside[-1])
-    high = float(trials[-1]) if last + 1 >= len(trials) else crossing(trials, profile, last, best)
-    return Component(value, min(low, value), max(high, value))
+    def above(x: float) -> float:
+        widest = SPAN * max(other, 1e-3 * scale)
+        options = {"xatol": 1e-7 * widest}
+        found = scipy.optimize.minimize_scalar(
+            lambda y: missed(x, y), bounds=(0.0, widest), method="bounded", options=options
+        )
+        return DROP - best - 0.5 * min(float(found.fun), missed(x, other))
 
-
-def crossing(trials: Array, profile: Array, k: int, best: float) -> float:
-    """Value between trials k and k + 1 at which the profile is that much below the best."""
-    a, b = profile[k] - (best - DROP), profile[k + 1] - (best - DROP)
-    share = a / (a - b)
-    return float(trials[k] + share * (trials[k + 1] - trials[k]))
+    low = 0.0 if value <= 0.0 or above(0.0) >= 0.0 else float(scipy.optimize.brentq(above, 0.0, value, rtol=1e-6))
+    end = max(2.0 * value, 1e-3 * scale)
+    while above(end) > 0.0 and end < REACH[1] * scale * SPAN:
+        end *= 2.0
+    high = float(scipy.optimize.brentq(above, value, end, rtol=1e-6)) if above(end) < 0.0 else end
+    return Component(value, low, high)
 
 
 def deleted(sums: Sums, between: float) -> Array:

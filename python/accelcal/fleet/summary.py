@@ -27,6 +27,8 @@ AGEING_ALPHA = 0.01
 """Probability, over all sensors and parameters, below which a slope over the dates is ageing."""
 NO_SHORTER = 0.9
 """Share of a calibration beyond which the population does not help."""
+RANGE_OF_TWO = 2.0 / math.sqrt(math.pi)
+"""Mean of the absolute difference of two normal values of standard deviation 1."""
 FEWEST_DATES = 4
 
 
@@ -182,9 +184,11 @@ def summarise(results: Results) -> Fleet:
     parameters = {
         term.name: term.unit for term in Model.cubic().terms if term.name in values and term.owner == "sensor"
     }
-    populations = {}
-    if len(sensors) > 1:
-        populations = {name: population(values[name], values[name + STD], sensor_of) for name in parameters}
+    populations: dict[str, Population] = {}
+    for name in parameters if len(sensors) > 1 else ():
+        there = np.isfinite(values[name]) & np.isfinite(values[name + STD])
+        if set(sensor_of[there]) == set(range(len(sensors))):  # every sensor has it
+            populations[name] = population(values[name][there], values[name + STD][there], sensor_of[there])
     charts = control_charts(sensors, sensor_of, values, tuple(parameters), populations)
     return Fleet(sensors, files, sensor_of, values, parameters, populations, charts, dict(results.errors))
 
@@ -203,12 +207,17 @@ def control_charts(
         if len(set(values["date"][mine].tolist())) < FEWEST_DATES:
             continue
         mine = mine[np.argsort(values["date"][mine], kind="stable")]
-        for name in parameters:
-            between = populations[name].run_to_run.value if name in populations else 0.0
+        for name in (n for n in parameters if np.all(np.isfinite(values[n][mine]))):
+            between = populations[name].run_to_run.value if name in populations else moving_range(values[name][mine])
             found.append(
                 chart(sensor, name, values["date"][mine], values[name][mine], values[name + STD][mine], between)
             )
     return tuple(corrected(one, len(found)) for one in found)
+
+
+def moving_range(y: Array) -> float:
+    """Standard deviation of runs in their order, from the differences of neighbours (individuals chart)."""
+    return float(np.mean(np.abs(np.diff(y)))) / RANGE_OF_TWO
 
 
 def chart(sensor: str, name: str, days: Array, y: Array, std: Array, between: float) -> Chart:

@@ -49,7 +49,9 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
             f'{table.path}: no column "{missing[0]}"; a table of dwells has the header {",".join(COLUMNS)}'
         )
     read = table.read([name for name in COLUMNS if name in table.columns])
-    columns = {name: complete(table, name, column) for name, column in read.items() if not empty(column)}
+    columns = {
+        name: complete(table, name, column) for name, column in read.items() if not (name in OPTIONAL and empty(column))
+    }
     for name, low, high, words in (
         ("attitude_deg", -MOST_DEGREES, MOST_DEGREES, "an angle of at most 360 degrees"),
         ("std", 0.0, math.inf, "a standard deviation of the samples"),
@@ -77,7 +79,7 @@ def from_table(table: Table, declared: Sidecar, sidecar: Path) -> Dwells:
         std=np.abs(si(columns["mean"] + columns["std"]) - mean),
         duration=columns["duration_s"],
         samples=columns["samples"],
-        group=tuple(f"{g:g}" for g in group),
+        group=tuple(f"{g:.17g}" for g in group),
         rig=declared.rig,
         temperature=columns.get("temperature_degC"),
         angle_std=setup.angle_std or 0.0,

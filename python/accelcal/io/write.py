@@ -8,6 +8,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from accelcal.data.dwells import DwellSetup
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
+from accelcal.data.run_labels import NO_LABELS, RunLabels
 from accelcal.io import naming, sidecar
 from accelcal.io.sidecar import Clock, Source
 
@@ -107,7 +109,11 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
 
 
 def write_sidecar(
-    rig: Rig, channels: Mapping[str, Clock | Source], path: str | Path, dwell: DwellSetup | None = None
+    rig: Rig,
+    channels: Mapping[str, Clock | Source],
+    path: str | Path,
+    dwell: DwellSetup | None = None,
+    labels: RunLabels = NO_LABELS,
 ) -> None:
     """Write what is declared of a rig and of the columns of its file; reading it gives the same rig.
 
@@ -117,6 +123,7 @@ def write_sidecar(
     channels : by channel name, time included, its column.
     path : the sidecar to write; replaced if it exists.
     dwell : what it says of a table of dwells.
+    labels : when, how mounted and by whom the run was made.
     """
     tables = {
         "sensor": _sensor(rig),
@@ -124,6 +131,7 @@ def write_sidecar(
         "clock": _clock(rig),
         "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
+        "run": _labels(labels),
         "dwell": {} if dwell is None else _dwell(dwell),
         "judge": _declared({"tolerance": _amount(rig.tolerance, "m/s^2", "mg")}),
     }
@@ -133,6 +141,12 @@ def write_sidecar(
         if entries
     )
     atomic_write(path, text)
+
+
+def _labels(labels: RunLabels) -> dict[str, str]:
+    texts = {key: toml_text(text) for key in ("mounting", "operator") if (text := getattr(labels, key))}
+    at = None if labels.date is None else datetime.fromtimestamp(labels.date * 86400.0, UTC)
+    return texts if at is None else {"date": at.isoformat(), **texts}
 
 
 def _dwell(setup: DwellSetup) -> dict[str, str]:

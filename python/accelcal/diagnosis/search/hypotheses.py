@@ -11,6 +11,8 @@ from accelcal.data.orientation import DERIVED
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
+from accelcal.estimation.dwell_rows import acts_at_rest
+from accelcal.estimation.dwell_rows import shown as dwells_show
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.shape_parameters import linearised
 from accelcal.model import Model, Term, terms_of
@@ -54,7 +56,7 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     model : effects that it has are not offered again, but for the fine form of a coarse curve.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     """
-    s, tumbled = state.signals, state.run.recording.dwells is not None
+    s, dwells = state.signals, state.run.recording.dwells
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     random_bias = any(find(name).port == "process" for name in model.effects)
@@ -64,10 +66,11 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
         if may_be_refined(model, effect):
             hypotheses.append(Hypothesis(effect, model.shapes[effect.name]))
             continue
-        shown = effect.traits.visible or (tumbled and effect.seen_by_sets)
+        shown = effect.traits.visible or (dwells is not None and effect.seen_by_sets)
         excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
-        if excluded or premature or any(name not in s.side for name in effect.needs):
+        unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
+        if excluded or premature or unknown or any(name not in s.side for name in effect.needs):
             continue
         tried = {
             n: [InitialShape(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked

@@ -41,6 +41,13 @@ def shortlist(evidence: CandidateScores, sets: Sequence[tuple[int, ...]], rules:
         strongest = sorted(best.values(), key=lambda i: gains_of[i][0] - gains_of[i][1], reverse=True)[:FINALISTS]
         kept += [i for i in strongest if evidence.items[i].effect.name not in names]
         names |= {evidence.items[i].effect.name for i in strongest}
+    # What only sets of runs show is confounded among itself by design, whoever else is as strong.
+    _, dofs = evidence.gains()
+    kept += [
+        i
+        for i in np.flatnonzero(dofs).tolist()
+        if evidence.items[i].effect.seen_by_sets and evidence.items[i].effect.name not in names
+    ]
     return kept
 
 

@@ -26,6 +26,9 @@ from accelcal.estimation.rows import rows_of_dwells, spectrum_of
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term, evaluate
 
+ALIKE = 0.05
+"""Share of its power that an effect keeps beside another where the two are one, of those that only sets of runs show:
+their columns differ by errors of the smoothed motion alone."""
 MOST_CACHED = 1 << 23
 """Largest number of column samples of a run that is kept for a second pass: 67 MB."""
 APART = 1e5
@@ -202,6 +205,9 @@ class CandidateScores:
         plain = [item.effect.width == 1 and item.effect.port != "process" for item in items]
         self._plain: NDArray[np.bool_] = np.array(plain, dtype=np.bool_)
         self._positive: NDArray[np.bool_] = np.array([item.effect.traits.positive for item in items], dtype=np.bool_)
+        alike = [ALIKE if item.effect.seen_by_sets else DEGENERATE for item in items]
+        self._degenerate: Array = np.array(alike)
+        """Share of a column's power below which nothing of it is left beside those chosen, of each hypothesis."""
         self._sum(runs, report)
 
     def _sum(self, runs: Sequence[BaseProjection], report: Callable[[float], None] = lambda share: None) -> None:
@@ -308,6 +314,8 @@ class CandidateScores:
         if self.items[i].effect.port == "process":
             return variance_gain(A, b)
         gain, dof, estimate, covariance = score_gain(A, b, self.G[columns, columns])
+        if chosen and len(b) == 1 and A[0, 0] <= self._degenerate[i] * self.G[columns, columns][0, 0]:
+            return 0.0, 0, estimate, covariance
         if self.items[i].effect.traits.positive and estimate[0] < 0.0:
             return 0.0, 0, estimate, covariance
         rounding = self.rounding[columns]
@@ -325,7 +333,7 @@ class CandidateScores:
         gain, dof = np.zeros(len(self.items)), np.zeros(len(self.items), dtype=np.intp)
         starts = np.array([columns.start for columns in self.columns], dtype=np.intp)[self._plain]
         A, b, before = np.diag(G)[starts], c[starts], np.diag(self.G)[starts]
-        testable = (DEGENERATE * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
+        testable = (self._degenerate[self._plain] * before < A) & (A > 0.0) & ~(self._positive[self._plain] & (b < 0.0))
         known = A / (1.0 + A * self.rounding[starts])
         gain[self._plain] = np.where(
             testable, b**2 / np.where(testable, A, 1.0) * known / np.where(testable, A, 1.0), 0.0
