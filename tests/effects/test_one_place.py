@@ -18,6 +18,7 @@ MAKERS = ("effects", "simulation", "paper", "demo.py")
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
     ("app/workbench.py", "cubic"): "model of `fit`, and the simulated example",
+    ("fleet/task.py", "cubic"): "model of `fit`, and the simulated example",
     ("calibration/budget.py", "encoder_scale"): "key of a sidecar",
     ("calibration/budget.py", "misalignment"): "key of a sidecar",
     ("cli/data.py", "quadratic"): "option of `simulate`",
