@@ -26,7 +26,16 @@ from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
 from accelcal.effects import Effect, find
-from accelcal.estimation.estimate import Fit, estimate, estimate_dwells, restored_states, result, solve_runs, state_at
+from accelcal.estimation.estimate import (
+    DWELLS_ALONE,
+    Fit,
+    estimate,
+    estimate_dwells,
+    restored_states,
+    result,
+    solve_runs,
+    state_at,
+)
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
@@ -49,7 +58,7 @@ WHOLE_RUNS = 3
 def model_in_motion(fit: Fit) -> Model:
     """The model of a fit for recordings of a motion: a fit to dwells alone holds the timing, which they do not show."""
     held = [name for name in BASE if name in fit.model.fixed and find(name).owner == "timing"]
-    return fit.model.release(*held) if fit.method == "dwells" else fit.model
+    return fit.model.release(*held) if fit.method == DWELLS_ALONE else fit.model
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:

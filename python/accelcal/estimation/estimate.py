@@ -46,6 +46,8 @@ SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
 WITH_GYROSCOPE = tuple(effect.name for effect in BUILT_IN if effect.needs == TURNED)
 WITH_ATTITUDE = tuple(effect.name for effect in BUILT_IN if effect.needs == LEVERS)
+DWELLS_ALONE = "dwells"
+"""Method of a fit to static dwells without a motion."""
 FARTHEST = 0.3
 """Distance of a sensor from the tracked point that is ordinary, m: where a body hardly turns, its motion says less."""
 SCALE_STD_LIMIT = 0.5
@@ -281,7 +283,7 @@ def estimate_dwells(model: Model, dwells: Dwells, origins: Origins | None = None
         runs=(),
         origins=origins,
         rig=dwells.rig,
-        method="dwells",
+        method=DWELLS_ALONE,
         validity={**ranges, "frequency": (0.0, 0.0)},
         remarks=found.seen.remarks,
         shapes=tuple(held_shapes(found.model)),
@@ -633,7 +635,7 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
 def tied_sum(fit: Fit, name: str) -> str:
     """The sum that a parameter equals on this rig, as long as no joint fit has separated it."""
     base = CATALOGUE.get(name)
-    if not fit.runs:  # dwells show the sensor alone
+    if fit.method == DWELLS_ALONE:  # they show the sensor and no rig
         return fit[name].symbol
     turning = ("gravity along a turning axis",) if fit.tilt > 0.0 and name in ("bias", "scale_factor") else ()
     if base is None or base.traits.lumped is None:
