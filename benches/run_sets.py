@@ -66,7 +66,7 @@ def judged(runs: list[Recording]) -> Diagnosis:
     return ac.diagnose(ac.fit(ac.Model.linear(), runs), runs)
 
 
-def told(found: Diagnosis, effect: str) -> bool:
+def named_in(found: Diagnosis, effect: str) -> bool:
     """Whether an effect is among those that are missing, or is found in the model."""
     missing = {member for group in found.classes for member in group.members}
     inside = {one.group.effect for one in found.present}
@@ -97,10 +97,10 @@ def main() -> None:
             named = said = 0
             for k in range(given.count):
                 rng = np.random.default_rng([given.seed, k])
-                named += told(judged(made(rng, which, effect, size)), effect)
+                named += named_in(judged(made(rng, which, effect, size)), effect)
                 if k < given.count // 4:
                     blind = judged(made(np.random.default_rng([given.seed, k]), BLIND, effect, size))
-                    said += not told(blind, effect) and any(
+                    said += not named_in(blind, effect) and any(
                         effect in tie.members and f"gives {effect} to" in tie.experiment for tie in blind.inseparable
                     )
             name = which if isinstance(which, str) else ", ".join(f"{a} {m}" for a, m in which)

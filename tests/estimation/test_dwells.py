@@ -191,7 +191,7 @@ def test_a_bias_that_differs_from_run_to_run_differs_in_dwells_too(motion):
     assert fit.dwells.p_value > 1e-3
 
 
-def test_scatter_beyond_what_is_declared_is_told_and_widens():
+def test_scatter_beyond_what_is_declared_is_reported_and_widens():
     linear = {**TRUTH, "quadratic": 0.0, "cubic": 0.0}
     plain, wild = (tumble(np.random.default_rng(7), linear, further=further) for further in (0.0, 5e-3))
     quiet, fit = (ac.fit(ac.Model.linear(), dwells) for dwells in (plain, wild))

@@ -73,7 +73,7 @@ def test_a_cause_of_ten_standard_deviations_is_named(kind):
     assert 5.0 < np.median(np.abs(z)) < 20.0
 
 
-def test_a_walk_over_the_dates_is_told_from_chance():
+def test_a_random_change_over_the_dates_is_no_chance():
     members = found = 0
     for seed in range(30):
         rng = np.random.default_rng(seed)

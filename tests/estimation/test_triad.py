@@ -66,7 +66,7 @@ def test_nine_parameters_are_least_squares_and_the_truth():
     assert np.linalg.norm(fit.apply(made.mean), axis=1) == pytest.approx(G + fit.residual)
 
 
-def test_a_term_of_second_order_is_told_with_what_it_is_confounded_with():
+def test_a_term_of_second_order_is_reported_with_what_it_is_confounded_with():
     """At a stated rate of 1 % over 100 nulls; the twin has K_x,xy of some ten standard deviations."""
     false = sum(fit_triad(positions(np.random.default_rng(s))).missing is not None for s in range(100))
     assert false <= stats.binom.ppf(0.975, 100, 0.01)

@@ -197,18 +197,18 @@ def test_large_fleets_have_intervals():
 
 
 def test_what_cannot_be_a_fleet_is_refused(sensors, tmp_path):
-    def told(*names):
+    def message(*names):
         done = CliRunner().invoke(app, ["fleet", *map(str, names), "--store", str(tmp_path / "x.sqlite")])
         assert done.exit_code != 0
         return done.stderr
 
-    assert "expected a folder with the recordings of one sensor" in told(sensors / "s0" / "r0.csv")
+    assert "expected a folder with the recordings of one sensor" in message(sensors / "s0" / "r0.csv")
     (tmp_path / "s0").mkdir()
-    assert "have one name" in told(sensors / "s0", tmp_path / "s0")
-    assert "no recording in it" in told(tmp_path / "s0")
+    assert "have one name" in message(sensors / "s0", tmp_path / "s0")
+    assert "no recording in it" in message(tmp_path / "s0")
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "a.csv").write_text("t_s,accel_g\n0,1\n")
-    assert "no recording of the fleet could be fitted" in told(tmp_path / "bad")
+    assert "no recording of the fleet could be fitted" in message(tmp_path / "bad")
 
 
 def test_a_sensor_that_does_not_age_is_not_said_to(sensors):

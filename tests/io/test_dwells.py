@@ -61,7 +61,7 @@ def test_a_mean_in_volts_goes_through_the_scale(table):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "message"),
     [
         ("90,9.9581,0.002", "90,9.9581,-0.002", r'row 3, column "std": found -0.002, expected a standard deviation'),
         ("90,9.9581,0.002,60", "90,9.9581,0.002,0", r'row 3, column "duration_s": found 0, expected a duration'),
@@ -71,9 +71,9 @@ def test_a_mean_in_volts_goes_through_the_scale(table):
         ("duration_s", "length_s", r'no column "duration_s"; a table of dwells has the header attitude_deg,mean'),
     ],
 )
-def test_what_is_wrong_in_a_table_is_told(table, old, new, told):
+def test_what_is_wrong_in_a_table_is_reported(table, old, new, message):
     table.write_text(TABLE.replace(old, new, 1))
-    with pytest.raises(ac.RecordingError, match=told):
+    with pytest.raises(ac.RecordingError, match=message):
         ac.load_dwells(table)
 
 
@@ -84,7 +84,7 @@ def test_a_table_without_a_unit_shows_what_to_write(table):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ('[dwell]\nattitude = "sideways"', r'dwell.attitude: found \'sideways\', expected "up"'),
         ('[dwell]\nattitude = "up"\nangle = "30 deg"', "dwell.angle: dwell.attitude is given as well"),
@@ -92,13 +92,13 @@ def test_a_table_without_a_unit_shows_what_to_write(table):
         ('[dwell]\nangel = "30 deg"', 'dwell.angel: unknown key; did you mean "angle"'),
     ],
 )
-def test_what_is_wrong_in_a_sidecar_is_told(table, text, told):
+def test_what_is_wrong_in_a_sidecar_is_reported(table, text, message):
     table.with_suffix(".toml").write_text(text)
-    with pytest.raises(ac.RecordingError, match=told):
+    with pytest.raises(ac.RecordingError, match=message):
         ac.load_dwells(table)
 
 
-def test_groups_are_told_apart_by_every_digit(table):
+def test_groups_differ_in_every_digit(table):
     table.write_text(TABLE.replace("6000,2", "6000,20261104").replace("6000,1\n", "6000,20261103\n"))
     assert ac.load_dwells(table).group == ("20261103", "20261103", "20261104", "20261104")
 

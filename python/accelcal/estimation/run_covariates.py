@@ -38,7 +38,7 @@ class Covariate:
     """line, logarithm and walk over the dates; mounting, operator, temperature."""
     columns: Array
     """(runs, k); k = 0 for a walk."""
-    walk: Array | None = None
+    covariance: Array | None = None
     """Covariance of a walk over the dates, of mean diagonal 1, (runs, runs)."""
     unit: str = ""
     """Of one unit of the column."""
@@ -88,8 +88,8 @@ def covariates_of(recordings: Sequence[Recording], unit: str) -> list[Covariate]
         t = t - np.min(t)
         found.append(Covariate("line", t[:, None], unit=f"{unit} per day"))
         found.append(Covariate("logarithm", np.log(t / DAY_ONE + 1.0)[:, None], unit=f"{unit} per factor e"))
-        walk = np.minimum.outer(t, t)
-        found.append(Covariate("walk", np.empty((len(t), 0)), walk / float(np.mean(np.diag(walk)))))
+        shared = np.minimum.outer(t, t)
+        found.append(Covariate("walk", np.empty((len(t), 0)), shared / float(np.mean(np.diag(shared)))))
     for name in ("mounting", "operator"):
         labels = [getattr(recording.labels, name) for recording in recordings]
         kinds = sorted(set(labels))
@@ -100,7 +100,7 @@ def covariates_of(recordings: Sequence[Recording], unit: str) -> list[Covariate]
     means = np.array([float(np.mean(channel.y)) for channel in warm if channel is not None])
     if len(means) == len(recordings) and np.ptp(means) > 0.0:
         found.append(Covariate("temperature", means[:, None], unit=f"{unit} per K"))
-    return [one for one in found if one.walk is not None or np.linalg.matrix_rank(centred(one.columns)) > 0]
+    return [one for one in found if one.covariance is not None or np.linalg.matrix_rank(centred(one.columns)) > 0]
 
 
 def centred(columns: Array) -> Array:
@@ -154,11 +154,11 @@ def likelihood(y: Array, seen: BetweenRuns, covariate: Covariate | None, D: floa
 
 def weights_and_design(seen: BetweenRuns, covariate: Covariate | None, D: float) -> tuple[Array, Array]:
     """Inverse covariance of the readings, and the columns of mean and covariate."""
-    if covariate is None or covariate.walk is None:
+    if covariate is None or covariate.covariance is None:
         W = np.diag(1.0 / (seen.v + D))
     else:
-        walk = seen.turn @ covariate.walk @ seen.turn.T
-        W = np.asarray(np.linalg.inv(np.diag(seen.v) + D * walk), dtype=np.float64)
+        between = seen.turn @ covariate.covariance @ seen.turn.T
+        W = np.asarray(np.linalg.inv(np.diag(seen.v) + D * between), dtype=np.float64)
     X = seen.u[:, None]
     if covariate is not None and covariate.columns.shape[1]:
         X = np.hstack([X, seen.turn @ centred(covariate.columns)])
