@@ -307,7 +307,9 @@ def drop(
     `report` is called with the share of the work that is done, 0 to 1.
     """
     several, broken = usable_recordings(runs_of(recordings))
-    left = result(solve_runs(fit.model.drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9)))
+    left = result(
+        solve_runs(model_in_motion(fit).drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9))
+    )
     return with_breaks(fit_without_outliers(left, several)[0], broken)
 
 
