@@ -25,7 +25,7 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
-from accelcal.cli.models import load_any, load_like
+from accelcal.cli.models import load_any, load_like, load_run
 from accelcal.cli.printing import (
     limit,
     show_diagnosis,
@@ -138,7 +138,7 @@ def improve(
     from accelcal.workflow import improve as improve_with
 
     load_own_effects(effects_file)
-    recordings = [io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig) for path in runs]
+    recordings = [load_run(path, rig) for path in runs]
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
         require_distinct([*(one for one in recordings if isinstance(one, Recording)), unseen])

@@ -78,7 +78,6 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
-    from accelcal import io
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Recording
     from accelcal.model import Model
@@ -90,7 +89,7 @@ def fit(
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
-    recordings = [io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig) for path in runs]
+    recordings = [load_run(path, rig) for path in runs]
     if method == "replay":
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
@@ -330,6 +329,13 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
         print_json(model_file.to_dict(found))
     else:
         show_fit(found, recording)
+
+
+def load_run(path: Path, rig: Path | None) -> Recording | Dwells:
+    """Read a recording, or dwells where the file or its sidecar says that it is some."""
+    from accelcal import io
+
+    return io.load_dwells(path, rig) if io.declares_dwells(path, rig) else io.load(path, rig)
 
 
 def load_any(fitted: Fit, run: Path, rig: Path | None) -> Recording | Dwells:

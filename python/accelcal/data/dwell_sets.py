@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.recording import Recording, RecordingError, require_same_sensor
 
 
 def with_dwells(several: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording] | Dwells:
@@ -61,12 +61,7 @@ def together(several: Sequence[Dwells]) -> Dwells:
             raise RecordingError(
                 f"{one.name}: uncertainty.level is not that of {first.name}; declare the same in both sidecars"
             )
-        for key in ("model", "serial"):
-            here, there = getattr(one.rig.sensor, key), getattr(first.rig.sensor, key)
-            if here and there and here != there:
-                raise RecordingError(
-                    f'{one.name}: sensor.{key} is "{here}" but that of {first.name} is "{there}"; expected one sensor'
-                )
+        require_same_sensor(one, first.rig, first.name)
         if one.digest and one.digest in {first.digest, *(other.digest for other in others if other is not one)}:
             raise RecordingError(f"{one.name} is given twice: its dwells would count twice. Give it once")
     warm = [one.temperature for one in several]

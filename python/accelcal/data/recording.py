@@ -186,7 +186,7 @@ def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def require_same_sensor(recording: Recording, rig: Rig, other: str) -> None:
+def require_same_sensor(recording: Recording | Dwells, rig: Rig, other: str) -> None:
     """Refuse a recording whose sidecar declares another sensor than `rig`, which belongs to `other`.
 
     Raises

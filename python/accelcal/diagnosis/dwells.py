@@ -14,6 +14,7 @@ from accelcal.effects import BUILT_IN, Effect, is_local, users_own
 from accelcal.estimation.dwell_fit import DwellFit, solve_dwells
 from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, shown
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.multiplicity import over_all
 from accelcal.model import terms_of
 
 BEYOND = 1e-6
@@ -98,7 +99,7 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
             estimate,
             std,
             float(-scipy.special.ndtri(max(0.5 * p, 1e-300))),
-            -math.expm1(count * math.log1p(-min(p, 1.0 - 1e-16))),
+            over_all(p, count),
         )
         for p, estimate, std, k in sorted(found)
     )

@@ -18,6 +18,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.recording import RecordingError
 from accelcal.estimation.dwell_fit import SCATTER_REMARK
 from accelcal.estimation.gauss_newton import NotIdentifiable
+from accelcal.estimation.multiplicity import over_all
 
 AXES = "xyz"
 PARAMETERS = 9
@@ -296,4 +297,4 @@ def corrected(t: float, freedom: int, count: int) -> float:
     if t == 0.0 or freedom < 1:
         return 1.0
     alone = 2.0 * float(scipy.special.stdtr(freedom, -abs(t)))
-    return -math.expm1(count * math.log1p(-min(alone, 1.0 - 1e-16)))
+    return over_all(alone, count)

@@ -15,6 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.estimation.multiplicity import over_all
 
 GRID, SPAN = 32, 8.0
 """Trial values of each of the two standard deviations before they are refined, and how far one may move about its best
@@ -202,5 +203,5 @@ def deleted(sums: Sums, between: float) -> Array:
         mean, variance = others.mean(own)
         t = abs(float(sums.ybar[i]) - mean) / math.sqrt(float(sums.v[i]) + own + variance)
         alone = 2.0 * float(scipy.special.stdtr(count - 2, -t))
-        p[i] = -math.expm1(count * math.log1p(-min(alone, 1.0 - 1e-16)))
+        p[i] = over_all(alone, count)
     return p

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from accelcal.campaign import Results
 from accelcal.data.arrays import Array
+from accelcal.estimation.multiplicity import over_all
 from accelcal.fleet.population import Population, population
 from accelcal.fleet.task import STD
 from accelcal.model import Model
@@ -252,5 +253,5 @@ def chart(sensor: str, name: str, days: Array, y: Array, std: Array, between: fl
 
 def corrected(one: Chart, count: int) -> Chart:
     """The chart with its probability over all charts (Sidak)."""
-    p = -math.expm1(count * math.log1p(-min(one.p_value, 1.0 - 1e-16)))
+    p = over_all(one.p_value, count)
     return Chart(**{**{key: getattr(one, key) for key in one.__slots__}, "p_value": p})

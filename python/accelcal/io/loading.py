@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from accelcal.data.recording import Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.io.assign import Plan, assign
 from accelcal.io.convert import in_seconds, in_si
-from accelcal.io.dwell_table import load_dwell_table
+from accelcal.io.dwell_table import digest_of, load_dwell_table
 from accelcal.io.formats import open_table
 from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
 from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
@@ -84,7 +83,7 @@ def load(
         rig=rig,
         side=channels,
         name=path.name,
-        digest=_digest(path),
+        digest=digest_of(path),
         findings=tuple(findings),
         labels=declared.labels,
     )
@@ -154,8 +153,3 @@ def _kept(table: Table, name: str, stamps: Column, y: Column) -> NDArray[np.bool
         row = table.row(int(np.argmax(unstamped)))
         raise RecordingError(f"{table.path}: {row} has a value of {name} but no time; complete or delete this row.")
     return y.present
-
-
-def _digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
