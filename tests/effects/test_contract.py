@@ -26,6 +26,7 @@ IDENTIFIERS = re.findall(
     bias scale_factor
     quadratic cubic odd_quadratic scale_asymmetry dead_zone saturation hysteresis temperature_bias temperature_scale
     temperature_rate warm_up self_heating bias_drift bias_step bias_random_walk bias_gauss_markov scale_drift scale_step
+    scale_random_walk scale_gauss_markov
     velocity velocity_squared velocity_odd coulomb acceleration_velocity rail_slope rail_curve rail_wave
     rail_second_wave time_offset time_offset_step clock_skew timing_jitter sensor_lag sensor_resonance creep cross_axis
     cross_axis_quadratic cross_coupling tone vibration vibration_rectification accelerometer_outliers encoder_outliers

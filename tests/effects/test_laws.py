@@ -268,7 +268,7 @@ def test_the_cosines_of_a_random_walk_have_its_covariance():
 def test_a_slow_gauss_markov_bias_is_a_random_walk():
     s = sines(n=500)
     tau = 1e4 * s.length
-    markov = find("bias_gauss_markov").column(s, start=0.0, length=s.length, tau=tau)
+    markov = find("bias_gauss_markov").column(s, start=0.0, length=s.length, tau=tau)[:, :-1]
     random_process = find("bias_random_walk").column(s, start=0.0, length=s.length)
     np.testing.assert_allclose(markov, random_process * np.sqrt(2.0 / tau), rtol=1e-6, atol=1e-9)
 
@@ -279,6 +279,28 @@ def test_a_fast_gauss_markov_bias_has_variance_one():
     weights = np.sqrt(4.0 * tau / length / (1.0 + (w * tau) ** 2))
     # The mean square of a cosine is a half; the series sums to coth(L/tau) - tau/L, and its tail here is 2e-4.
     assert 0.5 * np.sum(weights**2) == pytest.approx(1.0 - tau / length, abs=3e-4)
+    s = sines(n=500)
+    columns = find("bias_gauss_markov").column(s, start=0.0, length=length, tau=tau)
+    np.testing.assert_allclose(columns[0, :-1], weights[: columns.shape[1] - 1], rtol=1e-9)
+    np.testing.assert_allclose(columns[:, -1], np.sqrt(2.0 * tau / length), rtol=1e-12)
+
+
+def test_the_mean_of_a_gauss_markov_process_over_a_record_has_the_variance_of_its_column():
+    """Against the exact double integral of the autocorrelation: 2 tau/L (1 - tau/L (1 - exp(-L/tau)))."""
+    tau, length = 3.0, 600.0
+    exact = 2.0 * tau / length * (1.0 - tau / length * (1.0 - np.exp(-length / tau)))
+    column = find("scale_gauss_markov").column(sines(n=500), start=0.0, length=length, tau=tau)[:, -1]
+    moving = np.abs(sines(n=500).a) > 1e-3
+    np.testing.assert_allclose((column / sines(n=500).a)[moving] ** 2, exact, rtol=1.1 * tau / length)
+
+
+def test_a_wandering_scale_factor_is_a_wandering_bias_times_the_acceleration():
+    s = sines(n=500)
+    for kind, tau in (("random_walk", {}), ("gauss_markov", {"tau": 3.0})):
+        bias, scale = (
+            find(f"{parameter}_{kind}").column(s, start=0.0, length=s.length, **tau) for parameter in ("bias", "scale")
+        )
+        np.testing.assert_allclose(scale, s.a[:, None] * bias, rtol=1e-12)
 
 
 def test_cosines_are_cosines():

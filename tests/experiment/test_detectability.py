@@ -218,9 +218,9 @@ def test_limits_of_a_diagnosis_are_those_of_power():
     state = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
     limits, seen = scan([state], Model.linear()).detection_limits, power(state)
     sizes = {limit.effect: min(limit.smallest) for limit in seen.detectabilities}
-    random_biases = {"bias_random_walk", "bias_gauss_markov"}
+    random_processes = {"bias_random_walk", "bias_gauss_markov"}
     # Instants of jumps and periods of waves come from the record in a diagnosis, and are spread evenly by power.
-    assert set(limits) == set(sizes) - random_biases
+    assert set(limits) == set(sizes) - random_processes
     for name in set(limits) - {"encoder_step", "rail_wave"}:
         assert limits[name] == pytest.approx(sizes[name], rel=1e-12), name
     assert math.isfinite(limits["cubic"])

@@ -195,7 +195,7 @@ PAIRS = (
     Pair("encoder_step", "bursts", "CXL02", 6.0, {"instant": 8.7}),
     Pair("bias_random_walk", "interleaved", "ADXL105", 4.0),
 )
-"""One coefficient; with a shape to be found; two columns, with a shape and without; a random bias."""
+"""One coefficient; with a shape to be found; two columns, with a shape and without; a random process."""
 
 PLANS = (
     Planned("quadratic", ("cubic",), "ADXL105", 4.5),

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from accelcal.data.rig import Rig
+from accelcal.data.rig import Rig, Sensor
 from accelcal.effects import BUILT_IN, is_local
 from accelcal.estimation.estimate import estimate
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.fixed_rate_filter import fixed_rate
 from accelcal.filters.live_model import LiveModel
-from accelcal.model import Model
+from accelcal.model import Model, Prior
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from tests.filters.worlds import MODEL, NOISE, RATE, READING, RIG, TRUE, World, followed, world
 
@@ -143,9 +144,42 @@ def test_a_gauss_markov_coefficient_keeps_its_uncertainty() -> None:
     assert walking["bias"].std > 2 * constant["bias"].std
 
 
+def test_a_scale_factor_that_wanders_is_tracked_as_one_more_state() -> None:
+    """Scale factor and wander at the end of 20 records, simulated by the exact recursion, against the truth."""
+    sigma, tau = 0.02, 2.0
+    shapes = {"scale_gauss_markov": {"start": 0.0, "length": 12.0, "tau": tau}}
+    linear = Model.linear().freeze(time_offset=0.0)
+    model = linear.add("scale_gauss_markov", shapes=shapes)
+    model = replace(model, priors={term.name: Prior(0.0, sigma) for term in model.terms if term.effect.width > 1})
+    at_end, without = [], []
+    for seed in range(20):
+        rng = np.random.default_rng([17, seed])
+        rig = replace(RIG, sensor=Sensor(noise=NOISE))
+        made = simulate("bursts", seconds=12.0, rig=rig, parameters={}, rng=rng, a_rms=5.0, position_noise=READING)
+        t, n = made.recording.accel.t, len(made.recording.accel.t)
+        keep = np.exp(-1.0 / (RATE * tau))
+        wander = np.empty(n)
+        wander[0] = sigma * rng.standard_normal()
+        for k, shock in enumerate(sigma * np.sqrt(1.0 - keep**2) * rng.standard_normal(n - 1), 1):
+            wander[k] = keep * wander[k - 1] + shock
+        u = made.recording.accel.y + wander * made.truth.motion.derivatives(t)[2]
+        z = np.full(n, np.nan)
+        z[::2] = made.recording.position.y
+        for tracked, found in ((model, at_end), (linear, without)):
+            live = live_filter(tracked, position=float(z[0]))
+            live.run(u, z)
+            rows = [live.names.index(name) for name in live.names if name.startswith("scale")]
+            variance = float(np.sum(live.covariance[np.ix_(rows, rows)]))
+            found.append(float(np.sum(live.values[rows]) - wander[-1]) ** 2 / variance)
+    low, high = stats.chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], 20)
+    print(f"\nnormalised square of 20: {sum(at_end):.1f} in [{low:.1f}, {high:.1f}]; constant {sum(without):.0f}")
+    assert low < sum(at_end) < high
+    assert sum(without) > 10.0 * high
+    assert live_filter(model)["scale_gauss_markov"].std == pytest.approx(sigma)
+
+
 REFUSED = {
     "vibration": "changes the noise",
-    "bias_random_walk": "gauss_markov=",
     "temperature_rate": "other times",
     "hysteresis": "other times",
     "sensor_lag": "other times",
@@ -170,7 +204,11 @@ def test_every_effect_with_memory_is_refused_and_every_local_mean_is_tracked() -
         model = Model.linear().add(
             effect.name, shapes={effect.name: {shape: -1.0 if shape == "low" else 1.0 for shape in effect.shapes}}
         )
-        if effect.port in ("noise", "process") or not is_local(effect):
+        if effect.port == "process":
+            with pytest.raises(ValueError, match=f"{effect.name} has no standard deviation; fit it"):
+                live_filter(model)
+            continue
+        if effect.port == "noise" or not is_local(effect):
             with pytest.raises(ValueError, match=f"{effect.name} cannot be tracked live"):
                 live_filter(model)
         else:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -138,6 +139,10 @@ def test_workers_do_not_change_a_byte_and_nothing_is_computed_twice(sensors, tmp
     again = run(sensors, tmp_path / "two.sqlite", "--json")
     assert again.stdout == two.stdout
     assert "0 recordings fitted, 20 found" in again.stderr
+    with LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+        dask = run(sensors, tmp_path / "dask.sqlite", "--dask", cluster.scheduler_address, "--json")
+    assert dask.exit_code == 0, dask.output
+    assert dask.stdout == one.stdout
 
 
 def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):

@@ -26,8 +26,8 @@ VISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind != "invisib
 INVISIBLE = [name for name, effect in CATALOGUE.items() if effect.kind == "invisible"]
 UNLIKE = ("vibration_rectification",)
 """Effects whose coefficient means another quantity here than in the worlds."""
-ONE_PROCESS = ("bias_random_walk", "bias_gauss_markov")
-"""A Gauss-Markov bias with a time constant of the record's length is a random walk."""
+ONE_PROCESS = ("bias_random_walk", "bias_gauss_markov", "scale_random_walk", "scale_gauss_markov")
+"""A Gauss-Markov process with a time constant of the record's length is a random walk."""
 DELAYS = ("time_offset", "sensor_lag", "sensor_resonance")
 MOST_ALIKE = 0.9
 """Upper limit of the correlation of two effects of a pair."""

@@ -19,7 +19,7 @@ from accelcal.selection.collinearity import (
     families_with_remainder,
     family_replacing_sum,
     log_significance,
-    random_bias_replacing,
+    random_process_replacing,
     sum_families,
 )
 from accelcal.selection.stepwise import SelectionHistory
@@ -141,9 +141,9 @@ def test_an_effect_that_leaves_the_history_takes_its_gain_along():
     assert history.final_classes([])[0].members == ("rail_wave",)
 
 
-def test_a_random_bias_replaces_an_incomplete_curve_of_time():
+def test_a_random_process_replaces_an_incomplete_curve_of_time():
     classes = [("velocity",), ("shape_of_time", "bias_random_walk", "bias_step")]
-    replacement = random_bias_replacing(classes, "warm_up")
+    replacement = random_process_replacing(classes, "warm_up")
     assert replacement is not None
     assert replacement.members == (
         "bias_random_walk",
@@ -152,24 +152,24 @@ def test_a_random_bias_replaces_an_incomplete_curve_of_time():
         "warm_up",
     )  # and what they are confounded with
     assert replacement.replaced == ("shape_of_time", "warm_up")
-    assert random_bias_replacing([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
-    assert random_bias_replacing([("shape_of_position",)], "warm_up") is None
+    assert random_process_replacing([("bias_step", "bias_random_walk")], "warm_up") is None  # a name of its own
+    assert random_process_replacing([("shape_of_position",)], "warm_up") is None
 
 
-def test_a_random_bias_replaces_two_effects_that_are_confounded_with_it():
+def test_a_random_process_replaces_two_effects_that_are_confounded_with_it():
     classes = [("velocity",), ("temperature_bias", "bias_gauss_markov", "bias_random_walk")]
-    replacement = random_bias_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov"))
+    replacement = random_process_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov"))
     assert replacement is not None
     assert replacement.members == ("bias_gauss_markov", "bias_random_walk", "temperature_bias", "warm_up")
-    both = random_bias_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov", "bias_random_walk"))
+    both = random_process_replacing(classes, "warm_up", ("warm_up", "bias_gauss_markov", "bias_random_walk"))
     assert both is not None
     assert both.members == ("bias_gauss_markov", "bias_random_walk", "temperature_bias", "warm_up")
-    itself = random_bias_replacing(classes, "bias_random_walk", ("bias_random_walk", "bias_gauss_markov"))
+    itself = random_process_replacing(classes, "bias_random_walk", ("bias_random_walk", "bias_gauss_markov"))
     assert itself is not None
     assert itself.replaced == ("temperature_bias", "bias_random_walk")
     assert itself.members.count("bias_random_walk") == 1
     assert (
-        random_bias_replacing(classes, "warm_up", ("warm_up", "creep")) is None
+        random_process_replacing(classes, "warm_up", ("warm_up", "creep")) is None
     )  # it is not confounded with the second
 
 

@@ -218,6 +218,18 @@ def scale_step(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Ge
     return np.where(scene.t >= shape["instant"], m * f, 0.0)
 
 
+@declare(CATALOGUE, "1/√s", "response", "time acceleration", 3e-4, kind="random")
+def scale_random_walk(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
+    """Wiener process of intensity m² times the force (IEEE Std 952-1997, annex C, of the scale factor)."""
+    return bias_random_walk(scene, f, m, shape, rng) * f
+
+
+@declare(CATALOGUE, "1", "response", "time acceleration", 2e-3, kind="random", draw=between(tau=(0.5, 2.0)))
+def scale_gauss_markov(scene: Scene, f: Array, m: float, shape: Shape, rng: np.random.Generator) -> Array:
+    """Stationary Markov process of standard deviation m times the force (Stakkeland et al. 2007, section II-D)."""
+    return bias_gauss_markov(scene, f, m, shape, rng) * f
+
+
 # --- what motion does to the rig ------------------------------------------------------------------------------------
 
 

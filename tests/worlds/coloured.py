@@ -95,7 +95,7 @@ HONEST: dict[str, frozenset[str]] = {
     "ac_coupled": frozenset({"ac_coupling", "creep"}),
     "integrated_reference": frozenset({"bias_random_walk", "bias_gauss_markov"}),
 }
-"""Names that a kind of noise earns: a random bias is slow noise, an AC coupling is one of the catalogue."""
+"""Names that a kind of noise earns: a random process is slow noise, an AC coupling is one of the catalogue."""
 
 
 def coloured(record: Record, kind: str) -> Record:

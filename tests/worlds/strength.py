@@ -45,7 +45,7 @@ def d2(world: World, base: Sequence[str] | None = None, index: int = -1) -> floa
     base = _default_base(hidden) if base is None else base
     chain = pass_through(world)
     if hidden.effect.kind == "random":
-        return _random_bias(world, hidden, chain, index, base)
+        return _random_process(world, hidden, chain, index, base)
     if hidden.effect.kind == "variance":
         return _variance(world, hidden, chain, index)
     return float(np.sum(_projected(world, chain, [index], base) ** 2))
@@ -184,17 +184,24 @@ def _projected(world: World, chain: Chain, indices: Sequence[int], base: Sequenc
     return _project(white, len(base))
 
 
-# --- random bias ----------------------------------------------------------------------------------------------------
+# --- random process -------------------------------------------------------------------------------------------------
 
 _WAVES = 40
 
 
-def _random_bias(world: World, hidden: Hidden, chain: Chain, index: int, base: Sequence[str]) -> float:
-    """Expand the bias in cosines cos(pi j t/L), whose double integrals are known; covariance from its own kernel."""
+def _random_process(world: World, hidden: Hidden, chain: Chain, index: int, base: Sequence[str]) -> float:
+    """Expand the process in cosines cos(pi j t/L); covariance from its own kernel.
+
+    Double integrals of the cosines of a bias are known; those of a scale factor are multiplied by the force first.
+    """
     j = np.arange(1, _WAVES + 1)
     t = _encoder_times(world)
     w = np.pi * j / world.seconds
-    columns = [*_base(world, chain, base), *(np.cos(np.outer(t, w)) / w**2).T]
+    if "acceleration" in hidden.effect.explains:
+        waves = [_seen(world, chain, np.cos(each * chain.scene.t) * chain.scene.a) for each in w]
+    else:
+        waves = list((np.cos(np.outer(t, w)) / w**2).T)
+    columns = [*_base(world, chain, base), *waves]
     white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / ENCODER_RATE)
     gram, rank = white.T @ white, len(base)
     given_base = gram[rank:, rank:] - gram[rank:, :rank] @ np.linalg.solve(gram[:rank, :rank], gram[:rank, rank:])
@@ -207,7 +214,7 @@ def _random_bias(world: World, hidden: Hidden, chain: Chain, index: int, base: S
 
 
 def _kernel(hidden: Hidden, shape: dict[str, float], t: Array) -> Array:
-    if hidden.name == "bias_random_walk":
+    if "tau" not in shape:
         return hidden.magnitude**2 * np.minimum.outer(t, t)
     return hidden.magnitude**2 * np.exp(-np.abs(np.subtract.outer(t, t)) / shape["tau"])
 

@@ -39,6 +39,8 @@ NAMES = [
     "bias_gauss_markov",
     "scale_drift",
     "scale_step",
+    "scale_random_walk",
+    "scale_gauss_markov",
     "velocity",
     "velocity_squared",
     "velocity_odd",

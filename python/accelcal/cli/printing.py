@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from accelcal.diagnosis.dwells import DwellDiagnosis
     from accelcal.estimation.estimate import Fit
     from accelcal.fleet.summary import Fleet
-    from accelcal.model import Estimate
+    from accelcal.model import Estimate, Model
     from accelcal.selection.improvement import Improvement
 
 
@@ -379,9 +379,24 @@ def show_parameters(found: Fit) -> None:
     for name, total in estimated.items():
         print(f"  {name} estimates {total} on this rig")
     for name, number in summarised.items():
-        print(f"  {name}: {number} coefficients, at most {largest_coefficient(found, name)}; --json lists them")
+        size = process_size(found.model, name) or f"{number} coefficients, at most {largest_coefficient(found, name)}"
+        print(f"  {name}: {size}; --json lists them")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
         print(f"  {name}: {number} of its columns are not needed")
+
+
+def process_size(model: Model, name: str) -> str:
+    """Size of a random process of a model, and its correlation time; empty for all other effects."""
+    from accelcal.effects import find
+
+    effect = find(name)
+    prior = next((model.priors[t.name] for t in model.terms if t.effect is effect and t.name in model.priors), None)
+    if effect.port != "process" or prior is None:
+        return ""
+    if "tau" not in effect.shapes:
+        return f"random walk of {prior.std:.3g} {effect.unit}"
+    unit = "" if effect.unit == "1" else f" {effect.unit}"
+    return f"standard deviation {prior.std:.3g}{unit}, correlation time {model.shapes[name]['tau']:.3g} s"
 
 
 def interval_of(found: Fit, e: Estimate) -> str:

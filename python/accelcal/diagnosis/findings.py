@@ -160,7 +160,7 @@ def explained_gain(fit: Fit, name: str) -> tuple[float, int]:
 def present(fit: Fit, alpha: float, sizes: Mapping[str, Size]) -> tuple[Finding, ...]:
     """Effects beyond the base that a fitted model contains and the record confirms.
 
-    A random bias has no coefficient to test: it counts where the model gives it a contribution.
+    A random process has no coefficient to test: it counts where the model gives it a contribution.
     """
     found = []
     for name in fit.model.added:

@@ -48,12 +48,12 @@ at a trial shape can pass for a weak one. [share; tests/hidden/test_hidden.py]""
 FAMILY_DISCOUNT = 0.95
 """Share of its gain with which a nonparametric curve competes. A named effect that explains nearly as much is
 preferred. [share; tests/hidden/test_hidden.py]"""
-RANDOM_BIAS_DISCOUNT = 0.9
-"""Share of its gain with which a random-walk or Gauss-Markov bias competes. It follows any function of time, which a
-function of a recorded variable does not. [share; tests/hidden/test_hidden.py]"""
-RANDOM_BIAS_COMPARISONS = 100
-"""Comparisons that a function of time pays for once the model has a random bias. What is left of any
-random bias drifts and steps a little. [comparisons; tests/diagnosis/search/test_hypotheses.py]"""
+RANDOM_PROCESS_DISCOUNT = 0.9
+"""Share of its gain with which a random-walk or Gauss-Markov parameter competes. It follows any function of time,
+which a function of a recorded variable does not. [share; tests/hidden/test_hidden.py]"""
+RANDOM_PROCESS_COMPARISONS = 100
+"""Comparisons that a function of time pays for once the model has a random process of the same parameter. What is left
+of any random process drifts and steps a little. [comparisons; tests/diagnosis/search/test_hypotheses.py]"""
 FREE_SHAPE_PARAMETERS = 1
 """Shape parameters that the trials of an effect have paid for already. Each further one costs as much as a
 coefficient. [parameters; tests/experiment/test_detectability.py]"""

@@ -10,7 +10,7 @@ PORTS = {
     "output": "adds to the output",
     "position": "adds to the encoder reading",
     "noise": "adds variance",
-    "process": "a random process of the bias",
+    "process": "a random process of a parameter",
 }
 
 

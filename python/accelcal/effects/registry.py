@@ -184,6 +184,8 @@ class Traits:
     the functions, those that are refined set the sizes alone."""
     common: bool = False
     """Whether its detection limit is listed first."""
+    changes: Literal["", "bias", "scale_factor"] = ""
+    """Parameter of the base whose change in time it is: a drift, a step, a random process."""
     static: Static | None = None
     """Its term in the sensor's static characteristic."""
     clips_at: str = ""
@@ -218,7 +220,8 @@ class Effect:
 
     `noise` returns variance per unit: of the output, (m/s²)², or of the reading, m², where the owner is the encoder.
     `process` returns the columns of a random process that adds to the output: their coefficients are independent
-    with mean zero, and the effect's coefficient is the standard deviation that all of them share."""
+    with mean zero, and the effect's coefficient is the standard deviation that all of them share. It is that of a
+    Gauss-Markov process, whose correlation time is its shape parameter tau, or the intensity of a random walk."""
     owner: Owner
     symbol: str
     scale: float

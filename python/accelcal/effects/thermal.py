@@ -86,6 +86,7 @@ def temperature_rate(s: Signals) -> Array:
     scale=1e-2,
     source="no published figure; minutes after power-on",
     shapes={"tau": Shape("s", slow(0.04, 1.0), trials=5, spacing="log")},
+    traits=Traits(changes="bias"),
     search=Search(includes=("bias",)),
 )
 def warm_up(s: Signals, tau: float) -> Array:

@@ -88,7 +88,7 @@ class Power:
         Parameters
         ----------
         effect : name.
-        size : coefficient in its unit, the intensity of a random bias; of several parts one value for each, or
+        size : coefficient in its unit, the intensity of a random process; of several parts one value for each, or
             a single one for the most visible part.
         shape : its shape parameters; by default the most visible one.
         """

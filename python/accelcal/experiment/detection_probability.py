@@ -30,7 +30,7 @@ DRAWS = 4000
 SHAPES_BETWEEN = 6
 """Shapes between two neighbouring trial shapes; the search finds the best one there by likelihood."""
 INTENSITIES = np.linspace(-2.0, 9.0, 45)
-"""Trial intensities of a random bias: logarithms, in units of the one that its most visible mode needs."""
+"""Trial intensities of a random process: logarithms, in units of the one that its most visible mode needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class DetectionModel:
         Parameters
         ----------
         truth : the effect at its own shape, which need not be one of the trials.
-        sizes : (width,) its coefficients; for a random bias (1,), its intensity.
+        sizes : (width,) its coefficients; for a random process (1,), its intensity.
         draws : number of simulated sets of scores.
         """
         finalists = self.finalists(truth, sizes)
@@ -215,7 +215,7 @@ def normalised(G: Array) -> Array:
 
 
 def coefficients(truth: Hypothesis, sizes: Array, rng: np.random.Generator | None = None, draws: int = 1) -> Array:
-    """Coefficients of the truth in each draw, (draws, width) or (1, width); those of a random bias are random."""
+    """Coefficients of the truth in each draw, (draws, width) or (1, width); those of a random process are random."""
     if truth.effect.port != "process":
         return np.atleast_2d(sizes)
     if rng is None:
@@ -229,7 +229,7 @@ def drawn_gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
     Computed as the search does for one record (`score_gain`, `variance_gain`).
     """
     if item.effect.port == "process":
-        return random_bias_gains(A, b), 1
+        return random_process_gains(A, b), 1
     if item.effect.width == 1:
         if A[0, 0] <= 0.0:
             return np.zeros(len(b)), 0
@@ -241,7 +241,7 @@ def drawn_gains(item: Hypothesis, A: Array, b: Array) -> tuple[Array, int]:
     return np.sum(((b / size) @ (vectors[:, good] / np.sqrt(values[good]))) ** 2, axis=1), int(np.sum(good))
 
 
-def random_bias_gains(A: Array, b: Array) -> Array:
+def random_process_gains(A: Array, b: Array) -> Array:
     """max_s [b'(I/s² + A)^-1 b - log det(I + s² A)] in each draw, over a fine grid of s."""
     values, vectors = np.linalg.eigh(A)
     values = np.maximum(values, 0.0)

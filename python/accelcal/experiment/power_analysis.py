@@ -30,8 +30,8 @@ from accelcal.experiment.detectability import Detectability, Group, Power
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.model import Model
 
-RANDOM_BIAS_PATHS = 40
-"""Simulated paths from which the smallest detectable intensity of a random bias is read."""
+RANDOM_PROCESS_PATHS = 40
+"""Simulated paths from which the smallest detectable intensity of a random process is read."""
 
 
 def power(
@@ -122,16 +122,16 @@ def detectability_of(
 
 
 def intensity(evidence: CandidateScores, i: int, rules: SearchRules) -> float:
-    """Least intensity s of a random bias that enters on 95 % of its paths: scores b ~ N(0, A + s² A²).
+    """Least intensity s of a random process that enters on 95 % of its paths: scores b ~ N(0, A + s² A²).
 
-    Evaluated on `RANDOM_BIAS_PATHS` fixed paths; square roots of their gains are nearly normal, hence the quantile of
-    the roots.
+    Evaluated on `RANDOM_PROCESS_PATHS` fixed paths; square roots of their gains are nearly normal, hence the quantile
+    of the roots.
     """
     A = evidence.G[evidence.columns[i], evidence.columns[i]]
     required = math.sqrt(max(entry_gains(rules.examined, rules.blocks, rules.alpha)))
     values, vectors = np.linalg.eigh(A)
     values = np.maximum(values, 0.0)
-    z = np.random.default_rng(0).standard_normal((RANDOM_BIAS_PATHS, len(values)))
+    z = np.random.default_rng(0).standard_normal((RANDOM_PROCESS_PATHS, len(values)))
 
     def undetected(log_s: float) -> bool:
         spread = np.sqrt(values + math.exp(2.0 * log_s) * values**2)

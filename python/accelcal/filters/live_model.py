@@ -13,7 +13,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import unsupported
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.rig import Rig
-from accelcal.effects import BUILT_IN, Effect, is_local
+from accelcal.effects import BUILT_IN, Effect, find, is_local
 from accelcal.effects.building_blocks import lag_weights
 from accelcal.filters.causal_signals import CausalSignals
 from accelcal.filters.choice import GaussMarkov
@@ -40,7 +40,8 @@ class LiveModel:
     and the covariance is kept in UD factors, so no variance falls below zero at any rate or prior.
 
     Coefficients that the model holds fixed keep their value; the others start from the model's prior, or from zero with
-    30 typical sizes.
+    30 typical sizes. A random process of the model (`scale_gauss_markov`, ...) is one more state: what it adds to its
+    parameter at present, which the estimate under its name is.
 
     Parameters
     ----------
@@ -89,14 +90,15 @@ class LiveModel:
     ) -> None:
         if not 0 < rate < math.inf:
             raise ValueError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
-        terms = {term.name: term for term in model.terms}
-        for term in terms.values():
-            reason = refusal(term.effect)
+        terms, processes = live_terms(model)
+        for name in model.effects:
+            reason = refusal(find(name))
             if reason is not None:
-                raise ValueError(f"{term.effect.name} cannot be tracked live: {reason}.")
+                raise ValueError(f"{name} cannot be tracked live: {reason}.")
         self.model, self.rig = model, rig
         self.names = (*SENSOR, *(name for name in terms if name not in SENSOR))
         """Coefficients in the order of `values` and `covariance`."""
+        self._terms = tuple(terms.values())
         self._added = tuple(terms[name] for name in self.names[len(SENSOR) :])
         m = len(self._added)
         if m > MOST_EFFECTS:
@@ -104,11 +106,11 @@ class LiveModel:
                 f"a live filter has room for {MOST_EFFECTS} coefficients beside bias and scale_factor; "
                 f"the model has {m}: drop some."
             )
-        moving = dict(gauss_markov or {})
+        moving = {**processes, **(gauss_markov or {})}
         unknown = sorted(set(moving) - set(terms))
         if unknown:
             raise ValueError(f"gauss_markov: {', '.join(unknown)} not in the model; it has {', '.join(terms)}.")
-        beliefs = [_belief(model, terms[name]) for name in self.names]
+        beliefs = [_belief(model, terms[name], processes) for name in self.names]
         refused = unsupported(rig.filters, "a live filter")
         if refused:
             raise ValueError(refused)
@@ -193,7 +195,7 @@ class LiveModel:
         """Every coefficient with its standard deviation, in the model's order."""
         values = dict(zip(self.names, self.values.tolist(), strict=True))
         std = dict(zip(self.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-        return tuple(Estimate(t.name, t.symbol, t.unit, values[t.name], std[t.name], t.owner) for t in self.model.terms)
+        return tuple(Estimate(t.name, t.symbol, t.unit, values[t.name], std[t.name], t.owner) for t in self._terms)
 
     @property
     def nis(self) -> float | None:
@@ -234,17 +236,47 @@ def refusal(effect: Effect) -> str | None:
     """Why an effect cannot be tracked live; None where it can."""
     if effect.port == "noise":
         return "it changes the noise, and a live filter follows means"
-    if effect.port == "process":
-        return "its shape spans a whole record; model the bias as a process: gauss_markov={'bias': GaussMarkov(q, tau)}"
-    if is_local(effect):
+    if effect.port == "process" or is_local(effect):
         return None
     if effect in BUILT_IN:
         return "its value at one time depends on the signals at other times; fit it to a record"
     return "an effect of your own may look at other times than the present; fit it to a record"
 
 
-def _belief(model: Model, term: Term) -> Prior:
+def live_terms(model: Model) -> tuple[dict[str, Term], dict[str, GaussMarkov]]:
+    """Coefficients that a filter tracks, by name, and how those move that are random processes.
+
+    A fit expands a process in cosines of the record; a filter has the process itself, one state, which multiplies what
+    its parameter does.
+
+    Raises
+    ------
+    ValueError
+        If a process has no standard deviation yet.
+    """
+    terms: dict[str, Term] = {}
+    processes: dict[str, GaussMarkov] = {}
+    for term in model.terms:
+        effect = term.effect
+        if effect.port != "process":
+            terms[term.name] = term
+            continue
+        if effect.name in terms:
+            continue
+        if term.name not in model.priors:
+            raise ValueError(f"{effect.name} has no standard deviation; fit it to a record first.")
+        parameter, std = find(effect.traits.changes), model.priors[term.name].std
+        terms[effect.name] = Term(replace(parameter, name=effect.name, symbol=effect.symbol))
+        tau = term.shape.get("tau", math.inf)
+        processes[effect.name] = GaussMarkov(std**2 if tau == math.inf else 2.0 * std**2 / tau, tau)
+    return terms, processes
+
+
+def _belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> Prior:
     """What is believed of a coefficient before the first sample."""
+    if term.name in processes:  # a walk starts at its parameter, a Gauss-Markov process anywhere
+        moves = processes[term.name]
+        return Prior(0.0, 0.0 if moves.tau == math.inf else math.sqrt(0.5 * moves.q * moves.tau))
     if term.name in model.fixed:
         return Prior(model.fixed[term.name], 0.0)
     return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.scale))

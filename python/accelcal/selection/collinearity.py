@@ -80,11 +80,11 @@ def family_replacing_sum(model: Sequence[str], remaining: Sequence[Candidate]) -
     return None
 
 
-def random_bias_replacing(
+def random_process_replacing(
     classes: Sequence[Sequence[str]], entering: str, members: Sequence[str] = ()
 ) -> Replacement | None:
-    """Random bias in place of two functions of time: a curve with which it was confounded and that proves incomplete,
-    or two named effects with both of which it was confounded.
+    """Random process in place of two functions of time: a curve with which it was confounded and that proves
+    incomplete, or two named effects with both of which it was confounded.
 
     Parameters
     ----------
@@ -93,11 +93,11 @@ def random_bias_replacing(
     members : its confounding class.
     """
     for name, *rivals in classes:
-        random_biases = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
-        if random_biases:
+        random_processes = [r for r in rivals if find(r).port == "process" and (find(name).family or r in members)]
+        if random_processes:
             replaced = (name, entering)
-            confounded = (r for r in dict.fromkeys((*rivals, *members)) if r not in (random_biases[0], *replaced))
-            return Replacement(find(random_biases[0]), replaced, tuple(confounded))
+            confounded = (r for r in dict.fromkeys((*rivals, *members)) if r not in (random_processes[0], *replaced))
+            return Replacement(find(random_processes[0]), replaced, tuple(confounded))
     return None
 
 
@@ -150,8 +150,9 @@ def sum_families(name: str, model: Sequence[str]) -> tuple[str, ...]:
 
 def effects_of_variable(family: Effect, model: Sequence[str]) -> tuple[str, ...]:
     """Effects of a model that are functions of a family's variable alone, the family included."""
-    random_biases = {e.name for e in BUILT_IN if e.port == "process"} if family.function_of == "t" else set()
-    return tuple(name for name in model if name == family.name or name in family.covers or name in random_biases)
+    changed = {find(name).traits.changes for name in family.covers} - {""} if family.function_of == "t" else set()
+    processes = {e.name for e in BUILT_IN if e.port == "process" and e.traits.changes in changed}
+    return tuple(name for name in model if name == family.name or name in family.covers or name in processes)
 
 
 def families_with_remainder(name: str, remaining: Sequence[Candidate]) -> tuple[str, ...]:

@@ -27,7 +27,7 @@ from accelcal.selection.collinearity import (
     family_replacing,
     family_replacing_sum,
     log_significance,
-    random_bias_replacing,
+    random_process_replacing,
     sum_families,
 )
 from accelcal.selection.cross_validation import cross_validate, refusing
@@ -150,7 +150,9 @@ class StepwiseSelection:
         replaced: tuple[str, ...] = ()
         for replacement in (
             family_replacing(self.current.verdict.fit, entering.effect, entering.members),
-            random_bias_replacing([group.members for group in self.history.classes], entering.effect, entering.members),
+            random_process_replacing(
+                [group.members for group in self.history.classes], entering.effect, entering.members
+            ),
         ):
             step = self.substitute(replacement) if replacement and not replaced else None
             if replacement and step:
@@ -295,7 +297,8 @@ class StepwiseSelection:
 
     def substitute(self, replacement: Replacement) -> tuple[DetectedEffect, JudgedModel] | None:
         """The judged fit with an effect in place of others; None where no fit is possible or the fit leaves something
-        to explain: to one of them or, for a curve, to an effect of its variable; for a random bias, to any effect."""
+        to explain: to one of them or, for a curve, to an effect of its variable; for a random process, to any
+        effect."""
         leaving = dict.fromkeys((*replacement.replaced, replacement.effect.name))
         if not self.budget.allows_another():
             return None

@@ -139,9 +139,11 @@ class DeadReckoning:
         self.carried_v, self.carried_p = carried
         self.local, self.lagging = split(values.additive("output"), known)
         self.local_read, self.lagging_read = split(values.additive("position"), known)
-        self.followers = tuple([i for i, (term, _) in enumerate(self.local) if follows(term, known, y)] for y in "pva")
+        local = [term for term, _ in self.local]
+        self.followers = tuple(following(local, known, y) for y in "pva")
         # What the output alone determines, no simulated motion changes; nor does it what looks ahead.
-        moved = [one for one in self.lagging if follows(one[0], known, "p") or follows(one[0], known, "v")]
+        late = [term for term, _ in self.lagging]
+        moved = [self.lagging[i] for i in sorted({*following(late, known, "p"), *following(late, known, "v")})]
         self.feeds_back = bool(self.followers[0] or self.followers[1] or moved)
         # Differences that slopes are taken on: shares of what a variable changes over.
         widths = max(float(np.ptp(known.p)), CORNER), 1e3 * self.known.v_width, 1e3 * self.known.a_width
@@ -618,11 +620,12 @@ def seems_local(term: Term, known: Signals) -> bool:
     return all(np.array_equal(term.column(known.part(rows)), whole[rows], equal_nan=True) for rows in parts)
 
 
-def follows(term: Term, known: Signals, letter: str) -> bool:
-    """Whether an effect depends on position ("p") or velocity ("v")."""
+def following(terms: Sequence[Term], known: Signals, letter: str) -> list[int]:
+    """Which of some terms depend on position ("p"), velocity ("v") or acceleration ("a")."""
     y = getattr(known, letter)
     other = replace(known, **{letter: np.mean(y) - 0.7 * (y - np.mean(y)) + 0.1 * np.ptp(y)})
-    return not np.array_equal(term.column(known), term.column(other), equal_nan=True)
+    pairs = enumerate(zip(evaluate(terms, known), evaluate(terms, other), strict=True))
+    return [i for i, (here, there) in pairs if not np.array_equal(here, there, equal_nan=True)]
 
 
 def looks_ahead(term: Term, known: Signals) -> bool:

@@ -30,13 +30,13 @@ def test_a_second_wave_is_offered_next_to_a_first_one_only(plain: Simulated) -> 
         add(estimate(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
 
 
-def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_bias(plain: Simulated) -> None:
+def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_process(plain: Simulated) -> None:
     state = fitted(plain, np.zeros_like)
-    random_bias = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
+    random_process = Model.linear().add("bias_random_walk", shapes={"bias_random_walk": {"start": 0.0, "length": 40.0}})
     for name, more in (("bias_step", 100), ("warm_up", 100), ("cubic", 1)):
         alone, beside = (
             next(item.comparisons for item in hypotheses_for(state, model) if item.effect.name == name)
-            for model in (Model.linear(), random_bias)
+            for model in (Model.linear(), random_process)
         )
         assert (alone, beside) == (1, more)
 

@@ -15,7 +15,7 @@ from accelcal.diagnosis.policy import (
     DEFERRED_GAIN_SHARE,
     FAMILY_DISCOUNT,
     MODEL_NOISE_BLOCKS,
-    RANDOM_BIAS_DISCOUNT,
+    RANDOM_PROCESS_DISCOUNT,
     SEARCH_DEPTH,
 )
 from accelcal.diagnosis.search.homogeneity import PartScores, PartSizes, direction_of, exempt
@@ -47,14 +47,14 @@ class SearchRules:
         return dof > 0 and log_chance(gain, dof, item) < self.threshold
 
     def net_gain(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """Gain less the price of its coefficients and of the comparisons made; curves and random biases claim a share
-        of it."""
+        """Gain less the price of its coefficients and of the comparisons made; curves and random processes claim a
+        share of it."""
         return self.net_gain_as_rival(
-            gain * (RANDOM_BIAS_DISCOUNT if item.effect.port == "process" else 1.0), dof, item
+            gain * (RANDOM_PROCESS_DISCOUNT if item.effect.port == "process" else 1.0), dof, item
         )
 
     def net_gain_as_rival(self, gain: float, dof: int, item: Hypothesis) -> float:
-        """`net_gain` without the discount of a random bias; it decides which rivals are confounded with that bias."""
+        """`net_gain` without the discount of a random process; it decides which rivals are confounded with it."""
         credited = gain * (FAMILY_DISCOUNT if item.effect.family else 1.0)
         comparisons = max(self.examined, 2) * item.comparisons
         return credited - (dof + item.further) * math.log(max(self.blocks, 2)) - 2.0 * math.log(comparisons)

@@ -19,7 +19,7 @@ def detectable_sizes(
 
     A size is infinite where the part is not visible: the base contains it, or at that size it would move the readings
     as
-    much as the motion itself. A random bias has one part, with the information of all its columns.
+    much as the motion itself. A random process has one part, with the information of all its columns.
     """
     item, columns = evidence.items[i], evidence.columns[i]
     A, own = evidence.G[columns, columns], evidence.own[columns]
@@ -42,7 +42,7 @@ def detection_limits(evidence: CandidateScores, rules: SearchRules) -> dict[str,
     """Smallest coefficient of each effect that this record would have shown with 95 % probability.
 
     Taken at the trial shape and for the part with the smallest limit; infinite where the effect is not visible on this
-    record. Random biases are left to `power`.
+    record. Random processes are left to `power`.
     """
     found: dict[str, float] = {}
     for i, item in enumerate(evidence.items):

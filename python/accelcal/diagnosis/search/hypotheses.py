@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.data.orientation import DERIVED
-from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_BIAS_COMPARISONS
+from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
 from accelcal.estimation.dwell_rows import acts_at_rest
@@ -59,8 +59,8 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     s, dwells = state.signals, state.run.recording.dwells
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
-    random_bias = any(find(name).port == "process" for name in model.effects)
-    time_functions = {name for e in BUILT_IN if e.function_of == "t" for name in e.covers} if random_bias else set()
+    moving = {find(name).traits.changes for name in model.effects if find(name).port == "process"}
+    time_functions = {e.name for e in BUILT_IN if e.port != "process" and e.traits.changes in moving - {""}}
     hypotheses: list[Hypothesis] = []
     for effect in offered:
         if may_be_refined(model, effect):
@@ -81,7 +81,7 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
             chosen = dict(zip(tried, trial, strict=True))
             brackets = {name: proposed.bracket for name, proposed in chosen.items() if proposed.bracket}
             comparisons = math.prod(proposed.comparisons for proposed in trial) * (
-                RANDOM_BIAS_COMPARISONS if effect.name in time_functions else 1
+                RANDOM_PROCESS_COMPARISONS if effect.name in time_functions else 1
             )
             shape = {name: proposed.value for name, proposed in chosen.items()}
             for proposed in trial:

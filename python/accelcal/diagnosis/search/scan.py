@@ -37,7 +37,7 @@ class Candidate:
     effect: str
     shape: Mapping[str, float]
     estimate: tuple[float, ...]
-    """One value for each column that it has, in `unit`; for a random bias its one intensity."""
+    """One value for each column that it has, in `unit`; for a random process its one intensity."""
     std: tuple[float, ...]
     unit: str
     gain: float
@@ -137,16 +137,20 @@ def scan(
     report(0.65)
     lists = refine(runs, starting_points(evidence, finalists, rules))
     report(0.85)
-    finals = [finalist_scores(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists]
-    final, scatter, chosen, noises = max(finals, key=lambda each: rules.net_gain_of_set(each[0], each[2]))
+    found = max(
+        (BestSet.of(CandidateScores(runs, hypotheses), length, rules) for hypotheses in lists),
+        key=lambda each: rules.net_gain_of_set(each.evidence, each.chosen),
+    )
     enough = blocks >= VERDICT_LEAST_BLOCKS
-    detected = [detected_effect(final, scatter, chosen, k, rules) for k in range(len(chosen)) if enough]
-    again = {final.items[i].effect.name for i in chosen if recurs(evidence, final, chosen, i, rules)}
-    entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
+    entering, changing = found.divided(evidence, rules) if enough else ((), ())
+    process = found.process_instead(changing, length, rules)
+    if process is not None:
+        found, (entering, changing) = process, process.divided(evidence, rules)
+    final, scatter, chosen = found.evidence, found.scatter, found.chosen
     report(1.0)
     return Scan(
         rank(final, scatter, chosen, rules, passes),
-        tuple(entering),
+        entering,
         len(items),
         blocks,
         detection_limits(evidence, rules),
@@ -156,8 +160,8 @@ def scan(
             if only and final.gain(i)[1]
         ),
         named_members(final, scatter, chosen, rules),
-        tuple(effect for effect in detected if effect not in entering),
-        noises,
+        changing,
+        found.slow_noise,
     )
 
 
@@ -177,27 +181,63 @@ def recurs(
     )
 
 
-def finalist_scores(
-    evidence: CandidateScores, length: float, rules: SearchRules
-) -> tuple[CandidateScores, BlockScatter, tuple[int, ...], tuple[SlowNoise, ...]]:
-    """Refined hypotheses, against slow noise, with the scatter of their scores, the best set of them, and that noise.
+@dataclass(frozen=True, slots=True)
+class BestSet:
+    """Refined hypotheses, and the set of them that explains most."""
 
-    A random bias is slow noise itself, so that it is judged against white noise: it enters where it explains more
-    than what stands out from the slow noise.
-    """
-    against_slow = evidence.against_slow_noise()
-    noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
-    scatter = BlockScatter(against_slow, length)
-    chosen = rules.best_set(against_slow, scatter)
-    if against_slow is not evidence:
-        random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
-        gains, dofs = evidence.gains()
-        able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
-        net_gains = {i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]) for i in (*able, *chosen)}
-        best = max(net_gains, key=lambda i: net_gains[i], default=-1)
-        if best in able:
-            return evidence, BlockScatter(evidence, length), (best,), noises
-    return against_slow, scatter, chosen, noises
+    evidence: CandidateScores
+    scatter: BlockScatter
+    chosen: tuple[int, ...]
+    slow_noise: tuple[SlowNoise, ...] = ()
+    """Slow noise that the hypotheses leave."""
+
+    @classmethod
+    def of(cls, evidence: CandidateScores, length: float, rules: SearchRules) -> BestSet:
+        """The best set of hypotheses, judged against slow noise.
+
+        A random process is slow noise itself, so that it is judged against white noise: it enters where it explains
+        more than what stands out from the slow noise.
+        """
+        against_slow = evidence.against_slow_noise()
+        noises = tuple(run.slow_noise for run in against_slow.runs if run.slow_noise is not None)
+        scatter = BlockScatter(against_slow, length)
+        chosen = rules.best_set(against_slow, scatter)
+        if against_slow is not evidence:
+            random = [i for i, item in enumerate(evidence.items) if item.effect.port == "process"]
+            gains, dofs = evidence.gains()
+            able = [i for i in random if rules.significant(float(gains[i]), int(dofs[i]), evidence.items[i])]
+            net_gains = {i: rules.net_gain(float(gains[i]), int(dofs[i]), evidence.items[i]) for i in (*able, *chosen)}
+            best = max(net_gains, key=lambda i: net_gains[i], default=-1)
+            if best in able:
+                return cls(evidence, BlockScatter(evidence, length), (best,), noises)
+        return cls(against_slow, scatter, chosen, noises)
+
+    def divided(
+        self, trials: CandidateScores, rules: SearchRules
+    ) -> tuple[tuple[DetectedEffect, ...], tuple[DetectedEffect, ...]]:
+        """Effects of the set that have one size everywhere and happen once, and those that do not."""
+        detected = [
+            detected_effect(self.evidence, self.scatter, self.chosen, k, rules) for k in range(len(self.chosen))
+        ]
+        again = {
+            self.evidence.items[i].effect.name
+            for i in self.chosen
+            if recurs(trials, self.evidence, self.chosen, i, rules)
+        }
+        entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
+        return tuple(entering), tuple(effect for effect in detected if effect not in entering)
+
+    def process_instead(self, changing: Sequence[DetectedEffect], length: float, rules: SearchRules) -> BestSet | None:
+        """The best set without effects that change or recur, if a random process leads it with which one of them is
+        confounded: what steps again and again wanders. None where there is no such process."""
+        refused = {effect.effect for effect in changing}
+        left = [item for item in self.evidence.items if item.effect.name not in refused]
+        members = {name for effect in changing for name in effect.members}
+        if not any(item.effect.port == "process" and item.effect.name in members for item in left):
+            return None
+        other = BestSet.of(CandidateScores(self.evidence.runs, left), length, rules)
+        first = other.evidence.items[other.chosen[0]].effect if other.chosen else None
+        return other if first is not None and first.port == "process" and first.name in members else None
 
 
 def named_members(
@@ -205,7 +245,7 @@ def named_members(
 ) -> tuple[DetectedEffect, ...]:
     """Named effects that are confounded with a nonparametric curve that comes first, nearest rival first.
 
-    Random biases are not among them: they follow any function of time.
+    Random processes are not among them: they follow any function of time.
     """
     if not chosen or not evidence.items[chosen[0]].effect.family:
         return ()

@@ -282,10 +282,10 @@ class CandidateScores:
         return slow_noise(left, run.rate, crossover, np.minimum(explained, 1.0))
 
     def given(self, chosen: Sequence[int]) -> tuple[Array, Array]:
-        """Gram matrix and scores once some hypotheses have entered: constant coefficients first, then random biases.
+        """Gram matrix and scores once some hypotheses have entered: constant coefficients first, then random processes.
 
-        A random bias enters with the intensity that it has given those before it. Were it left free, it would leave to
-        the others what it cannot explain and yet be credited for what it can.
+        A random process enters with the intensity that it has given those before it. Were it left free, it would leave
+        to the others what it cannot explain and yet be credited for what it can.
         """
         key = tuple(chosen)
         if key not in self._given:

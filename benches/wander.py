@@ -1,0 +1,76 @@
+"""A scale factor that wanders: what is named, and errors of k, K2 and K3, on independent worlds.
+
+python -m benches.wander --seed 1701 --count 30 --nulls 300
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+from tests.worlds import Hidden, World
+
+import accelcal as ac
+from accelcal.diagnosis.verdict import Diagnosis
+
+CASES = ((2e-3, 2.0), (5e-3, 0.5))
+"""Standard deviation of the scale factor and its correlation time, s."""
+CLASS = {"scale_gauss_markov", "scale_random_walk", "scale_drift", "scale_step"}
+"""Names of a class that are right."""
+MOTIONS = ("interleaved", "tones")
+
+
+def recorded(world: World, folder: Path) -> ac.Recording:
+    """The record of a world as a user would open it."""
+    return ac.load(world.record().write(folder, f"{world.seed}"))
+
+
+def named(found: Diagnosis) -> set[str]:
+    """Names of the first effect that is missing and of all that it is confounded with."""
+    return set(found.classes[0].members) if found.classes else set()
+
+
+def main() -> None:
+    """Print counts and figures beside their bars."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--seed", type=int, default=1701)
+    asked.add_argument("--count", type=int, default=30)
+    asked.add_argument("--nulls", type=int, default=300)
+    asked.add_argument("--sensor", default="ADXL105")
+    given = asked.parse_args()
+    scores: dict[str, list[float]] = {"scale_factor": [], "quadratic": [], "cubic": []}
+    right = total = 0
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for size, tau in CASES:
+            for k in range(given.count):
+                hidden = (Hidden("scale_gauss_markov", size, {"tau": tau}),)
+                world = World(MOTIONS[k % 2], given.sensor, hidden, seed=1000 * given.seed + k).settled()
+                run = recorded(world, folder)
+                linear = ac.fit(ac.Model.linear(), run)
+                found = ac.diagnose(linear, run)
+                group = named(found)
+                fine = bool(group & CLASS)
+                right, total = right + fine, total + 1
+                with_wander = linear.model.add("quadratic", "cubic")
+                line = f"{size:g} {tau:g} {world.motion} {world.seed}: {sorted(group) or found.verdict}"
+                if fine and found.scan.found:
+                    with_wander = found.scan.found[0].enter(with_wander)
+                fit = ac.fit(with_wander, run)
+                truth = {"scale_factor": world.scale_factor or 0.0}
+                for each, values in scores.items():
+                    values.append((fit[each].value - truth.get(each, 0.0)) / fit[each].std)
+                    line += f" {each} {values[-1]:.2f}"
+                print(line, flush=True)
+    print(f"wander in the class: {right} of {total} (least {int(stats.binom.ppf(0.025, total, 0.95))})")
+    for each, values in scores.items():
+        rms, beyond = float(np.sqrt(np.mean(np.square(values)))), int(np.sum(np.abs(values) > 3.0))
+        most = int(stats.binom.ppf(0.975, total, 0.01))
+        print(f"{each}: z rms {rms:.3f} of {total}, beyond 3: {beyond} (at most {most})")
+
+
+if __name__ == "__main__":
+    main()
