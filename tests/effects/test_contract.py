@@ -12,7 +12,7 @@ import pint
 import pytest
 
 import accelcal.effects as effects
-from accelcal.data.orientation import LEVERS, TURNED
+from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, Effect, cards
 from accelcal.effects.registry import CARD
@@ -29,7 +29,8 @@ IDENTIFIERS = re.findall(
     scale_random_walk scale_gauss_markov
     velocity velocity_squared velocity_odd coulomb acceleration_velocity rail_slope rail_curve rail_wave
     rail_second_wave time_offset time_offset_step clock_skew timing_jitter sensor_lag sensor_resonance creep cross_axis
-    cross_axis_quadratic cross_coupling tone vibration vibration_rectification accelerometer_outliers encoder_outliers
+    cross_axis_quadratic cross_coupling cross_axis_z cross_axis_quadratic_z cross_coupling_z cross_axis_product
+    spin angular_acceleration tone vibration vibration_rectification accelerometer_outliers encoder_outliers
     quantisation encoder_cyclic encoder_backlash encoder_nonlinearity encoder_step tilt misalignment encoder_scale
     cross_axis_gravity shape_of_time shape_of_position shape_of_velocity shape_of_acceleration shape_of_jerk
     shape_of_temperature shape_since_reversal encoder_shape_of_position shape_of_a_y
@@ -76,7 +77,7 @@ def test_every_trial_gives_one_finite_row_per_time_and_the_same_again(effect):
 def test_a_stage_at_rest_gives_finite_columns(effect):
     t = np.arange(64) * 0.01
     still = np.zeros(64)
-    side = {name: still for name in ("temperature", "a_y", *TURNED, *LEVERS)}
+    side = {name: still for name in ("temperature", "a_y", "a_z", *TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION)}
     s = Signals(t=t, p=still, v=still, a=still, jerk=still, scale=1.0, rig=Rig(), side=side)
     for shape in trials(effect, s):
         assert np.all(np.isfinite(effect.column(s, **shape)))
@@ -101,7 +102,7 @@ def test_the_card_is_complete(effect):
     assert effect.source
     assert effect.scale > 0.0
     mentioned = re.findall(r"\b[a-z]+_[a-z_]+[a-z]\b", effect.line("Easily confused with"))
-    assert set(mentioned) <= {*IDENTIFIERS, "a_y"}
+    assert set(mentioned) <= {*IDENTIFIERS, "a_y", "a_z"}
     assert set(effect.search.includes) <= set(IDENTIFIERS)
     assert len(set(effect.parts)) == effect.width
     assert list(inspect.signature(effect.function).parameters)[1:] == list(effect.shapes)
@@ -152,7 +153,7 @@ def test_a_value_depends_neither_on_later_samples_nor_on_where_the_record_ends(e
 
 
 @every
-@pytest.mark.parametrize("origin", ["t", "p", "temperature", "a_y"])
+@pytest.mark.parametrize("origin", ["t", "p", "temperature", "a_y", "a_z"])
 def test_a_moved_origin_gives_the_effect_itself_and_what_it_includes(effect, origin):
     s = sines(n=4000)
     if origin in s.side:
@@ -221,7 +222,13 @@ def test_the_declared_unit_is_the_unit_that_the_function_has(effect, metre, seco
         a=say(s.a, "m/s²"),
         jerk=say(s.jerk, "m/s³"),
         cutoff=say(s.cutoff, "1/s"),
-        side={**s.side, "a_y": say(s.side["a_y"], "m/s²"), **{n: say(s.side[n], "s⁻²") for n in LEVERS}},
+        side={
+            **s.side,
+            **{n: say(s.side[n], "m/s²") for n in ("a_y", "a_z")},
+            **{n: say(s.side[n], "s⁻²") for n in LEVERS},
+            **{n: say(s.side[n], "s⁻¹") for n in RATES},
+            ANGULAR_ACCELERATION: say(s.side[ANGULAR_ACCELERATION], "s⁻²"),
+        },
         p_std=say(s.p_std, "m"),
         v_std=say(s.v_std, "m/s"),
         a_std=say(s.a_std, "m/s²"),

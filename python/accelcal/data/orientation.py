@@ -21,6 +21,10 @@ TURNED = ("turned_1", "turned_2")
 """Side channels: angles about two directions across the input axis, from a gyroscope, rad."""
 GYROSCOPE = ("gyr_x", "gyr_y", "gyr_z")
 """Side channels: angular rate about the axes of the sensor, right-handed, rad/s."""
+RATES = ("rate_i", "rate_p")
+"""Side channels: angular rate about the input and the pendulous axis of the sensor, rad/s."""
+ANGULAR_ACCELERATION = "alpha_o"
+"""Side channel: angular acceleration about the output axis, rad/s²."""
 PLACE = ("position_e", "position_n", "position_u")
 """Channels: place to the east, to the north and up, m."""
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")

@@ -1,14 +1,15 @@
-"""Every recorded side channel is a candidate by itself."""
+"""Every recorded side channel is a candidate by itself, and times the acceleration."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from accelcal.data.arrays import Array
+from accelcal.data.orientation import ANGULAR_ACCELERATION, RATES
 from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, effect
 from accelcal.signals.signals import Signals
 
-KNOWN = ("temperature", "a_y")
+KNOWN = ("temperature", "a_y", "a_z", *RATES, ANGULAR_ACCELERATION)
 """Channels with named physical effects."""
 
 
@@ -28,19 +29,37 @@ def side_channel(name: str, unit: str = "") -> Effect:
     >>> side_channel("supply", "V").unit
     'm/s²/V'
     """
-    known = CATALOGUE.get(name)
-    if known is not None and known.needs != (name,):
-        name, channel = f"{name}_channel", name
-    else:
-        channel = name
-    if name not in CATALOGUE:
-        _enter(name, channel, unit)
-    return CATALOGUE[name]
+    own = free_name(name, name)
+    if own not in CATALOGUE:
+        _enter(own, name, unit)
+    return CATALOGUE[own]
+
+
+def side_channel_scale(name: str, unit: str = "") -> Effect:
+    """The effect "the scale factor follows the channel `name`", as `side_channel`; `_scale` follows the name.
+
+    Examples
+    --------
+    >>> from accelcal.effects.side_channels import side_channel_scale
+    >>> side_channel_scale("supply", "V").unit
+    'V⁻¹'
+    """
+    own = free_name(f"{name}_scale", name)
+    if own not in CATALOGUE:
+        _enter_scale(own, name, unit)
+    return CATALOGUE[own]
 
 
 def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
-    """Effects of all channels (name, unit) that have no named physical effect."""
-    return tuple(side_channel(name, unit) for name, unit in units if name not in KNOWN)
+    """Effects of all channels (name, unit) that have no named physical effect: added, and times the acceleration."""
+    free = [(name, unit) for name, unit in units if name not in KNOWN]
+    return tuple(make(name, unit) for name, unit in free for make in (side_channel, side_channel_scale))
+
+
+def free_name(wanted: str, channel: str) -> str:
+    """A name in the catalogue for an effect of a channel: the wanted one, unless a physical effect has it."""
+    known = CATALOGUE.get(wanted)
+    return wanted if known is None or known.needs == (channel,) else f"{wanted}_channel"
 
 
 def _enter(name: str, channel: str, unit: str) -> None:
@@ -64,4 +83,28 @@ def _enter(name: str, channel: str, unit: str) -> None:
         needs=(channel,),
         traits=Traits(follows=channel),
         search=Search(includes=("bias",)),
+    )(follow)
+
+
+def _enter_scale(name: str, channel: str, unit: str) -> None:
+    def follow(s: Signals) -> Array:
+        return s.a * s.side[channel]
+
+    follow.__doc__ = f"""The scale factor follows the recorded channel {channel!r}.
+
+    Equation: e = c {channel} a.
+    Looks like: a residual proportional to acceleration, its size following the channel.
+    Easily confused with: scale_drift, temperature_scale where the channel changes with time or temperature.
+    Separate by: changing the channel on purpose while the motion stays.
+    """
+    effect(
+        name,
+        unit="1" if unit in ("", "1") else f"({unit})⁻¹" if "/" in unit else f"{unit}⁻¹",
+        owner="sensor",
+        symbol=f"k({channel})",
+        scale=1e-3,
+        source="0.1 % per unit of the channel",
+        needs=(channel,),
+        traits=Traits(follows=channel),
+        search=Search(includes=("scale_factor",)),
     )(follow)

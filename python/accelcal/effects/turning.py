@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import LEVERS, TURNED
+from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.effects.registry import Search, Traits, effect
 from accelcal.signals.signals import Signals
 
@@ -63,3 +63,43 @@ def lever_arm(s: Signals) -> Array:
     Separate by: turning about each axis with the tracked point at rest; a ruler.
     """
     return s.scale * np.column_stack([s.side[name] for name in LEVERS])
+
+
+@effect(
+    "spin",
+    unit="m",
+    symbol="Kspin",
+    scale=1e-4,
+    source="no published figure",
+    needs=RATES,
+    search=Search(includes=("bias",)),
+)
+def spin(s: Signals) -> Array:
+    """Anisoinertia of the pendulum: product of the rates about input and pendulous axis (IEEE 1293 Kspin).
+
+    Equation: e = Kspin rate_i rate_p.
+    Looks like: a residual while the body turns about both axes at once.
+    Easily confused with: lever_arm, cross_axis where the turning also shakes the sensor sideways.
+    Separate by: turning about each axis by itself; turning about an axis through the sensor.
+    """
+    return s.side[RATES[0]] * s.side[RATES[1]]
+
+
+@effect(
+    "angular_acceleration",
+    unit="m",
+    symbol="Kang",
+    scale=1e-3,
+    source="distance of the pendulum's mass from its hinge",
+    needs=(ANGULAR_ACCELERATION,),
+    search=Search(includes=("bias",)),
+)
+def angular_acceleration(s: Signals) -> Array:
+    """Angular acceleration about the output axis turns the case under the pendulum (IEEE 1293 Kang).
+
+    Equation: e = Kang alpha_o.
+    Looks like: a residual where turning about the output axis starts and stops.
+    Easily confused with: lever_arm.
+    Separate by: turning about the output axis with the sensor at two distances from it.
+    """
+    return s.side[ANGULAR_ACCELERATION]

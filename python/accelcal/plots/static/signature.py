@@ -11,7 +11,7 @@ import numpy as np
 
 from accelcal import formatting
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import LEVERS, TURNED
+from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.effects import Effect, spelled
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
@@ -45,8 +45,10 @@ VARIABLES = {
     "jerk": "m/s³",
     "temperature": "K",
     "a_y": "m/s²",
+    "a_z": "m/s²",
 }
 """Variables to draw an effect against, with units; the first that fits is used."""
+AXIS_WORDS = {"a_y": "transverse acceleration", "a_z": "acceleration along the pendulous axis"}
 
 
 def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
@@ -86,7 +88,7 @@ def signature(effect: Effect, *, theme: ThemeName = "light") -> Figure:
     style.legend(axes[0], palette)
     if right is not None:
         scale, x_unit = formatting.prefixed(VARIABLES[right.variable], right.x)
-        x_title = formatting.label(right.variable.replace("a_y", "transverse acceleration"), x_unit)
+        x_title = formatting.label(AXIS_WORDS.get(right.variable, right.variable), x_unit)
         style.format_axes(axes[1], palette, x=x_title, y=title)
         for (line, _), y in zip(drawn, right.curves.values(), strict=True):
             axes[1].plot(right.x * scale, y * factor, color=line.colour, linestyle=line.line, linewidth=0.9)
@@ -108,7 +110,9 @@ def card_motion() -> Signals:
     (rise, tau), (swing, slow) = WARMING, DRAUGHT
     temperature = rise * (1.0 - np.exp(-t / tau)) + swing * np.sin(2.0 * np.pi * slow * t)
     side = {"temperature": temperature, "a_y": 0.2 * np.sin(2.0 * np.pi * 0.4 * t)}
-    swinging = {name: 0.05 * np.sin(2.0 * np.pi * (0.3 + 0.1 * n) * t) for n, name in enumerate((*TURNED, *LEVERS))}
+    side["a_z"] = 0.2 * np.sin(2.0 * np.pi * 0.55 * t)
+    turning = (*TURNED, *LEVERS, *RATES, ANGULAR_ACCELERATION)
+    swinging = {name: 0.05 * np.sin(2.0 * np.pi * (0.3 + 0.1 * n) * t) for n, name in enumerate(turning)}
     return Signals(t=t, p=p, v=v, a=a, jerk=jerk, scale=1.0, rig=ADXL105_RIG, cutoff=0.2 * RATE, side=side | swinging)
 
 
@@ -187,6 +191,7 @@ def values(s: Signals) -> dict[str, Array]:
         "jerk": s.jerk,
         "temperature": s.temperature,
         "a_y": s.side["a_y"],
+        "a_z": s.side["a_z"],
     }
 
 
