@@ -294,7 +294,7 @@ def test_the_mean_of_a_gauss_markov_process_over_a_record_has_the_variance_of_it
     np.testing.assert_allclose((column / sines(n=500).a)[moving] ** 2, exact, rtol=1.1 * tau / length)
 
 
-def test_a_wandering_scale_factor_is_a_wandering_bias_times_the_acceleration():
+def test_a_random_scale_factor_is_a_random_bias_times_the_acceleration():
     s = sines(n=500)
     for kind, tau in (("random_walk", {}), ("gauss_markov", {"tau": 3.0})):
         bias, scale = (

@@ -144,8 +144,8 @@ def test_a_gauss_markov_coefficient_keeps_its_uncertainty() -> None:
     assert walking["bias"].std > 2 * constant["bias"].std
 
 
-def test_a_scale_factor_that_wanders_is_tracked_as_one_more_state() -> None:
-    """Scale factor and wander at the end of 20 records, simulated by the exact recursion, against the truth."""
+def test_a_random_scale_factor_is_tracked_as_one_more_state() -> None:
+    """Scale factor and process at the end of 20 records, simulated by the exact recursion, against the truth."""
     sigma, tau = 0.02, 2.0
     shapes = {"scale_gauss_markov": {"start": 0.0, "length": 12.0, "tau": tau}}
     linear = Model.linear().freeze(time_offset=0.0)
@@ -158,11 +158,11 @@ def test_a_scale_factor_that_wanders_is_tracked_as_one_more_state() -> None:
         made = simulate("bursts", seconds=12.0, rig=rig, parameters={}, rng=rng, a_rms=5.0, position_noise=READING)
         t, n = made.recording.accel.t, len(made.recording.accel.t)
         keep = np.exp(-1.0 / (RATE * tau))
-        wander = np.empty(n)
-        wander[0] = sigma * rng.standard_normal()
+        process = np.empty(n)
+        process[0] = sigma * rng.standard_normal()
         for k, shock in enumerate(sigma * np.sqrt(1.0 - keep**2) * rng.standard_normal(n - 1), 1):
-            wander[k] = keep * wander[k - 1] + shock
-        u = made.recording.accel.y + wander * made.truth.motion.derivatives(t)[2]
+            process[k] = keep * process[k - 1] + shock
+        u = made.recording.accel.y + process * made.truth.motion.derivatives(t)[2]
         z = np.full(n, np.nan)
         z[::2] = made.recording.position.y
         for tracked, found in ((model, at_end), (linear, without)):
@@ -170,7 +170,7 @@ def test_a_scale_factor_that_wanders_is_tracked_as_one_more_state() -> None:
             live.run(u, z)
             rows = [live.names.index(name) for name in live.names if name.startswith("scale")]
             variance = float(np.sum(live.covariance[np.ix_(rows, rows)]))
-            found.append(float(np.sum(live.values[rows]) - wander[-1]) ** 2 / variance)
+            found.append(float(np.sum(live.values[rows]) - process[-1]) ** 2 / variance)
     low, high = stats.chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], 20)
     print(f"\nnormalised square of 20: {sum(at_end):.1f} in [{low:.1f}, {high:.1f}]; constant {sum(without):.0f}")
     assert low < sum(at_end) < high

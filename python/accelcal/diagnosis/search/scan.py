@@ -229,7 +229,7 @@ class BestSet:
 
     def process_instead(self, changing: Sequence[DetectedEffect], length: float, rules: SearchRules) -> BestSet | None:
         """The best set without effects that change or recur, if a random process leads it with which one of them is
-        confounded: what steps again and again wanders. None where there is no such process."""
+        confounded: what steps again and again is one. None where there is no such process."""
         refused = {effect.effect for effect in changing}
         left = [item for item in self.evidence.items if item.effect.name not in refused]
         members = {name for effect in changing for name in effect.members}

@@ -1,6 +1,6 @@
-"""A scale factor that wanders: what is named, and errors of k, K2 and K3, on independent worlds.
+"""A scale factor that is a Gauss-Markov process: what is named, and errors of k, K2 and K3, on independent worlds.
 
-python -m benches.wander --seed 1701 --count 30 --nulls 300
+python -m benches.random_processes --seed 1701 --count 30 --nulls 300
 """
 
 from __future__ import annotations
@@ -55,17 +55,27 @@ def main() -> None:
                 group = named(found)
                 fine = bool(group & CLASS)
                 right, total = right + fine, total + 1
-                with_wander = linear.model.add("quadratic", "cubic")
+                with_process = linear.model.add("quadratic", "cubic")
                 line = f"{size:g} {tau:g} {world.motion} {world.seed}: {sorted(group) or found.verdict}"
                 if fine and found.scan.found:
-                    with_wander = found.scan.found[0].enter(with_wander)
-                fit = ac.fit(with_wander, run)
+                    with_process = found.scan.found[0].enter(with_process)
+                fit = ac.fit(with_process, run)
                 truth = {"scale_factor": world.scale_factor or 0.0}
                 for each, values in scores.items():
                     values.append((fit[each].value - truth.get(each, 0.0)) / fit[each].std)
                     line += f" {each} {values[-1]:.2f}"
                 print(line, flush=True)
-    print(f"wander in the class: {right} of {total} (least {int(stats.binom.ppf(0.025, total, 0.95))})")
+    false = 0
+    with tempfile.TemporaryDirectory() as name:
+        for k in range(given.nulls):
+            run = recorded(World(MOTIONS[k % 2], given.sensor, (), seed=1000 * given.seed + 500 + k), Path(name))
+            group = named(ac.diagnose(ac.fit(ac.Model.linear(), run), run))
+            false += bool(group & CLASS)
+            if group:
+                print(f"nothing hidden, {MOTIONS[k % 2]} {k}: {sorted(group)}", flush=True)
+    most = int(stats.binom.ppf(0.975, given.nulls, 0.01))
+    print(f"nothing hidden: a process, drift or step of the scale named in {false} of {given.nulls} (at most {most})")
+    print(f"process in the class: {right} of {total} (least {int(stats.binom.ppf(0.025, total, 0.95))})")
     for each, values in scores.items():
         rms, beyond = float(np.sqrt(np.mean(np.square(values)))), int(np.sum(np.abs(values) > 3.0))
         most = int(stats.binom.ppf(0.975, total, 0.01))
