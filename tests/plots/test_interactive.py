@@ -78,6 +78,7 @@ class Example:
             "error_reduction": interactive.error_reduction(self.nested, theme=theme),
             "fitted_curve": interactive.fitted_curve(shapes(self.shaped), theme=theme),
             "detectable_sizes": interactive.detectable_sizes(self.power, theme=theme),
+            "drift_limits": interactive.drift_limits(self.power.drift, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
             "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }

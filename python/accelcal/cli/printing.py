@@ -12,6 +12,8 @@ from accelcal.formatting import interval, millionths, plus_minus, short
 
 MOST_COLUMNS = 4
 """Coefficients of one effect that are printed one by one; those of a curve or a random process are summarised."""
+DRIFT_ROWS = 8
+"""Frequencies of the drift bandwidth that are printed."""
 
 MOST_CANDIDATES = 8
 """Candidates on dwells that are printed; --json lists all."""
@@ -89,6 +91,26 @@ def show_power(content: dict[str, Any]) -> None:
         )
     for tie in content["ties"]:
         console.print(f"confounded: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
+    show_drift_bandwidth(content.get("drift_bandwidth"))
+
+
+def show_drift_bandwidth(content: dict[str, Any] | None) -> None:
+    """Print the smallest sinusoidal changes of bias and scale factor that a record shows, and those of a tumble."""
+    if content is None:
+        return
+    print(f"smallest sinusoidal change that this record shows at {content['sigma']:g} sigma, whatever its phase")
+    frequency, tumble = content["frequency_Hz"], content["tumble"]
+    names = [name for name in tumble if name in content and name != "frequency_Hz"]
+    few = range(0, len(frequency), max(1, len(frequency) // DRIFT_ROWS))
+    rows = [
+        (f"{frequency[i]:.3g}", *("-" if content[name][i] is None else f"{content[name][i]:.2g}" for name in names))
+        for i in few
+    ]
+    slow = (f"below {tumble['frequency_Hz']:.1g}", *(f"{tumble[name]:.2g}" for name in names))
+    show_table(("frequency, Hz", "bias, m/s²", "scale_factor"), [*rows, slow])
+    print(
+        f"  the last row: a tumble test of {tumble['seconds'] / 60:.0f} min with this noise and angles to 0.001 degrees"
+    )
 
 
 def show_plan(content: dict[str, Any]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from accelcal.diagnosis.policy import DETECTION_PROBABILITY
 from accelcal.experiment.detection_probability import DetectionModel
+from accelcal.experiment.drift_bandwidth import DriftBandwidth
 
 SCHEMA = "accelcal/power/1"
 
@@ -68,6 +69,8 @@ class Power:
     detection_model: DetectionModel = field(repr=False, compare=False)
     """Model from which probabilities of detection are simulated."""
     name: str = ""
+    drift: DriftBandwidth | None = None
+    """Detectable drift bandwidth; None where a plan of several is only compared."""
 
     def __getitem__(self, effect: str) -> Detectability:
         """Return the detection limit of `effect`."""
@@ -117,6 +120,7 @@ class Power:
                 {"members": list(g.members), "correlation": g.correlation, "experiment": g.experiment}
                 for g in self.ties
             ],
+            "drift_bandwidth": None if self.drift is None else self.drift.to_dict(),
         }
 
 

@@ -23,7 +23,7 @@ from accelcal.estimation.smoothing import SmoothedMotion as Sampled
 from accelcal.estimation.smoothing import Thinning, sensor_signals
 from accelcal.estimation.values import Noise, Values
 from accelcal.experiment.detectability import Power
-from accelcal.experiment.power_analysis import detectability_of
+from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
 from accelcal.signals.processing import low_pass, motion_bandwidth
 from accelcal.simulation.motion import Motion
@@ -118,9 +118,8 @@ def power_of_motion(
     model = Model.linear() if model is None else model
     length = motion.seconds if seconds is None else seconds
     noise = planned_noise(rig, encoder_noise)
-    return detectability_of(
-        planned_state(motion, rig, length, noise, model, accel_rate, position_rate), model, alpha=alpha
-    )
+    state = planned_state(motion, rig, length, noise, model, accel_rate, position_rate)
+    return with_drift(detectability_of(state, model, alpha=alpha))
 
 
 def power_of_set_points(
@@ -139,7 +138,7 @@ def power_of_set_points(
     rate = 1.0 / float(np.median(np.diff(t)))
     model, noise = Model.linear(), planned_noise(recording.rig, name=recording.name)
     state = planned_state(motion, recording.rig, motion.seconds, noise, model, 2.0 * rate, rate)
-    return detectability_of(state, model, extra, alpha)
+    return with_drift(detectability_of(state, model, extra, alpha))
 
 
 def planned_noise(rig: Rig, encoder_noise: float | None = None, *, name: str = "planned motion") -> Noise:

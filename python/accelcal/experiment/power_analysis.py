@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run_state import RunState
 from accelcal.experiment.detectability import Detectability, Group, Power
 from accelcal.experiment.detection_probability import DetectionModel
+from accelcal.experiment.drift_bandwidth import drift_bandwidth
 from accelcal.model import Model
 
 RANDOM_PROCESS_PATHS = 40
@@ -69,12 +71,17 @@ def power(
     """
     model = Model.linear() if model is None else model
     if isinstance(source, RunState):
-        return detectability_of(source, model, extra, alpha)
+        return with_drift(detectability_of(source, model, extra, alpha))
     if start is None and end is None:
         whole = usable(source)
         start, end = whole.start, whole.end
     solution = solve_runs(model, [source], start=start, end=end)
-    return detectability_of(solution.states[0], model, extra, alpha)
+    return with_drift(detectability_of(solution.states[0], model, extra, alpha))
+
+
+def with_drift(found: Power) -> Power:
+    """The detection limits with the detectable drift bandwidth of the same run."""
+    return replace(found, drift=drift_bandwidth(found.detection_model.state, found.detection_model.model))
 
 
 def detectability_of(

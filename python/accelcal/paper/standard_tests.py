@@ -13,16 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.dwells import Dwells
-from accelcal.data.rig import STANDARD_GRAVITY, Rig
+from accelcal.data.rig import Rig
 from accelcal.effects import polynomial
 from accelcal.estimation.estimate import Fit, estimate, estimate_dwells
+from accelcal.experiment.tumble import DWELL, DWELLS, TURN, tumble
 from accelcal.model import Model
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 
-DWELLS, DWELL, TURN = 24, 60.0, 15.0
-"""Number of dwells, length of each and time to turn to the next, s."""
 SECONDS = 60.0
 """Of the motion."""
 LEVEL, HEAD = math.radians(0.05), math.radians(0.001)
@@ -70,35 +68,13 @@ def tested(rng: np.random.Generator, rig: Rig) -> Tests:
     """One sensor through all tests."""
     plain = replace(rig, lowpass=None)
     run = simulate("tones", seconds=SECONDS, rig=plain, parameters=TRUTH, rng=rng).recording
-    rough, fine = (tumbled(rng, plain, angle) for angle in (LEVEL, HEAD))
+    rough, fine = (tumble(TRUTH, plain, angle_std=angle, rng=rng) for angle in (LEVEL, HEAD))
     model = Model.cubic()
     return Tests(
         rough=estimate_dwells(model, rough),
         fine=estimate_dwells(model, fine),
         motion=estimate(model, run),
         both=estimate(model, run.with_dwells(fine)),
-    )
-
-
-def tumbled(rng: np.random.Generator, rig: Rig, angle_std: float, *, exact: bool = False) -> Dwells:
-    """Dwells of a sensor; with `exact` those without noise at exact angles, both still declared."""
-    angle = np.arange(DWELLS) * 2.0 * np.pi / DWELLS
-    chance = 0.0 if exact else 1.0
-    a = STANDARD_GRAVITY * np.sin(angle + chance * angle_std * rng.standard_normal(DWELLS))
-    white = 0.5 * (rig.sensor.noise or 0.0) ** 2 / DWELL
-    K0, k, K2, K3 = TRUTH.values()
-    mean = K0 + (1.0 + k) * a + K2 * a**2 + K3 * a**3 + chance * math.sqrt(white) * rng.standard_normal(DWELLS)
-    samples = 1e4
-    return Dwells(
-        angle=angle,
-        mean=mean,
-        std=np.full(DWELLS, math.sqrt(white * samples)),
-        duration=np.full(DWELLS, DWELL),
-        samples=np.full(DWELLS, samples),
-        group=("0",) * DWELLS,
-        rig=rig,
-        angle_std=angle_std,
-        name="tumble",
     )
 
 
@@ -128,10 +104,10 @@ def parameter_row(name: str, found: Tests, each: str) -> Row:
 def angle_row(name: str, rig: Rig, found: Tests) -> Row:
     """The paper's claim for the scale factor: how exact the angles of a tumble must be to reach the motion."""
     wanted = found.motion["scale_factor"].std
-    plain, rng = replace(rig, lowpass=None), np.random.default_rng(0)
+    plain = replace(rig, lowpass=None)
 
     def missed(log_angle: float) -> float:
-        dwells = tumbled(rng, plain, math.exp(log_angle), exact=True)
+        dwells = tumble(TRUTH, plain, angle_std=math.exp(log_angle))
         return math.log(estimate_dwells(Model.cubic(), dwells)["scale_factor"].std / wanted)
 
     ends = math.log(math.radians(1e-5)), math.log(math.radians(5.0))

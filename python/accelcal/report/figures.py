@@ -156,6 +156,14 @@ def _data(c: Content) -> Iterator[Entry]:
         "In addition to the effects of the model.",
         lambda theme: interactive.detectable_sizes(seen, theme=theme),
     )
+    if seen.drift is not None:
+        drift = seen.drift
+        yield Entry(
+            "drift_limits",
+            "data",
+            "Detectable drift bandwidth: smallest sinusoidal change of bias and scale factor at 5 sigma.",
+            lambda theme: interactive.drift_limits(drift, theme=theme),
+        )
     yield Entry(
         "signatures",
         "apart",

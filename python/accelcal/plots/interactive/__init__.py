@@ -2,6 +2,7 @@
 
 from accelcal.plots.interactive.distribution import quantile_plot
 from accelcal.plots.interactive.drift import coasting
+from accelcal.plots.interactive.drift_limits import drift_limits
 from accelcal.plots.interactive.error_reduction import error_reduction
 from accelcal.plots.interactive.linked import linked
 from accelcal.plots.interactive.motion import simulated
@@ -21,6 +22,7 @@ __all__ = [
     "accel_residual",
     "coasting",
     "detectable_sizes",
+    "drift_limits",
     "error_reduction",
     "fitted_curve",
     "linked",

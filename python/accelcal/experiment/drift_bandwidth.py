@@ -1,0 +1,140 @@
+"""Detectable drift bandwidth: the smallest sinusoidal change of bias and scale factor that a record shows.
+
+The paper's introduction: conventional tests limit the bandwidth of detectable variations (derivations D3.8).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.search.scores import BaseProjection
+from accelcal.effects import Effect, find, found_by
+from accelcal.estimation.estimate import estimate_dwells
+from accelcal.estimation.run_state import RunState
+from accelcal.experiment.tumble import DWELL, DWELLS, TURN, tumble
+from accelcal.model import BASE, Model, Term
+from accelcal.signals.signals import Signals
+
+SIGMA = 5.0
+"""Standard deviations that the smallest change has, whatever its phase."""
+POINTS = 32
+"""Frequencies."""
+SLOWEST = 0.25
+"""Lowest frequency in periods per record."""
+SAMPLES_A_PERIOD = 5.0
+"""Of the grid of the signals, at the highest frequency."""
+SUMS_A_PERIOD = 6.0
+"""Of the rows of the Gram matrix, at the highest frequency."""
+HEAD = math.radians(0.001)
+"""Standard deviation of an angle of the tumble test, that of a dividing head of 3.6 arc seconds, rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class TumbleLimit:
+    """What a tumble test shows of the same: a change that is slow against it."""
+
+    seconds: float
+    """Its length, s."""
+    frequency: float
+    """Highest frequency of a change that repeated tumbles follow, half their rate, Hz."""
+    bias: float
+    """Five standard deviations, m/s²."""
+    scale_factor: float
+    """1"""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftBandwidth:
+    """Smallest amplitude of a sinusoidal change that a record shows at 5 standard deviations, against its frequency."""
+
+    frequency: Array
+    """(n,) Hz"""
+    bias: Array
+    """Of the bias, (n,) m/s²; infinite where the record cannot show it."""
+    scale_factor: Array
+    """Of the scale factor, (n,) 1."""
+    tumble: TumbleLimit
+
+    def highest(self, parameter: str, amplitude: float) -> float:
+        """Highest frequency at which a change of "bias" or "scale_factor" by an amplitude is shown, Hz; 0: none is."""
+        if parameter not in BASE[:2]:
+            raise ValueError(f"{parameter!r}: the drift bandwidth is known of {' and '.join(BASE[:2])}")
+        smallest = self.bias if parameter == BASE[0] else self.scale_factor
+        return float(np.max(self.frequency[smallest <= amplitude], initial=0.0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of `power --json`; null where the record cannot show a change."""
+
+        def plain(y: Array) -> list[float | None]:
+            return [float(v) if math.isfinite(v) else None for v in y]
+
+        return {
+            "sigma": SIGMA,
+            "frequency_Hz": plain(self.frequency),
+            "bias": plain(self.bias),
+            "scale_factor": plain(self.scale_factor),
+            "tumble": {
+                "seconds": self.tumble.seconds,
+                "frequency_Hz": self.tumble.frequency,
+                "bias": self.tumble.bias,
+                "scale_factor": self.tumble.scale_factor,
+            },
+        }
+
+
+def drift_bandwidth(state: RunState, model: Model) -> DriftBandwidth:
+    """The detectable drift bandwidth of a fitted run.
+
+    Parameters
+    ----------
+    state : the run; its motion and noise count, what was measured does not.
+    model : its free coefficients are estimated beside the change.
+    """
+    run = BaseProjection(state, model)
+    s = state.signals
+    length = float(state.run.t[-1] - state.run.t[0])
+    top = min(1.0 / (SAMPLES_A_PERIOD * s.step), run.rate / SUMS_A_PERIOD)
+    frequency = np.geomspace(SLOWEST / length, top, POINTS)
+    line = found_by("line")
+    changes = (line, times_acceleration(line))
+    terms = [
+        Term(effect, part, {"frequency": float(f)})
+        for effect in changes
+        for f in frequency
+        for part in range(effect.width)
+    ]
+    G, _, own, _ = run.remainder(terms)
+    amplitudes = np.array([amplitude(G[k : k + 2, k : k + 2], own[k : k + 2]) for k in range(0, len(terms), 2)])
+    bias, scale = np.split(amplitudes, 2)
+    return DriftBandwidth(frequency, bias, scale, tumble_limit(state))
+
+
+def times_acceleration(line: Effect) -> Effect:
+    """A sinusoidal change of the scale factor, from one of the output."""
+
+    def changed(s: Signals, frequency: float) -> Array:
+        return s.a[:, None] * line.column(s, frequency=frequency)
+
+    return replace(line, name=f"{BASE[1]}.{line.name}", unit=find(BASE[1]).unit, function=changed)
+
+
+def amplitude(information: Array, own: Array) -> float:
+    """Amplitude of sine and cosine together that is 5 standard deviations of its estimate at the worst phase."""
+    least = float(np.linalg.eigvalsh(information)[0])
+    return SIGMA / math.sqrt(least) if least > 1e-9 * float(np.max(own)) else math.inf
+
+
+def tumble_limit(state: RunState) -> TumbleLimit:
+    """What a tumble of 24 dwells reaches with the noise of a fitted run."""
+    rig = state.run.rig
+    density = abs(state.values.scale) * math.sqrt(2.0 * state.noise.q)
+    plain = replace(rig, lowpass=None, sensor=replace(rig.sensor, noise=density))
+    found = estimate_dwells(Model.linear(), tumble({}, plain, angle_std=HEAD))
+    seconds = DWELLS * (DWELL + TURN)
+    bias, scale = (SIGMA * found[name].std for name in BASE[:2])
+    return TumbleLimit(seconds, 0.5 / seconds, bias, scale)
