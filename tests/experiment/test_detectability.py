@@ -14,6 +14,7 @@ from accelcal.data.rig import Rig, Sensor
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.thresholds import least_distance
+from accelcal.effects import BUILT_IN
 from accelcal.experiment import power, power_of_motion, predicted_detection, through
 from accelcal.experiment.planned_motion import planned_noise, planned_state
 from accelcal.model import Model
@@ -218,7 +219,7 @@ def test_limits_of_a_diagnosis_are_those_of_power():
     state = fitted(World("interleaved", "CXL02", seconds=20.0, seed=3))
     limits, seen = scan([state], Model.linear()).detection_limits, power(state)
     sizes = {limit.effect: min(limit.smallest) for limit in seen.detectabilities}
-    random_processes = {"bias_random_walk", "bias_gauss_markov"}
+    random_processes = {effect.name for effect in BUILT_IN if effect.port == "process"}
     # Instants of jumps and periods of waves come from the record in a diagnosis, and are spread evenly by power.
     assert set(limits) == set(sizes) - random_processes
     for name in set(limits) - {"encoder_step", "rail_wave"}:

@@ -13,14 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from accelcal.paper.convergence import convergence_item, robustness_item
+from accelcal.paper.coverage import STATEMENTS, coverage_text
 from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
+from accelcal.paper.linear_filters import linear_filters_item
 from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_item
 from accelcal.paper.question import question_item
 from accelcal.paper.render import render
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.paper.standard_tests import standard_tests_item
 from accelcal.paper.tracks import tracks_item
+from accelcal.paper.varying import varying_item
 from accelcal.paper.vibration import vibration_item
 
 __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
@@ -37,6 +40,8 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     vibration_item,
     gaps_item,
     question_item,
+    varying_item,
+    linear_filters_item,
     standard_tests_item,
 )
 
@@ -65,11 +70,12 @@ class Reproduction:
             "rows": len(self.rows),
             "items": [item.to_dict() for item in self.items],
             "figures": [str(path) for path in self.figures],
+            "statements": [statement.to_dict() for statement in STATEMENTS],
         }
 
     def to_text(self) -> str:
-        """Tables, and the list of what does not hold."""
-        return render(self.items)
+        """Tables, the list of what does not hold, and the paper statement by statement."""
+        return render(self.items) + coverage_text()
 
 
 def reproduce(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,12 +55,20 @@ def consistency_item(plan: Plan) -> Item:
     runs, rig_runs = plan.runs(20, 100), plan.runs(20, 50)
     seconds = float(plan.runs(10, 30))
     own = [_own_row(f, result) for pair in PAIRS for f, result in own_model(plan, pair, runs, seconds).items()]
-    rig = [_rig_row(f, result) for pair in PAIRS for f, result in on_rig(plan, pair, rig_runs, seconds).items()]
+    mismatched = {f: result for pair in PAIRS for f, result in on_rig(plan, pair, rig_runs, seconds).items()}
+    rig = [_rig_row(f, result) for f, result in mismatched.items()]
     return Item(
         name="consistency",
         title="Filter consistency: NEES at the end of the record",
         source="II-H, III-A1",
-        rows=(*own, *rig, _known_lag_row(plan, rig_runs), *_noise_rows(plan, rig_runs), _diffuse_row(plan)),
+        rows=(
+            *own,
+            *rig,
+            _mismatch_row(mismatched),
+            _known_lag_row(plan, rig_runs),
+            *_noise_rows(plan, rig_runs),
+            _diffuse_row(plan),
+        ),
     )
 
 
@@ -227,6 +235,25 @@ def _rig_row(choice: FilterChoice, result: Consistency) -> Row:
         threshold=_region(result),
         holds=result.verdict == "overconfident",
         remark="ADXL105, RC of 1 ms unknown to both models",
+    )
+
+
+def _mismatch_row(results: Mapping[FilterChoice, Consistency]) -> Row:
+    """The paper's reason for ACI in IV, on the one mismatch that the rig itself has."""
+    ratio = {
+        system: float(np.median([r.mean / r.dof for f, r in results.items() if f.system == system]))
+        for system in ("aci", "cwpa")
+    }
+    return Row(
+        by="paper",
+        claim="ACI is less sensitive to mismatches of the system model than CWPA (IV)",
+        expected="NEES over its degrees of freedom less in ACI",
+        measured=f"ACI {ratio['aci']:.3g}, CWPA {ratio['cwpa']:.3g}, medians of four filters each",
+        value=ratio["aci"] / ratio["cwpa"],
+        n=sum(result.runs for result in results.values()),
+        threshold="ratio below 1",
+        holds=ratio["aci"] < ratio["cwpa"],
+        remark="undeclared RC of 1 ms: these runs point the other way" if ratio["aci"] > ratio["cwpa"] else "",
     )
 
 

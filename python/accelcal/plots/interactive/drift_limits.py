@@ -82,6 +82,7 @@ def drift_limits(found: DriftBandwidth, *, theme: ThemeName = "light") -> Figure
         palette,
         f"Changes of the scale factor by {formatting.number(2.0 * best, 2)} are shown at 5 sigma "
         f"from {formatting.number(shown[0], 2)} to {formatting.number(shown[-1], 2)} Hz",
-        note="smallest amplitude that is shown, whatever its phase; the tumble has 24 dwells, the noise of this record and angles to 0.001 degrees",
+        note="smallest amplitude that is shown, whatever its phase; the tumble has 24 dwells, the noise of this "
+        "record and angles to 0.001 degrees",
     )
     return figure

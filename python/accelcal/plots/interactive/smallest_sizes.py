@@ -13,7 +13,7 @@ from accelcal.plots.style import ThemeName
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-MOST = 40
+MOST = 50
 """Effects that are drawn at each port."""
 ROW, GAP = 20, 90
 """Height of a row, and of the space between panels, pixels."""

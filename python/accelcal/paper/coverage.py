@@ -1,0 +1,127 @@
+"""The paper, statement by statement: where the reproduction answers it, and what it cannot answer and why."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One statement of the paper."""
+
+    where: str
+    text: str
+    items: tuple[str, ...] = ()
+    """Items of the reproduction that answer it."""
+    product: str = ""
+    """Where else the product does: a command, an effect."""
+    open: str = ""
+    """What is not answered yet."""
+    impossible: str = ""
+    """Why it, or a part of it, cannot be answered."""
+
+    @property
+    def state(self) -> str:
+        """Closed, partly closed, open, or cannot be closed."""
+        answered = bool(self.items or self.product)
+        if self.open:
+            return "partly" if answered else "open"
+        if self.impossible:
+            return "closed in part, the rest cannot be" if answered else "cannot be closed"
+        return "closed"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {**asdict(self), "items": list(self.items), "state": self.state}
+
+
+NO_ANGLE = "their reference is an angle, that of this method a length"
+LOST = "its body did not survive in the copies at hand; an independent simulation stands beside our figures"
+NOT_PUBLIC = "their recordings were not published"
+
+STATEMENTS: tuple[Statement, ...] = (
+    Statement(
+        "abstract", "test and characterise with a position sensor and nonlinear filters", ("consistency", "tracks")
+    ),
+    Statement("abstract, I", "simpler than tumble and vibration tests", ("standard_tests",)),
+    Statement("abstract, I", "simpler than centrifuge and rotary table", impossible=NO_ANGLE),
+    Statement("abstract, I", "real-time estimation of the parameters", ("tracks",), product="LiveModel, firmware"),
+    Statement(
+        "I", "bandwidth of detectable variations", product="accelcal power: drift bandwidth beside a tumble test"
+    ),
+    Statement(
+        "abstract", "part of a tracking or navigation system", ("gaps",), open="three dimensions and a navigation state"
+    ),
+    Statement("I", "multipoint tumble test: output = p'' - g", ("standard_tests",), product="accelcal dwells"),
+    Statement("I", "vibration test: mean of the output", ("standard_tests",)),
+    Statement("II-A", "ADXL105, CXL02TG3, encoder of 1 um at 833 Hz, two boards", ("consistency", "vibration", "gaps")),
+    Statement(
+        "II-A", "CXL02TG3: three axes and a bandwidth of 200 Hz", product="a_y, a_z; [channels] filters", open="a row"
+    ),
+    Statement("II-A", "encoder bandwidth of 100 mm/s", product="effect encoder_lag", open="a limit of speed"),
+    Statement(
+        "II-A", "encoder accuracy of 10 um", product="effects encoder_cyclic, encoder_nonlinearity, encoder_scale"
+    ),
+    Statement(
+        "II-A", "aligning the input axis", product="tilt and misalignment from turned and rolled runs", open="a row"
+    ),
+    Statement("II-A", "temperature controller", product="channel temperature and its effects"),
+    Statement("II-A", "clock skew between the boards", product="effect clock_skew"),
+    Statement("II-B", "(1) to (6), K' = (1 + k) K", ("scale_update",)),
+    Statement("II-B", "the linear model gives the same estimate in both forms", ("linear_filters",)),
+    Statement(
+        "II-B", "the extensive model of IEEE 1293", product="Kio, Kip, Kop, Koo, Kpp, Kspin, Kang with their channels"
+    ),
+    Statement("II-B1", "(7) and its cures: along gravity, rolled by 180 degrees", ("cross_axis",)),
+    Statement("II-C", "(8), neglected terms corrupt k and K0", ("fourier",)),
+    Statement(
+        "II-D", "constant parameters, Markov processes", ("varying",), product="bias_*, scale_* as processes; LiveModel"
+    ),
+    Statement("II-E", "ACI (9) and CWPA (10)", ("consistency", "convergence")),
+    Statement(
+        "II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",), open="a band in place of a line"
+    ),
+    Statement(
+        "II-F",
+        "noise correlated with the state is approximated",
+        ("vibration",),
+        open="process noise that follows the speed in a model",
+    ),
+    Statement("II-G, II-H", "orders, integrators, NEES and rms (15)", ("consistency", "convergence")),
+    Statement("III-A1", "consistent when the model matches; CWPA converges faster", ("consistency", "convergence")),
+    Statement("III-A2, Table I", "errors under vibration", ("vibration",), impossible=LOST),
+    Statement("III-A2", "CWPA is often unstable", ("robustness",), open="rows with a mismatched model"),
+    Statement("III-B1", "first and second order are the same for the linear model", ("linear_filters",)),
+    Statement("III-B, Figs. 4, 5", "tracks of 130 s and 250 s of real data", ("tracks",), impossible=NOT_PUBLIC),
+    Statement("III-B, Tables II, III", "gaps", ("gaps",), impossible=NOT_PUBLIC),
+    Statement("IV", "ACI is less sensitive to mismatches", ("consistency",)),
+    Statement("IV", "why the linear model tracked better", ("question", "varying")),
+    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", open="the filter"),
+    Statement("Figs. 1, 2", "photograph and acquisition", impossible="they show hardware"),
+    Statement("Fig. 3", "mapping between output and acceleration", open="the figure from a fit"),
+)
+"""In the order of the paper."""
+
+
+def coverage_text(width: int = 160) -> str:
+    """A table for the terminal, and how many statements are in each state."""
+    from collections import Counter
+    from io import StringIO
+
+    from rich.console import Console
+    from rich.table import Table
+
+    file = StringIO()
+    console = Console(file=file, width=width, highlight=False)
+    table = Table(title="The paper, statement by statement", title_justify="left")
+    for column in ("where", "statement", "state", "by", "what is missing, or why"):
+        table.add_column(column)
+    for each in STATEMENTS:
+        answered = "; ".join(filter(None, [", ".join(each.items), each.product]))
+        cells = (each.where, each.text, each.state, answered, each.open or each.impossible)
+        table.add_row(*(cell.replace("[", "\\[") for cell in cells))
+    console.print(table)
+    counts = Counter(each.state for each in STATEMENTS)
+    console.print("; ".join(f"{state}: {n}" for state, n in counts.items()))
+    return file.getvalue()
