@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from accelcal.diagnosis.verdict import Diagnosis
     from accelcal.experiment import plan, power
     from accelcal.selection.improvement import History, Improvement
-    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, history, improve
+    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, formulas, history, improve
 
 __all__ = [
     "ADXL105_RIG",
@@ -74,6 +74,7 @@ __all__ = [
     "effect",
     "fit",
     "fit_recursive",
+    "formulas",
     "history",
     "improve",
     "load",

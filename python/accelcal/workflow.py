@@ -39,8 +39,10 @@ from accelcal.estimation.estimate import (
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
+from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
 from accelcal.selection.budget import SearchBudget
+from accelcal.selection.curve_formulas import FormulaSet, formulas_of
 from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
@@ -129,6 +131,52 @@ def diagnose(
     fitted = clean_fit(several, solve)
     judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
     return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
+
+
+@one_thread
+def formulas(
+    fit: Fit,
+    recording: Recording,
+    curve: str,
+    *,
+    holdout: Recording | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
+) -> FormulaSet:
+    """Short formulas for what a nonparametric curve shows, and which of them a recording does not separate.
+
+    Parameters
+    ----------
+    fit : the model; the curve itself is left out of it.
+    recording : one run; all coefficients are profiled anew.
+    curve : nonparametric function of one variable, such as "shape_of_velocity".
+    holdout : a recording that takes no part in the choice; each formula is scored on it.
+    alpha : probability by chance below which there is something to describe.
+
+    Returns
+    -------
+    Formulas with units and uncertainties; `Formula.effect` enters one, and `file` of its answer is its Python source.
+
+    Raises
+    ------
+    ValueError
+        If there is no such curve, or its variable does not change.
+    NotIdentifiable
+        If the motion does not excite what the model contains.
+    """
+    effect, model = find(curve), model_in_motion(fit)
+    model = model.drop(curve) if curve in model.added else model
+
+    def fitted(one: Recording) -> RunState:
+        (clear,), _ = usable_recordings([one], False, skip_first=True)
+        part = TimeSpan.of(clear, None, None)
+
+        def solve(these: Sequence[Recording]) -> Solution:
+            return solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins)
+
+        return clean_fit([clear], solve).solution.states[0]
+
+    other = None if holdout is None else (fitted(holdout), model)
+    return formulas_of(fitted(recording), model, effect, holdout=other, alpha=alpha)
 
 
 @one_thread

@@ -30,6 +30,7 @@ from accelcal.cli.printing import (
     limit,
     show_diagnosis,
     show_dwell_diagnosis,
+    show_formulas,
     show_improvement,
     show_plan,
     show_power,
@@ -159,6 +160,58 @@ def improve(
         print_json(content)
     else:
         show_improvement(found, content)
+
+
+@app.command()
+@with_exit_codes
+def formula(
+    model: ModelFile,
+    run: Annotated[Path, typer.Argument(help="Recording.", metavar="RUN")],
+    curve: Annotated[str, typer.Option("--curve", help="Nonparametric curve, e.g. shape_of_velocity.")],
+    name: Annotated[str, typer.Option("--name", help="Name of the effect in the file of --output.")] = "own_formula",
+    holdout: Holdout = None,
+    rig: Rig = None,
+    effects_file: EffectsFile = None,
+    output: Output = None,
+    json: Json = False,
+) -> None:
+    """Find short formulas for what depends on one variable, and say which of them the recording does not separate.
+
+    With -o the first one is written as an effect, for --effects-file and `accelcal add`.
+
+    Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
+    """
+    from accelcal.effects import ExpressionError, find
+    from accelcal.io import atomic_write
+    from accelcal.serialization import model_file
+    from accelcal.workflow import formulas
+
+    load_own_effects(effects_file)
+    try:
+        shape = find(curve)
+    except ValueError as error:
+        raise UsageError(f"--curve: {error}") from None
+    fitted = model_file.load(model)
+    recording = load_like(fitted, run, rig)
+    unseen = None if holdout is None else load_like(fitted, holdout, rig)
+    try:
+        found = formulas(fitted, recording, curve, holdout=unseen)
+    except ValueError as error:
+        raise UsageError(f"--curve {curve}: {error}") from None
+    if output is not None:
+        if not found.formulas:
+            raise UsageError(f"{output} is not written: {found.sentence}")
+        try:
+            owner = shape.owner if shape.owner != "timing" else "sensor"
+            own = found.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
+        except ExpressionError as error:
+            raise UsageError(f"--name {name}: {error}") from None
+        atomic_write(output, own.file)
+        print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
+    if json:
+        print_json(found.to_dict())
+    else:
+        show_formulas(found)
 
 
 @app.command()

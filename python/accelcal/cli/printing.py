@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from accelcal.estimation.estimate import Fit
     from accelcal.fleet.summary import Fleet
     from accelcal.model import Estimate, Model
+    from accelcal.selection.curve_formulas import FormulaSet
     from accelcal.selection.improvement import Improvement
 
 
@@ -111,6 +112,21 @@ def show_drift_bandwidth(content: dict[str, Any] | None) -> None:
     print(
         f"  the last row: a tumble test of {tumble['seconds'] / 60:.0f} min with this noise and angles to 0.001 degrees"
     )
+
+
+def show_formulas(found: FormulaSet) -> None:
+    """Print the answer, then the numbers of each formula."""
+    print(found.sentence)
+    rows = []
+    for each in found.formulas:
+        for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
+            rows.append((text, short(c, std), unit))
+        if each.inner is not None and each.inner_std is not None:
+            rows.append(("  its length", short(each.inner, each.inner_std), each.inner_unit))
+        held = "" if each.held_out is None else f", held out {each.held_out:.1f}"
+        rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", ""))
+    if rows:
+        show_table(("summand", "value (std)", "unit"), rows)
 
 
 def show_plan(content: dict[str, Any]) -> None:

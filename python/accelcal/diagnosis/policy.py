@@ -57,6 +57,12 @@ of any random process drifts and steps a little. [comparisons; tests/diagnosis/s
 FREE_SHAPE_PARAMETERS = 1
 """Shape parameters that the trials of an effect have paid for already. Each further one costs as much as a
 coefficient. [parameters; tests/experiment/test_detectability.py]"""
+FORMULA_LOG_EVIDENCE = 3.0
+"""Distance of formulas in log-evidence up to which a record does not separate them. It is a likelihood ratio of 20.
+[logarithm; tests/selection/test_formulas.py]"""
+FORMULA_LACK_OF_FIT_ALPHA = 1e-3
+"""Probability of what a smooth curve explains beside a formula below which the formula is rejected. A true one is
+rejected in one record of a thousand. [probability; tests/selection/test_formulas.py]"""
 SHAPE_FORMS = 2
 """Forms of a nonparametric curve, coarse and fine, of which the less probable one under the null is reported. The
 choice between them is one more comparison. [forms; tests/diagnosis/search/test_hypotheses.py]"""

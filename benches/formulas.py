@@ -1,0 +1,162 @@
+"""From a curve to formulas: functions outside the catalogue, and curves that no short formula describes.
+
+python -m benches.formulas --seed 1801 --seeds 10 --d 20
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import stats
+
+import accelcal as ac
+from accelcal.data.recording import Recording
+from accelcal.effects import find
+from accelcal.estimation.estimate import solve_runs
+from accelcal.selection.curve_formulas import FormulaSet, HatGram, nodes_over, value_of
+
+Function = Callable[[np.ndarray], np.ndarray]
+V, P, A = "shape_of_velocity", "shape_of_position", "shape_of_acceleration"
+
+
+@dataclass(frozen=True)
+class World:
+    """A function that is hidden, and the elements of the grammar that it is made of."""
+
+    curve: str
+    function: Function
+    elements: frozenset[str]
+    inner: float | None = None
+
+
+def world(curve: str, elements: str, function: Function, inner: float | None = None) -> World:
+    """One world; `elements` separated by a plus sign."""
+    return World(curve, function, frozenset(elements.split(" + ")), inner)
+
+
+def scaled(curve: str, elements: str, shape: Function, d: float) -> World:
+    """A function of x/d."""
+    return world(curve, elements, lambda x: shape(x / d), d)
+
+
+def decaying(u: np.ndarray) -> np.ndarray:
+    """exp(-|u|)."""
+    return np.exp(-np.abs(u))
+
+
+WORLDS = {
+    "v tanh": scaled(V, "change of sign within a width", np.tanh, 0.02),
+    "v signed peak": scaled(V, "signed peak", lambda u: np.sign(u) * decaying(u), 0.03),
+    "v peak": scaled(V, "peak", decaying, 0.03),
+    "v signed root": world(V, "signed root", lambda v: np.sign(v) * np.sqrt(np.abs(v))),
+    "v root": world(V, "root of the size", lambda v: np.sqrt(np.abs(v))),
+    "v cube": world(V, "cube", lambda v: v**3),
+    "v growth": scaled(V, "growth", np.exp, 0.05),
+    "v resonance": scaled(V, "resonance", lambda u: 1.0 / (1.0 + u**2), 0.02),
+    "v signed resonance": scaled(V, "signed resonance", lambda u: u / (1.0 + u**2), 0.02),
+    "v tanh and drag": world(V, "change of sign within a width + linear", lambda v: np.tanh(v / 0.01) + 8.0 * v, 0.01),
+    "v stribeck": world(V, "sign + signed peak", lambda v: np.sign(v) * (1.0 + 1.5 * decaying(v / 0.02)), 0.02),
+    "p growth": scaled(P, "growth", np.exp, 0.006),
+    "p decay": scaled(P, "decay", lambda u: np.exp(-u), 0.006),
+    "p peak": scaled(P, "peak", decaying, 0.004),
+    "p signed peak": scaled(P, "signed peak", lambda u: np.sign(u) * decaying(u), 0.004),
+    "p resonance": scaled(P, "resonance", lambda u: 1.0 / (1.0 + u**2), 0.003),
+    "p signed resonance": scaled(P, "signed resonance", lambda u: u / (1.0 + u**2), 0.003),
+    "p tanh": scaled(P, "change of sign within a width", np.tanh, 0.003),
+    "p cube": world(P, "cube", lambda p: p**3),
+    "a tanh": scaled(A, "change of sign within a width", np.tanh, 0.5),
+    "a signed root": world(A, "signed root", lambda a: np.sign(a) * np.sqrt(np.abs(a))),
+    "a root": world(A, "root of the size", lambda a: np.sqrt(np.abs(a))),
+    "a peak": scaled(A, "peak", decaying, 0.5),
+    "a fourth power": world(A, "fourth power", lambda a: a**4),
+}
+"""24 functions outside the catalogue of effects."""
+
+
+def bumps(curve: str, places: tuple[float, ...], width: float) -> World:
+    """Several bumps of alternating sign at shares of the range: no short formula."""
+
+    def function(x: np.ndarray) -> np.ndarray:
+        u = (x - np.min(x)) / np.ptp(x)
+        signs = [1.0, -0.7, 0.9, -1.1]
+        return np.sum([s * np.exp(-(((u - c) / width) ** 2)) for s, c in zip(signs, places, strict=False)], axis=0)
+
+    return World(curve, function, frozenset())
+
+
+NONE = {
+    "v bumps": bumps(V, (0.3, 0.42, 0.7), 0.05),
+    "v four bumps": bumps(V, (0.25, 0.45, 0.55, 0.8), 0.05),
+    "p bumps": bumps(P, (0.2, 0.35, 0.75), 0.07),
+    "p four bumps": bumps(P, (0.15, 0.4, 0.6, 0.85), 0.06),
+}
+
+
+def record(rng: np.random.Generator, one: World, size: float) -> Recording:
+    """A record with the function in its output."""
+    made = ac.simulate("interleaved", seconds=60.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng)
+    accel = made.recording.accel
+    p, v, a, _ = made.truth.motion.derivatives(accel.t)
+    y = accel.y + size * one.function({V: v, P: p, A: a}[one.curve])
+    return replace(made.recording, accel=replace(accel, y=y), digest=f"{rng.integers(1 << 60)}")
+
+
+def size_at(d: float, seed: int, one: World) -> float:
+    """Size of the function at which it is d standard deviations, from a record without it."""
+    run = record(np.random.default_rng(seed), one, 0.0)
+    state = solve_runs(ac.Model.linear(), [run]).states[0]
+    x = value_of(state.signals, find(one.curve))
+    nodes = nodes_over(x)
+    y = one.function(nodes)
+    return d / float(np.sqrt(y @ HatGram(state, ac.Model.linear(), find(one.curve), nodes).G @ y))
+
+
+def answer(seed: tuple[int, ...], one: World, size: float) -> FormulaSet:
+    """What the product says of one record."""
+    run, other = (record(np.random.default_rng([*seed, k]), one, size) for k in range(2))
+    return ac.formulas(ac.fit(ac.Model.linear(), run), run, one.curve, holdout=other)
+
+
+def main() -> None:
+    """Print counts beside their bars."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--seed", type=int, default=1801)
+    asked.add_argument("--seeds", type=int, default=10)
+    asked.add_argument("--d", type=float, default=20.0)
+    given = asked.parse_args()
+    inside = alone = wrong = total = 0
+    sizes: list[int] = []
+    z: list[float] = []
+    for number, (name, one) in enumerate(WORLDS.items()):
+        size, hits, singles, bad = size_at(given.d, number, one), 0, 0, 0
+        for k in range(given.seeds):
+            found = answer((given.seed, number, k), one, size)
+            forms = [frozenset(each.elements) for each in found.formulas]
+            true = one.elements in forms
+            hits, total = hits + true, total + 1
+            singles += true and len(forms) == 1
+            bad += len(forms) == 1 and not true
+            sizes.append(len(forms))
+            if true and one.inner is not None:
+                each = found.formulas[forms.index(one.elements)]
+                if each.inner is not None and each.inner_std:
+                    z.append((each.inner - one.inner) / each.inner_std)
+        print(f"{name}: true form in the set {hits}, alone {singles}, wrong alone {bad} of {given.seeds}", flush=True)
+        inside, alone, wrong = inside + hits, alone + singles, wrong + bad
+    least = int(stats.binom.ppf(0.025, total, 0.8))
+    print(f"d = {given.d:g}: true form in the set {inside} of {total} (80 %: least {least}), alone {alone}")
+    print(f"a wrong formula alone: {wrong} of {total} (1 %: at most {int(stats.binom.ppf(0.975, total, 0.01))})")
+    print(f"formulas in a set: median {np.median(sizes):g} (3), 90 % quantile {np.quantile(sizes, 0.9):g} (8)")
+    print(f"inner parameter: z rms {np.sqrt(np.mean(np.square(z))):.2f} of {len(z)} (0.8 to 1.2)")
+    for number, (name, one) in enumerate(NONE.items()):
+        size = size_at(3.0 * given.d, number, one)
+        found = [answer((given.seed, 100 + number, k), one, size) for k in range(given.seeds)]
+        said = sum(not each.formulas for each in found)
+        print(f"{name} at {3 * given.d:g}: no short formula in {said} of {given.seeds}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

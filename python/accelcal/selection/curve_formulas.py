@@ -1,0 +1,339 @@
+"""From a curve to formulas: short algebra for what a nonparametric function of one variable shows (derivations D9).
+
+One pass through a record gives the Gram matrix of hat functions over the variable. A formula is a mixture of hats, so
+that thousands are compared without another pass.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
+from accelcal.diagnosis.search.beam import block_length
+from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain
+from accelcal.diagnosis.search.scores import BaseProjection
+from accelcal.effects import Effect, Own, from_expression
+from accelcal.effects.curves import curve as smooth_curve
+from accelcal.estimation.run_state import RunState
+from accelcal.model import Model, terms_of
+from accelcal.selection.grammar import TURN, Element, columns_of, combinations, lengths
+from accelcal.signals.signals import Signals
+
+NODES = 121
+"""Hat functions over the range of the variable, or one less or more."""
+REFINED = 24
+"""Formulas whose inner parameter is refined."""
+DETERMINED = 2.0
+"""Standard deviations that an inner parameter is at least; one of fewer is not in the data."""
+DIFFERENCE = 1e-3
+"""Step of the derivative with respect to the inner parameter, over its value."""
+SCHEMA = "accelcal/formula/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Formula:
+    """One formula with its numbers."""
+
+    elements: tuple[str, ...]
+    summands: tuple[str, ...]
+    """As algebra, with {d} for the inner parameter."""
+    units: tuple[str, ...]
+    coefficients: tuple[float, ...]
+    std: tuple[float, ...]
+    inner: float | None
+    """Its length or period, in the unit of the variable; None where it has none."""
+    inner_std: float | None
+    inner_unit: str
+    gain: float
+    """Twice the log-likelihood gained."""
+    log_evidence: float
+    lack_of_fit: float
+    """Probability of what a smooth curve still explains beside it."""
+    held_out: float | None = None
+    """Twice the log-likelihood gained on held-out data; None without any."""
+
+    def texts(self, digits: int) -> list[str]:
+        """Its summands, the inner parameter to some digits."""
+        return [text.format(d="" if self.inner is None else f"{self.inner:.{digits}g}") for text in self.summands]
+
+    @property
+    def text(self) -> str:
+        """The formula with its numbers, for reading."""
+        pairs = zip(self.coefficients, self.texts(4), strict=True)
+        return " + ".join(f"{c:.4g}*{text}" for c, text in pairs).replace("+ -", "- ").replace(f"{TURN:.15g}", "2*pi")
+
+    def effect(self, name: str, *, owner: Any = "sensor", port: Any = "output", channels: tuple[str, ...] = ()) -> Own:
+        """Enter it as an effect of one coefficient, the first; `file` of the answer is its Python source.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is taken.
+        """
+        first, texts = self.coefficients[0], self.texts(9)
+        ratios = (f"{c / first:.9g}*{text}" for c, text in zip(self.coefficients[1:], texts[1:], strict=True))
+        whole = " + ".join([texts[0], *ratios])
+        return from_expression(name, whole, unit=self.units[0], owner=owner, port=port, channels=channels)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {
+            "formula": self.text,
+            "summands": self.texts(9),
+            "coefficients": list(self.coefficients),
+            "std": list(self.std),
+            "units": list(self.units),
+            "inner": self.inner,
+            "inner_std": self.inner_std,
+            "inner_unit": self.inner_unit if self.inner is not None else None,
+            "gain": self.gain,
+            "log_evidence": self.log_evidence,
+            "lack_of_fit": self.lack_of_fit,
+            "held_out_gain": self.held_out,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class FormulaSet:
+    """Formulas that a record does not separate."""
+
+    curve: str
+    variable: str
+    unit: str
+    formulas: tuple[Formula, ...]
+    """Largest log-evidence first; empty where none holds."""
+    examined: int
+    chance: float
+    """Probability of the best gain by chance, over all that were examined."""
+    rejected: tuple[Formula, ...] = ()
+    """Those within reach of the best that a smooth curve rejects."""
+    alpha: float = FAMILYWISE_ALPHA
+
+    @property
+    def sentence(self) -> str:
+        """The answer in words."""
+        tried = f"{self.examined} formulas examined"
+        if self.chance >= self.alpha:
+            return f"the record shows no function of {self.variable} beyond the model ({tried}, p = {self.chance:.2g})"
+        if not self.formulas:
+            return f"no short formula describes what depends on {self.variable}: a smooth curve rejects each ({tried})"
+        first = self.formulas[0].text
+        if len(self.formulas) == 1:
+            return f"what depends on {self.variable} is {first} ({tried})"
+        others = "; ".join(each.text for each in self.formulas[1:])
+        return (
+            f"what depends on {self.variable} is {first}, or one of these, which the record does not separate: "
+            f"{others} ({tried})"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Content of `formula --json`."""
+        return {
+            "schema": SCHEMA,
+            "curve": self.curve,
+            "variable": self.variable,
+            "sentence": self.sentence,
+            "examined": self.examined,
+            "p_value": self.chance,
+            "formulas": [each.to_dict() for each in self.formulas],
+            "rejected": [each.to_dict() for each in self.rejected],
+        }
+
+
+class HatGram:
+    """Gram matrix and scores of hat functions over a variable, the base projected out."""
+
+    def __init__(self, state: RunState, model: Model, curve: Effect, nodes: Array) -> None:
+        def hats(s: Signals) -> Array:
+            place = np.clip((value_of(s, curve) - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.0)
+            cell = np.minimum(place.astype(np.intp), len(nodes) - 2)
+            columns, rows = np.zeros((len(nodes), len(place))), np.arange(len(place))
+            columns[cell, rows] = 1.0 - (place - cell)
+            columns[cell + 1, rows] = place - cell
+            return columns.T
+
+        effect = replace(
+            curve,
+            name=f"{curve.name}.hats",
+            function=hats,
+            shapes={},
+            parts=tuple(f"h{k}" for k in range(len(nodes))),
+            traits=replace(curve.traits, memory=True),
+            family=None,
+        )
+        self.nodes = nodes
+        self.G, self.c, self.own, _ = BaseProjection(state, model).remainder(terms_of(effect))
+        self.blocks = max(2.0, float(state.run.t[-1] - state.run.t[0]) / block_length(state))
+        """Effective number of readings in the price of a coefficient."""
+
+    def gain(self, columns: Array) -> tuple[float, int, Array, Array]:
+        """Gain, degrees of freedom, coefficients and covariance of columns given at the nodes, (nodes, p)."""
+        before = np.diag(self.own @ columns**2)
+        return score_gain(columns.T @ self.G @ columns, columns.T @ self.c, before)
+
+    def of_function(self, values: Array) -> float:
+        """Twice the log-likelihood that a given function gains, (nodes,)."""
+        return float(2.0 * values @ self.c - values @ self.G @ values)
+
+
+def value_of(s: Signals, curve: Effect) -> Array:
+    """The variable of a nonparametric family at the times of some signals."""
+    letter = curve.family.variable.letter if curve.family else ""
+    return s.side[letter] if letter in s.side else np.asarray(getattr(s, letter), dtype=np.float64)
+
+
+def nodes_over(x: Array) -> Array:
+    """Evenly spaced nodes over the range of a variable; 0 is one of them, where signs and sizes have their corner."""
+    step = float(np.ptp(x)) / (NODES - 2)
+    return np.asarray(step * np.arange(math.floor(np.min(x) / step), math.ceil(np.max(x) / step) + 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Some elements of the grammar at one value of their inner parameter."""
+
+    elements: tuple[Element, ...]
+    d: float
+    gain: float
+    dof: int
+    log_evidence: float
+
+    @classmethod
+    def at(cls, elements: tuple[Element, ...], d: float, hats: HatGram) -> Trial:
+        """The elements at an inner parameter, with their evidence: gain, price of parameters, size of the grammar."""
+        gain, dof, _, _ = hats.gain(columns_of(elements, hats.nodes, d))
+        inner = any(element.inner for element in elements)
+        alternatives = sum(len(other) == len(elements) for other in combinations())
+        price = 0.5 * (dof + inner) * math.log(hats.blocks) + math.log(alternatives)
+        whole = dof == sum(len(element.functions) for element in elements)
+        return cls(elements, d, gain, dof + inner, 0.5 * gain - price if whole else -math.inf)
+
+    @classmethod
+    def of(cls, elements: tuple[Element, ...], hats: HatGram) -> Trial:
+        """The elements at the best of the trial values."""
+        return max((cls.at(elements, float(d), hats) for d in lengths(elements, hats.nodes)), key=lambda one: one.gain)
+
+    def refined(self, hats: HatGram) -> Trial:
+        """The same at the most likely inner parameter between the neighbours of its trial value."""
+        trials = np.sort(lengths(self.elements, hats.nodes))
+        if len(trials) == 1:
+            return self
+        k = int(np.argmin(np.abs(trials - self.d)))
+        bounds = np.log([trials[max(k - 1, 0)], trials[min(k + 1, len(trials) - 1)]])
+        best = scipy.optimize.minimize_scalar(
+            lambda log_d: -Trial.at(self.elements, math.exp(log_d), hats).gain,
+            bounds=tuple(bounds),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        found = Trial.at(self.elements, math.exp(float(best.x)), hats)
+        return found if found.gain > self.gain else self
+
+    def estimate(self, hats: HatGram) -> tuple[Array, Array]:
+        """Coefficients, then the inner parameter where there is one, and their standard deviations."""
+        columns = columns_of(self.elements, hats.nodes, self.d)
+        _, _, c, covariance = hats.gain(columns)
+        if not any(element.inner for element in self.elements):
+            return c, np.sqrt(np.diag(covariance))
+        step = DIFFERENCE * self.d
+        above, below = (columns_of(self.elements, hats.nodes, self.d + h) for h in (step, -step))
+        J = np.column_stack([columns, (above - below) @ c / (2.0 * step)])
+        information = J.T @ hats.G @ J
+        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-10, hermitian=True)
+        return np.append(c, self.d), np.sqrt(np.diag(inverse)) / size
+
+    def determined(self, hats: HatGram) -> bool:
+        """Whether the record determines the inner parameter, inside the range of the trials."""
+        trials = lengths(self.elements, hats.nodes)
+        if len(trials) == 1:
+            return True
+        values, std = self.estimate(hats)
+        return bool(1.02 * trials.min() < values[-1] < 0.98 * trials.max() and values[-1] > DETERMINED * std[-1])
+
+    def formula(self, hats: HatGram, curve: Effect, holdout: HatGram | None) -> Formula:
+        """The elements as a formula with numbers, units, lack of fit and gain on held-out data."""
+        assert curve.family is not None
+        letter, unit = curve.family.variable.letter, curve.family.variable.unit
+        values, std = self.estimate(hats)
+        p = sum(len(element.functions) for element in self.elements)
+        columns = columns_of(self.elements, hats.nodes, self.d)
+        smooth = smooth_curve(hats.nodes, hats.nodes[0], hats.nodes[-1])
+        more, rank, _, _ = hats.gain(np.column_stack([columns, smooth]))
+        added = "m" if curve.port == "position" else "m/s²"
+        return Formula(
+            elements=tuple(element.name for element in self.elements),
+            summands=tuple(text.replace("{x}", letter) for one in self.elements for text in one.texts),
+            units=tuple(per(added, unit, one.power) for one in self.elements for _ in one.functions),
+            coefficients=tuple(values[:p].tolist()),
+            std=tuple(std[:p].tolist()),
+            inner=float(values[p]) if len(values) > p else None,
+            inner_std=float(std[p]) if len(values) > p else None,
+            inner_unit=unit,
+            gain=self.gain,
+            log_evidence=self.log_evidence,
+            lack_of_fit=math.exp(log_survival(more - self.gain, max(0, rank - self.dof))),
+            held_out=None if holdout is None else holdout.of_function(columns @ values[:p]),
+        )
+
+
+def per(added: str, unit: str, power: float) -> str:
+    """Unit of a coefficient that multiplies a power of a variable."""
+    if power == 0.0:
+        return added
+    return f"{added}/({unit})" if power == 1.0 else f"{added}/({unit})^{power:g}"
+
+
+def formulas_of(
+    state: RunState,
+    model: Model,
+    curve: Effect,
+    *,
+    holdout: tuple[RunState, Model] | None = None,
+    alpha: float = FAMILYWISE_ALPHA,
+) -> FormulaSet:
+    """Formulas for what depends on the variable of a nonparametric family.
+
+    Parameters
+    ----------
+    state, model : a fitted run, and its model, which has no such curve.
+    curve : the family.
+    holdout : a fitted run and its model, which take no part in the choice.
+    alpha : probability by chance below which there is something to describe.
+
+    Raises
+    ------
+    ValueError
+        If the effect is no nonparametric function of one variable, or the variable does not change.
+    """
+    if curve.family is None or curve.family.variable.per or curve.family.variable.letter == "reversal":
+        raise ValueError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
+    variable = curve.family.variable
+    x = value_of(state.signals, curve)
+    if not np.ptp(x) > 0.0:
+        raise ValueError(f"{variable.name} does not change on this record, which therefore shows no function of it")
+    nodes = nodes_over(x)
+    hats = HatGram(state, model, curve, nodes)
+    trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda one: -one.log_evidence)
+    ranked = sorted((one.refined(hats) for one in trials[:REFINED]), key=lambda one: -one.log_evidence)
+    examined = sum(len(lengths(elements, nodes)) for elements in combinations())
+    p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
+    other = None if holdout is None else HatGram(*holdout, curve, nodes)
+    near = [one for one in ranked if one.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
+    made = [one.formula(hats, curve, other) for one in near if one.determined(hats) and not contains(one, near)]
+    held = tuple(one for one in made if one.lack_of_fit > FORMULA_LACK_OF_FIT_ALPHA)
+    refused = tuple(one for one in made if one.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
+    found = held if p_value < alpha else ()
+    return FormulaSet(curve.name, variable.name, variable.unit, found, examined, p_value, refused, alpha)
+
+
+def contains(one: Trial, others: Sequence[Trial]) -> bool:
+    """Whether a shorter formula that is as good is part of one."""
+    return any(set(other.elements) < set(one.elements) and other.log_evidence >= one.log_evidence for other in others)

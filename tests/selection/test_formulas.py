@@ -1,0 +1,136 @@
+"""From a curve to formulas: planted functions, nulls, curves without a formula; against a fit, and by command."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from benches.formulas import NONE, WORLDS, answer, record, size_at
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal.cli import app, write_recording
+from accelcal.data.rig import Rig
+from accelcal.effects import find, from_expression
+from accelcal.estimation.estimate import solve_runs
+from accelcal.model import Model
+from accelcal.selection.curve_formulas import HatGram, Trial, nodes_over, per, value_of
+from accelcal.selection.grammar import GRAMMAR, combinations
+from accelcal.serialization import model_file
+from accelcal.signals.signals import Signals
+
+CURVE = "shape_of_velocity"
+
+
+@pytest.fixture(scope="module")
+def breakaway():
+    one = WORLDS["v tanh"]
+    run = record(np.random.default_rng(7), one, 0.004)
+    return run, ac.fit(Model.linear(), run)
+
+
+@pytest.mark.parametrize("name", ["v signed root", "v resonance", "p peak", "a tanh"])
+def test_a_function_outside_the_catalogue_is_in_the_set(name):
+    one = WORLDS[name]
+    found = answer((3,), one, size_at(30.0, 1, one))
+    assert one.elements in [frozenset(each.elements) for each in found.formulas], found.sentence
+    assert len(found.formulas) <= 8
+    assert all(each.held_out > 0.5 * each.gain for each in found.formulas)
+    assert found.chance < 1e-6
+
+
+def test_nothing_hidden_has_nothing_to_describe():
+    """10 records at 1 % each: two false answers have probability 0.004."""
+    false = 0
+    for seed in range(10):
+        run = record(np.random.default_rng([11, seed]), WORLDS["v tanh"], 0.0)
+        found = ac.formulas(ac.fit(Model.linear(), run), run, CURVE)
+        assert "shows no function of velocity" in found.sentence or found.formulas
+        false += bool(found.formulas)
+    assert false <= 1
+
+
+def test_a_curve_of_several_bumps_has_no_short_formula():
+    one = NONE["v four bumps"]
+    found = answer((5,), one, size_at(60.0, 1, one))
+    assert not found.formulas
+    assert found.rejected
+    assert "no short formula" in found.sentence
+
+
+def test_the_hats_give_what_a_fit_of_the_same_function_gives(breakaway):
+    """Two paths: a mixture of hats of one Gram matrix, and the fit of an own effect through the replay."""
+    run, fit = breakaway
+    found = ac.formulas(fit, run, CURVE)
+    first = found.formulas[0]
+    own = first.effect("own_breakaway", owner="rig")
+    grown = ac.fit(Model.linear().add(own.effect.name), run)
+    assert grown["own_breakaway"].value == pytest.approx(first.coefficients[0], abs=0.2 * first.std[0])
+    held = Model.linear()
+    state = solve_runs(held, [run]).states[0]
+    nodes = nodes_over(value_of(state.signals, find(CURVE)))
+    hats = HatGram(state, held, find(CURVE), nodes)
+    trial = next(Trial.of(e, hats) for e in combinations() if tuple(x.name for x in e) == first.elements).refined(hats)
+    assert trial.gain == pytest.approx(first.gain, rel=0.02)
+    _, std = trial.estimate(hats)
+    assert first.std == pytest.approx(tuple(std[: len(first.std)]), rel=0.05)
+    assert 0.0 in nodes
+    assert len(nodes) in range(118, 125)
+
+
+def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):
+    run, fit = breakaway
+    write_recording(run, tmp_path / "run.csv")
+    model_file.save(fit, tmp_path / "m.json")
+    source = tmp_path / "drag.py"
+    command = ["formula", str(tmp_path / "m.json"), str(tmp_path / "run.csv"), "--curve", CURVE, "--name", "own_drag"]
+    done = CliRunner().invoke(app, [*command, "-o", str(source), "--json"])
+    assert done.exit_code == 0, done.output
+    content = json.loads(done.stdout)
+    assert content["schema"] == "accelcal/formula/1"
+    assert content["formulas"][0]["units"] == ["m/s²"]
+    options = ["--effects-file", str(source), "--effect", "own_drag", "-o", str(tmp_path / "m2.json")]
+    added = subprocess.run(  # another process, as for a user: here the name is known already
+        [sys.executable, "-m", "accelcal", "add", *command[1:3], *options], capture_output=True, text=True, check=False
+    )
+    assert added.returncode == 0, added.stderr
+    assert "own_drag" in added.stdout
+    text = CliRunner().invoke(app, command).stdout
+    assert "its length" in text
+    assert "lack of fit" in text
+
+
+@pytest.mark.parametrize(
+    ("curve", "says"),
+    [
+        ("quadratic", "no curve of one variable"),
+        ("shape_of_nothing", "did you mean"),
+        ("shape_since_reversal", "no curve"),
+    ],
+)
+def test_what_is_no_curve_of_one_variable_is_refused(breakaway, tmp_path, curve, says):
+    run, fit = breakaway
+    write_recording(run, tmp_path / "run.csv")
+    model_file.save(fit, tmp_path / "m.json")
+    done = CliRunner().invoke(app, ["formula", str(tmp_path / "m.json"), str(tmp_path / "run.csv"), "--curve", curve])
+    assert done.exit_code == 2, done.output
+    assert says in " ".join(done.output.replace("│", " ").split())
+
+
+def test_every_element_is_its_text():
+    """The algebra that is written is the function that was fitted."""
+    x = np.linspace(-0.3, 0.4, 57)
+    for number, element in enumerate(GRAMMAR):
+        for part, (text, function) in enumerate(zip(element.texts, element.functions, strict=True)):
+            own = from_expression(f"own_element_{number}_{part}", text.format(x="v", d="0.07"), unit="1")
+
+            nothing = np.zeros_like(x)
+            moving = Signals(t=nothing, p=nothing, v=x, a=nothing, jerk=nothing, scale=1.0, rig=Rig())
+            np.testing.assert_allclose(own.effect.function(moving), function(x, 0.07), rtol=1e-9, atol=1e-12)
+
+
+def test_units_of_coefficients():
+    assert per("m/s²", "m/s", 0.0) == "m/s²"
+    assert per("m/s²", "m/s", 1.0) == "m/s²/(m/s)"
+    assert per("m/s²", "m", 0.5) == "m/s²/(m)^0.5"
