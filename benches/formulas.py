@@ -131,7 +131,7 @@ def main() -> None:
     sizes: list[int] = []
     z: list[float] = []
     for number, (name, one) in enumerate(WORLDS.items()):
-        size, hits, singles, bad = size_at(given.d, number, one), 0, 0, 0
+        size, hits, singles, bad, first = size_at(given.d, number, one), 0, 0, 0, len(z)
         for k in range(given.seeds):
             found = answer((given.seed, number, k), one, size)
             forms = [frozenset(each.elements) for each in found.formulas]
@@ -144,7 +144,9 @@ def main() -> None:
                 each = found.formulas[forms.index(one.elements)]
                 if each.inner is not None and each.inner_std:
                     z.append((each.inner - one.inner) / each.inner_std)
-        print(f"{name}: true form in the set {hits}, alone {singles}, wrong alone {bad} of {given.seeds}", flush=True)
+        own = f", inner parameter off by {np.round(z[first:], 1).tolist()} sigma" if z[first:] else ""
+        counts = f"true form in the set {hits}, alone {singles}, wrong alone {bad} of {given.seeds}"
+        print(f"{name}: {counts}{own}", flush=True)
         inside, alone, wrong = inside + hits, alone + singles, wrong + bad
     least = int(stats.binom.ppf(0.025, total, 0.8))
     print(f"d = {given.d:g}: true form in the set {inside} of {total} (80 %: least {least}), alone {alone}")

@@ -28,8 +28,8 @@ from accelcal.effects.registry import (
     Variable,
     effect,
     family,
-    find,
 )
+from accelcal.effects.processes import find, on_demand
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.user_file import EffectsFileError, load_effects
@@ -55,9 +55,14 @@ def of_one_record(effect: Effect) -> bool:
 
 
 def users_own() -> tuple[Effect, ...]:
-    """Registered effects of the user's own (file, expression or decorator), in the order of entry."""
+    """Registered effects of the user's own (file, expression or decorator), in the order of entry.
+
+    Effects of channels and processes that were asked for by name are not among them.
+    """
     return tuple(
-        effect for effect in CATALOGUE.values() if _BY_NAME.get(effect.name) is not effect and not effect.traits.follows
+        effect
+        for effect in CATALOGUE.values()
+        if _BY_NAME.get(effect.name) is not effect and not effect.traits.follows and not on_demand(effect)
     )
 
 

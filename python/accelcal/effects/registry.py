@@ -184,8 +184,8 @@ class Traits:
     the functions, those that are refined set the sizes alone."""
     common: bool = False
     """Whether its detection limit is listed first."""
-    changes: Literal["", "bias", "scale_factor"] = ""
-    """Parameter of the base whose change in time it is: a drift, a step, a random process."""
+    changes: str = ""
+    """Effect whose coefficient changes in time by it: a drift, a step, a random process."""
     static: Static | None = None
     """Its term in the sensor's static characteristic."""
     clips_at: str = ""
@@ -374,8 +374,9 @@ def effect(
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
         if name in CATALOGUE:
             raise ValueError(f"effect {name!r} is already in the catalogue; choose another name")
+        taken = inspect.signature(function).parameters
         for keyword in declared:
-            if keyword not in inspect.signature(function).parameters:
+            if keyword not in taken and not any(each.kind is each.VAR_KEYWORD for each in taken.values()):
                 raise ValueError(f"effect {name!r} declares the shape {keyword!r} but its function does not take it")
         CATALOGUE[name] = Effect(
             name, unit, port, owner, symbol, scale, source, function, declared, needs, parts, traits, search

@@ -56,6 +56,11 @@ def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
     return tuple(make(name, unit) for name, unit in free for make in (side_channel, side_channel_scale))
 
 
+def follows_output(effect: Effect) -> bool:
+    """Whether an effect of a channel is added to the output, and not times the acceleration."""
+    return effect.search.includes == ("bias",)
+
+
 def free_name(wanted: str, channel: str) -> str:
     """A name in the catalogue for an effect of a channel: the wanted one, unless a physical effect has it."""
     known = CATALOGUE.get(wanted)

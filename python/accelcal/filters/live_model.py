@@ -90,11 +90,11 @@ class LiveModel:
     ) -> None:
         if not 0 < rate < math.inf:
             raise ValueError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
-        terms, processes = live_terms(model)
         for name in model.effects:
             reason = refusal(find(name))
             if reason is not None:
                 raise ValueError(f"{name} cannot be tracked live: {reason}.")
+        terms, processes = live_terms(model)
         self.model, self.rig = model, rig
         self.names = (*SENSOR, *(name for name in terms if name not in SENSOR))
         """Coefficients in the order of `values` and `covariance`."""
@@ -236,7 +236,9 @@ def refusal(effect: Effect) -> str | None:
     """Why an effect cannot be tracked live; None where it can."""
     if effect.port == "noise":
         return "it changes the noise, and a live filter follows means"
-    if effect.port == "process" or is_local(effect):
+    if effect.port == "process":
+        return refusal(find(effect.traits.changes))
+    if is_local(effect):
         return None
     if effect in BUILT_IN:
         return "its value at one time depends on the signals at other times; fit it to a record"
@@ -266,7 +268,8 @@ def live_terms(model: Model) -> tuple[dict[str, Term], dict[str, GaussMarkov]]:
         if term.name not in model.priors:
             raise ValueError(f"{effect.name} has no standard deviation; fit it to a record first.")
         parameter, std = find(effect.traits.changes), model.priors[term.name].std
-        terms[effect.name] = Term(replace(parameter, name=effect.name, symbol=effect.symbol))
+        shape = {name: term.shape[name] for name in parameter.shapes}
+        terms[effect.name] = Term(replace(parameter, name=effect.name, symbol=effect.symbol), 0, shape)
         tau = term.shape.get("tau", math.inf)
         processes[effect.name] = GaussMarkov(std**2 if tau == math.inf else 2.0 * std**2 / tau, tau)
     return terms, processes

@@ -15,7 +15,8 @@ from accelcal import _core
 from accelcal.calibration.electrical import electrical
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
-from accelcal.effects import BUILT_IN, CATALOGUE, find, side_channel
+from accelcal.effects import CATALOGUE, find, side_channel
+from accelcal.effects.side_channels import follows_output, side_channel_scale
 from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
@@ -61,9 +62,9 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
                 if e.text
             ],
             "side_channels": {
-                e.name: {"channel": e.needs[0], "unit": e.unit}
+                e.name: {"channel": e.needs[0], "unit": e.unit, "of": "output" if follows_output(e) else "scale_factor"}
                 for e in (find(name) for name in fit.model.effects)
-                if e not in BUILT_IN and not e.text
+                if e.traits.follows
             },
         },
         "parameters": [{**estimate_to_dict(e), "stands_for": tied_sum(fit, e.name)} for e in fit.estimates],
@@ -268,7 +269,10 @@ def require_known(model: Mapping[str, Any]) -> None:
         If a user's effect is not loaded; the text names the missing file.
     """
     for stored in model["side_channels"].values():
-        side_channel(stored["channel"], stored["unit"].removeprefix("m/s²/").strip("()"))
+        if stored.get("of", "output") == "output":
+            side_channel(stored["channel"], stored["unit"].removeprefix("m/s²/").strip("()"))
+        else:
+            side_channel_scale(stored["channel"], stored["unit"].removesuffix("⁻¹").strip("()"))
     for own in model["own"]:
         if own["name"] not in CATALOGUE:
             raise ModelFileError(

@@ -1,5 +1,7 @@
 """Effects of recorded channels, planted in the output by their formulas: named, and nothing without them."""
 
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
+from accelcal.serialization import model_file
 
 RATES = {"rate_i": 0.7, "rate_p": 0.4, "alpha_o": 2.0}
 """Amplitude of each rotation, rad/s and rad/s²."""
@@ -55,6 +58,18 @@ def test_an_effect_of_recorded_channels_is_named_with_its_size(name):
     grown = ac.fit(found.scan.found[0].enter(fit.model), run)
     assert abs(grown[name].value - PLANTED[name][0]) < 4.0 * grown[name].std
     assert grown[name].std < 0.1 * PLANTED[name][0]
+
+
+def test_a_model_whose_scale_follows_a_channel_is_saved_and_loaded(tmp_path):
+    """In another process, where nothing has entered the channel's effects yet."""
+    run = recorded(5, "supply_scale")
+    fit = ac.fit(ac.Model.linear(), run)
+    grown = ac.add(ac.add(fit, run, "supply_scale"), run, "supply")
+    model_file.save(grown, tmp_path / "m.json")
+    text = f"import accelcal as ac; print(ac.load_model({str(tmp_path / 'm.json')!r}).model.effects[3:])"
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "('supply_scale', 'supply')"
 
 
 def test_channels_that_do_nothing_are_not_named():

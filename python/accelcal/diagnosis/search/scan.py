@@ -20,7 +20,7 @@ from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.diagnosis.search.refine import refine, shortlist, starting_points
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.diagnosis.search.slow_noise import SlowNoise
-from accelcal.effects import Effect, is_local
+from accelcal.effects import BUILT_IN, Effect, is_local, users_own
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model, Term
 
@@ -121,6 +121,9 @@ def scan(
     Scores pass through the filter (Friedland's two stages), so that no refit is needed to rank. Shape parameters of the
     finalists are refined by likelihood before effects are compared; their scores are checked block by block.
     """
+    if only:
+        known = users_own() if extra is None else tuple(extra)
+        extra = (*known, *(e for e in only if e not in known and e not in BUILT_IN and not e.traits.follows))
     items = hypotheses_for(passes[0], model, extra)
     if only:
         names = {effect.name for effect in only}

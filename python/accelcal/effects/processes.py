@@ -1,0 +1,90 @@
+"""A random process of any coefficient: `quadratic_gauss_markov`, entered into the catalogue when it is asked for."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+from accelcal.effects import registry
+from accelcal.effects.curves import RECORD, cosines
+from accelcal.effects.drift import BIAS_COSINES, STATIONARY, stationary
+from accelcal.effects.registry import CATALOGUE, Effect, Search, Shape, Traits, effect
+from accelcal.signals.signals import Signals
+
+MADE = "a tenth of {}"
+"""Where the typical size of a process that is made on demand comes from."""
+KINDS = re.compile(r"(?P<stem>\w+)_(?P<kind>gauss_markov|random_walk)")
+
+
+def find(name: str) -> Effect:
+    """Return the effect called `name`; a random process of a known effect is made where it is not known yet.
+
+    Raises
+    ------
+    ValueError
+        If there is none; the text offers the nearest names.
+
+    Examples
+    --------
+    >>> find("quadratic_gauss_markov").unit
+    '(m/s²)⁻¹'
+    """
+    asked = KINDS.fullmatch(name)
+    if name not in CATALOGUE and asked is not None and asked["stem"] in CATALOGUE:
+        stem = CATALOGUE[asked["stem"]]
+        if stem.port == "output" and stem.width == 1 and stem.traits.visible and stem.traits.noise is None:
+            _enter(name, stem, markov=asked["kind"] == "gauss_markov")
+    return registry.find(name)
+
+
+def on_demand(effect: Effect) -> bool:
+    """Whether an effect is a process that `find` has made."""
+    return effect.port == "process" and effect.source == MADE.format(effect.traits.changes)
+
+
+def _enter(name: str, stem: Effect, *, markov: bool) -> None:
+    """Enter the process of the coefficient of an effect: its cosines (derivations 7.1) times what one unit adds."""
+    tau = CATALOGUE["bias_gauss_markov"].shapes["tau"]
+    shapes: dict[str, Shape] = {**stem.shapes, **RECORD, **({"tau": tau} if markov else {})}
+    own = tuple(stem.shapes)
+    if len(shapes) != len(own) + len(RECORD) + markov:
+        raise ValueError(f"{name}: {stem.name} has a shape parameter of its own that a process needs: {', '.join(own)}")
+
+    def moving(s: Signals, **shape: float) -> Array:
+        column = stem.column(s, **{key: shape[key] for key in own})
+        start, length = shape["start"], shape["length"]
+        if markov:
+            return column[:, None] * stationary(s.t, start, length, shape["tau"])
+        j = np.arange(1, len(BIAS_COSINES) + 1)
+        return column[:, None] * cosines(s.t, start, length, np.sqrt(2.0 * length) / (np.pi * j))
+
+    _describe(moving, stem, markov=markov)
+    effect(
+        name,
+        unit=stem.unit if markov else "1/√s" if stem.unit == "1" else f"{stem.unit}/√s",
+        port="process",
+        owner=stem.owner,
+        symbol=f"{'sigma' if markov else 'sqrt(q)'}({stem.symbol})",
+        scale=0.1 * stem.scale,
+        source=MADE.format(stem.name),
+        shapes=shapes,
+        needs=stem.needs,
+        parts=STATIONARY if markov else BIAS_COSINES,
+        traits=Traits(positive=True, memory=stem.traits.memory, changes=stem.name),
+        search=Search(includes=(stem.name,)),
+    )(moving)
+
+
+def _describe(moving: Callable[..., Array], stem: Effect, *, markov: bool) -> None:
+    """Write the card of a process, and the keywords that it takes."""
+    kind = "Gauss-Markov process" if markov else "random walk"
+    moving.__doc__ = f"""The coefficient of {stem.name} is a {kind}.
+
+    Equation: as bias_{"gauss_markov" if markov else "random_walk"}, times what one unit of {stem.name} adds.
+    Looks like: {stem.line("Looks like").rstrip(".")}, of a size that changes at random.
+    Easily confused with: {stem.name}, bias_random_walk, scale_random_walk.
+    Separate by: {stem.line("Separate by").rstrip(".")}; a longer record.
+    """
