@@ -171,7 +171,12 @@ def formulas(
         part = TimeSpan.of(clear, None, None)
 
         def solve(these: Sequence[Recording]) -> Solution:
-            return solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins)
+            plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins)
+            entered = scan(plain.states, model, only=(effect,)).entered
+            if not entered:
+                return plain
+            grown = entered[0].enter(model)
+            return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins)
 
         return clean_fit([clear], solve).solution.states[0]
 

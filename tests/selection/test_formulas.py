@@ -12,11 +12,10 @@ from typer.testing import CliRunner
 import accelcal as ac
 from accelcal.cli import app, write_recording
 from accelcal.data.rig import Rig
-from accelcal.effects import find, from_expression
-from accelcal.estimation.estimate import solve_runs
+from accelcal.effects import from_expression
 from accelcal.model import Model
-from accelcal.selection.curve_formulas import HatGram, Trial, nodes_over, per, value_of
-from accelcal.selection.grammar import GRAMMAR, combinations
+from accelcal.selection.curve_formulas import nodes_over, per
+from accelcal.selection.grammar import GRAMMAR
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Signals
 
@@ -66,17 +65,19 @@ def test_the_hats_give_what_a_fit_of_the_same_function_gives(breakaway):
     first = found.formulas[0]
     own = first.effect("own_breakaway", owner="rig")
     grown = ac.fit(Model.linear().add(own.effect.name), run)
-    assert grown["own_breakaway"].value == pytest.approx(first.coefficients[0], abs=0.2 * first.std[0])
-    held = Model.linear()
-    state = solve_runs(held, [run]).states[0]
-    nodes = nodes_over(value_of(state.signals, find(CURVE)))
-    hats = HatGram(state, held, find(CURVE), nodes)
-    trial = next(Trial.of(e, hats) for e in combinations() if tuple(x.name for x in e) == first.elements).refined(hats)
-    assert trial.gain == pytest.approx(first.gain, rel=0.02)
-    _, std = trial.estimate(hats)
-    assert first.std == pytest.approx(tuple(std[: len(first.std)]), rel=0.05)
-    assert 0.0 in nodes
-    assert len(nodes) in range(118, 125)
+    estimated = grown["own_breakaway"]
+    assert estimated.value == pytest.approx(first.coefficients[0], abs=0.2 * first.std[0])
+    assert (estimated.value / estimated.std) ** 2 == pytest.approx(first.gain, rel=0.05)
+    assert estimated.std < first.std[0]  # the length is held in the effect, and free in the formula
+
+
+def test_nodes_cover_the_range_and_hold_zero():
+    for low, high in ((-0.1, 0.3), (0.02, 0.3), (-0.3, -0.1)):
+        nodes = nodes_over(np.linspace(low, high, 999))
+        assert nodes[0] <= low + 1e-12
+        assert nodes[-1] >= high - 1e-12
+        assert np.all(np.diff(nodes) > 0.0)
+        assert (0.0 in nodes) == (low < 0.0 < high)
 
 
 def test_a_formula_can_be_written_read_and_added(breakaway, tmp_path):

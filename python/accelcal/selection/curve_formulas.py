@@ -28,6 +28,8 @@ from accelcal.signals.signals import Signals
 
 NODES = 121
 """Hat functions over the range of the variable, or one less or more."""
+CLOSE = (0.25, 0.0625, 0.015625)
+"""Further nodes beside 0, in spacings of the others."""
 REFINED = 24
 """Formulas whose inner parameter is refined."""
 DETERMINED = 2.0
@@ -152,11 +154,12 @@ class HatGram:
 
     def __init__(self, state: RunState, model: Model, curve: Effect, nodes: Array) -> None:
         def hats(s: Signals) -> Array:
-            place = np.clip((value_of(s, curve) - nodes[0]) / (nodes[1] - nodes[0]), 0.0, len(nodes) - 1.0)
-            cell = np.minimum(place.astype(np.intp), len(nodes) - 2)
-            columns, rows = np.zeros((len(nodes), len(place))), np.arange(len(place))
-            columns[cell, rows] = 1.0 - (place - cell)
-            columns[cell + 1, rows] = place - cell
+            x = np.clip(value_of(s, curve), nodes[0], nodes[-1])
+            cell = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
+            share = (x - nodes[cell]) / np.diff(nodes)[cell]
+            columns, rows = np.zeros((len(nodes), len(x))), np.arange(len(x))
+            columns[cell, rows] = 1.0 - share
+            columns[cell + 1, rows] = share
             return columns.T
 
         effect = replace(
@@ -170,6 +173,7 @@ class HatGram:
         )
         self.nodes = nodes
         self.G, self.c, self.own, _ = BaseProjection(state, model).remainder(terms_of(effect))
+        self.c = self.c + self.G @ fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
         self.blocks = max(2.0, float(state.run.t[-1] - state.run.t[0]) / block_length(state))
         """Effective number of readings in the price of a coefficient."""
 
@@ -189,10 +193,23 @@ def value_of(s: Signals, curve: Effect) -> Array:
     return s.side[letter] if letter in s.side else np.asarray(getattr(s, letter), dtype=np.float64)
 
 
+def fitted_curve(state: RunState, curve: Effect, nodes: Array) -> Array:
+    """The curve itself at the nodes as a run was fitted with it, (nodes,); 0 where it was not."""
+    terms = [term for term in state.values.terms if term.effect.name == curve.name]
+    letter = curve.family.variable.letter if curve.family else ""
+    t, p, v, a, jerk = (nodes if name == letter else np.zeros_like(nodes) for name in ("t", "p", "v", "a", "jerk"))
+    s = Signals(t, p, v, a, jerk, scale=state.values.scale, rig=state.run.rig, side={letter: nodes})
+    return sum((state.values.by_name[term.name] * term.column(s) for term in terms), np.zeros_like(nodes))
+
+
 def nodes_over(x: Array) -> Array:
-    """Evenly spaced nodes over the range of a variable; 0 is one of them, where signs and sizes have their corner."""
+    """Even nodes over the range of a variable; 0 is one of them, with closer ones beside it, where signs jump."""
     step = float(np.ptp(x)) / (NODES - 2)
-    return np.asarray(step * np.arange(math.floor(np.min(x) / step), math.ceil(np.max(x) / step) + 1))
+    low, high = math.floor(np.min(x) / step), math.ceil(np.max(x) / step)
+    even = step * np.arange(low, high + 1)
+    if not low < 0 < high:
+        return np.asarray(even)
+    return np.unique(np.concatenate([even, step * np.outer([-1.0, 1.0], CLOSE).ravel()]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,9 +320,10 @@ def formulas_of(
 
     Parameters
     ----------
-    state, model : a fitted run, and its model, which has no such curve.
+    state : a run, fitted best with the curve: its motion is then what it is, however strong the effect.
+    model : the model without the curve.
     curve : the family.
-    holdout : a fitted run and its model, which take no part in the choice.
+    holdout : another run and the model, which take no part in the choice.
     alpha : probability by chance below which there is something to describe.
 
     Raises
