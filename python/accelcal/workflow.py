@@ -11,6 +11,7 @@ from dataclasses import replace
 from accelcal._support.threads import one_thread
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
+from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
@@ -25,7 +26,7 @@ from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
-from accelcal.effects import Effect, find
+from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
     Fit,
@@ -319,6 +320,8 @@ def add(
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
     """
     several, broken = usable_recordings(runs_of(recordings))
+    for one in several:  # their channels are effects by name
+        side_channels([(name, channel.unit) for name, channel in one.side.items() if name not in DERIVED])
     model, states = model_in_motion(fit), restored_states(fit, several)
     for name in names:
         effect = find(name)

@@ -148,6 +148,8 @@ def test_a_channel_that_bears_the_name_of_an_effect_gets_another():
 def test_channels_with_effects_of_their_own_are_not_offered_twice():
     names = [("temperature", "degC"), ("a_y", "m/s²"), ("humidity", "")]
     assert [e.name for e in side_channels(names)] == ["humidity", "humidity_scale"]
+    rotation = [("rate_i", "rad/s"), ("alpha_o", "rad/s²")]  # by itself the latter is angular_acceleration
+    assert [e.name for e in side_channels(rotation)] == ["rate_i", "rate_i_scale", "alpha_o_scale"]
 
 
 def test_find_offers_the_nearest_names():

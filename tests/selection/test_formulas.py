@@ -3,10 +3,12 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from benches.formulas import NONE, WORLDS, answer, record, size_at
+from scipy.signal import lfilter
 from typer.testing import CliRunner
 
 import accelcal as ac
@@ -48,6 +50,39 @@ def test_nothing_hidden_has_nothing_to_describe():
         assert "shows no function of velocity" in found.sentence or found.formulas
         false += bool(found.formulas)
     assert false <= 1
+
+
+@pytest.mark.parametrize(("size", "tau"), [(3e-3, 0.0), (5e-3, 0.5)])
+def test_slow_noise_is_no_function_of_the_motion(size, tau):
+    """A bias that is a random walk, or Gauss-Markov: 4 records with 2 curves each, none described."""
+    for seed in range(4):
+        rng = np.random.default_rng([21, seed])
+        run = record(rng, WORLDS["v tanh"], 0.0)
+        step, n = float(np.median(np.diff(run.accel.t))), len(run.accel.t)
+        if tau:
+            keep = np.exp(-step / tau)
+            drift = lfilter([1.0], [1.0, -keep], size * np.sqrt(1.0 - keep**2) * rng.standard_normal(n))
+        else:
+            drift = np.cumsum(size * np.sqrt(step) * rng.standard_normal(n))
+        run = replace(run, accel=replace(run.accel, y=run.accel.y + drift), digest=f"drifting {tau} {seed}")
+        fit = ac.fit(Model.linear(), run)
+        for curve in (CURVE, "shape_of_position"):
+            assert not ac.formulas(fit, run, curve).formulas
+
+
+def test_a_holdout_of_another_range_is_scored_by_the_formula_itself():
+    """Trained on slow motion, held out on fast: v|v| explains far more there."""
+    gains = []
+    for speed in (0.3, 3.0):
+        rng = np.random.default_rng(31)
+        made = ac.simulate("tones", seconds=40.0, rig=ac.CXL02_RIG, parameters={}, rng=rng, a_rms=speed)
+        accel = made.recording.accel
+        v = made.truth.motion.velocity(accel.t)
+        gains.append(replace(made.recording, accel=replace(accel, y=accel.y + 20.0 * v * np.abs(v)), digest=f"{speed}"))
+    found = ac.formulas(ac.fit(Model.linear(), gains[0]), gains[0], CURVE, holdout=gains[1])
+    true = [each for each in found.formulas if each.elements == ("signed square",)]
+    assert true, found.sentence
+    assert true[0].held_out > true[0].gain
 
 
 def test_a_curve_of_several_bumps_has_no_short_formula():

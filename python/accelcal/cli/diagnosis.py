@@ -181,6 +181,7 @@ def formula(
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
+    from accelcal.data.recording import RecordingError
     from accelcal.effects import ExpressionError, find
     from accelcal.io import atomic_write
     from accelcal.serialization import model_file
@@ -196,22 +197,26 @@ def formula(
     unseen = None if holdout is None else load_like(fitted, holdout, rig)
     try:
         found = formulas(fitted, recording, curve, holdout=unseen)
+    except RecordingError:
+        raise
     except ValueError as error:
         raise UsageError(f"--curve {curve}: {error}") from None
-    if output is not None:
-        if not found.formulas:
-            raise UsageError(f"{output} is not written: {found.sentence}")
-        try:
-            owner = shape.owner if shape.owner != "timing" else "sensor"
-            own = found.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
-        except ExpressionError as error:
-            raise UsageError(f"--name {name}: {error}") from None
-        atomic_write(output, own.file)
-        print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
     if json:
         print_json(found.to_dict())
     else:
         show_formulas(found)
+    if output is None:
+        return
+    if not found.formulas:
+        print_status(f"{output} is not written: there is no formula")
+        return
+    try:
+        owner = shape.owner if shape.owner != "timing" else "sensor"
+        own = found.formulas[0].effect(name, owner=owner, port=shape.port, channels=shape.needs)
+    except ExpressionError as error:
+        raise UsageError(f"--name {name}: {error}") from None
+    atomic_write(output, own.file)
+    print_status(f"wrote {output}; next: accelcal add {model} {run} --effects-file {output} --effect {name}")
 
 
 @app.command()

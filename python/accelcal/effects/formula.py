@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import keyword
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -109,7 +110,7 @@ def from_expression(
     >>> from_expression("air_drag", "v*abs(v)", unit="1/m").expression
     'v * abs(v)'
     """
-    if not _NAME.fullmatch(name):
+    if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
     if not _UNIT.fullmatch(unit):
         raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")

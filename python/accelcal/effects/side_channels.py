@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from accelcal.data.arrays import Array
-from accelcal.data.orientation import ANGULAR_ACCELERATION, RATES
+from accelcal.data.orientation import ANGULAR_ACCELERATION
 from accelcal.effects.registry import CATALOGUE, Effect, Search, Traits, effect
 from accelcal.signals.signals import Signals
 
-KNOWN = ("temperature", "a_y", "a_z", *RATES, ANGULAR_ACCELERATION)
-"""Channels with named physical effects."""
+KNOWN = ("temperature", "a_y", "a_z")
+"""Channels whose named effects include the channel by itself and times the acceleration."""
 
 
 def side_channel(name: str, unit: str = "") -> Effect:
@@ -53,7 +53,12 @@ def side_channel_scale(name: str, unit: str = "") -> Effect:
 def side_channels(units: Iterable[tuple[str, str]]) -> tuple[Effect, ...]:
     """Effects of all channels (name, unit) that have no named physical effect: added, and times the acceleration."""
     free = [(name, unit) for name, unit in units if name not in KNOWN]
-    return tuple(make(name, unit) for name, unit in free for make in (side_channel, side_channel_scale))
+    return tuple(
+        make(name, unit)
+        for name, unit in free
+        for make in (side_channel, side_channel_scale)
+        if make is side_channel_scale or name != ANGULAR_ACCELERATION  # by itself it is angular_acceleration
+    )
 
 
 def follows_output(effect: Effect) -> bool:

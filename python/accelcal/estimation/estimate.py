@@ -211,6 +211,7 @@ def solve_runs(
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
     require_shown(model, recordings)
+    require_process_size(model)
     first = prepare(recordings[0], origins, start=start, end=end)
     runs = [first, *(prepare(r, first.origins, start=start, end=end) for r in recordings[1:])]
     for run in runs:
@@ -228,6 +229,22 @@ def solve_runs(
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
         solution = replace(solution, by_band=tuple(trials))
     return replace(refine_shapes(solution), seen_by_runs=seen)
+
+
+def require_process_size(model: Model) -> None:
+    """Refuse a stationary random process without a standard deviation: its mean would be free beside its parameter.
+
+    Raises
+    ------
+    NotIdentifiable
+        If the model gives it none.
+    """
+    for term in model.free:
+        if term.effect.port == "process" and "tau" in term.effect.shapes and term.name not in model.priors:
+            raise NotIdentifiable(
+                f"{term.effect.name} needs a standard deviation: `accelcal add` estimates it, or give its coefficients "
+                "priors"
+            )
 
 
 SETTLING = 3

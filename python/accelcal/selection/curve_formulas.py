@@ -17,12 +17,13 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
 from accelcal.diagnosis.search.beam import block_length
+from accelcal.diagnosis.search.hypotheses import Hypothesis
 from accelcal.diagnosis.search.likelihood_gain import log_survival, score_gain
-from accelcal.diagnosis.search.scores import BaseProjection
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import Effect, Own, from_expression
 from accelcal.effects.curves import curve as smooth_curve
 from accelcal.estimation.run_state import RunState
-from accelcal.model import Model, terms_of
+from accelcal.model import Model
 from accelcal.selection.grammar import TURN, Element, columns_of, combinations, lengths
 from accelcal.signals.signals import Signals
 
@@ -114,6 +115,8 @@ class FormulaSet:
     examined: int
     chance: float
     """Probability of the best gain by chance, over all that were examined."""
+    origin: float = 0.0
+    """Value from which the variable counts in the formulas, in its unit."""
     rejected: tuple[Formula, ...] = ()
     """Those within reach of the best that a smooth curve rejects."""
     alpha: float = FAMILYWISE_ALPHA
@@ -126,6 +129,8 @@ class FormulaSet:
             return f"the record shows no function of {self.variable} beyond the model ({tried}, p = {self.chance:.2g})"
         if not self.formulas:
             return f"no short formula describes what depends on {self.variable}: a smooth curve rejects each ({tried})"
+        from_zero = f"; {self.variable} counts from {self.origin:.6g} {self.unit}" if self.origin else ""
+        tried += from_zero
         first = self.formulas[0].text
         if len(self.formulas) == 1:
             return f"what depends on {self.variable} is {first} ({tried})"
@@ -141,6 +146,8 @@ class FormulaSet:
             "schema": SCHEMA,
             "curve": self.curve,
             "variable": self.variable,
+            "unit": self.unit,
+            "origin": self.origin,
             "sentence": self.sentence,
             "examined": self.examined,
             "p_value": self.chance,
@@ -172,8 +179,10 @@ class HatGram:
             family=None,
         )
         self.nodes = nodes
-        self.G, self.c, self.own, _ = BaseProjection(state, model).remainder(terms_of(effect))
-        self.c = self.c + self.G @ fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
+        plain = CandidateScores([BaseProjection(state, model)], [Hypothesis(effect, {})])
+        evidence = plain.against_slow_noise()
+        self.G, self.own = evidence.G, evidence.own
+        self.c = evidence.c + self.G @ fitted_curve(state, curve, nodes)  # what the fit has subtracted comes back
         self.blocks = max(2.0, float(state.run.t[-1] - state.run.t[0]) / block_length(state))
         """Effective number of readings in the price of a coefficient."""
 
@@ -202,14 +211,29 @@ def fitted_curve(state: RunState, curve: Effect, nodes: Array) -> Array:
     return sum((state.values.by_name[term.name] * term.column(s) for term in terms), np.zeros_like(nodes))
 
 
-def nodes_over(x: Array) -> Array:
-    """Even nodes over the range of a variable; 0 is one of them, with closer ones beside it, where signs jump."""
+def nodes_over(x: Array, width: float = 0.0) -> Array:
+    """Even nodes over the range of a variable; 0 is one of them, with closer ones beside it, where signs jump.
+
+    None is closer than `width`, within which noise makes the sign.
+    """
     step = float(np.ptp(x)) / (NODES - 2)
     low, high = math.floor(np.min(x) / step), math.ceil(np.max(x) / step)
     even = step * np.arange(low, high + 1)
     if not low < 0 < high:
         return np.asarray(even)
-    return np.unique(np.concatenate([even, step * np.outer([-1.0, 1.0], CLOSE).ravel()]))
+    close = [step * share for share in CLOSE if step * share > width]
+    return np.unique(np.concatenate([even, np.outer([-1.0, 1.0], close).ravel()]))
+
+
+def nodes_of(state: RunState, curve: Effect) -> Array:
+    """Nodes over what a run covers of the variable."""
+    return nodes_over(value_of(state.signals, curve), corner_width(state.signals, curve))
+
+
+def corner_width(s: Signals, curve: Effect) -> float:
+    """Half-width within which the sign of the variable is that of its noise, in its unit."""
+    letter = curve.family.variable.letter if curve.family else ""
+    return {"v": s.v_width, "a": s.a_width, "p": s.p_std}.get(letter, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,6 +308,9 @@ class Trial:
         columns = columns_of(self.elements, hats.nodes, self.d)
         smooth = smooth_curve(hats.nodes, hats.nodes[0], hats.nodes[-1])
         more, rank, _, _ = hats.gain(np.column_stack([columns, smooth]))
+        held_out = None
+        if holdout is not None:
+            held_out = holdout.of_function(columns_of(self.elements, holdout.nodes, self.d) @ values[:p])
         added = "m" if curve.port == "position" else "m/s²"
         return Formula(
             elements=tuple(element.name for element in self.elements),
@@ -297,7 +324,7 @@ class Trial:
             gain=self.gain,
             log_evidence=self.log_evidence,
             lack_of_fit=math.exp(log_survival(more - self.gain, max(0, rank - self.dof))),
-            held_out=None if holdout is None else holdout.of_function(columns @ values[:p]),
+            held_out=held_out,
         )
 
 
@@ -334,22 +361,28 @@ def formulas_of(
     if curve.family is None or curve.family.variable.per or curve.family.variable.letter == "reversal":
         raise ValueError(f"{curve.name} is no curve of one variable; shape_of_velocity is one")
     variable = curve.family.variable
+    for each in (state, *(() if holdout is None else holdout[:1])):
+        if missing := [name for name in curve.needs if name not in each.signals.side]:
+            name = each.run.recording.name or "recording"
+            raise ValueError(f"{name} has no channel {' and '.join(missing)}, of which {curve.name} is a function")
     x = value_of(state.signals, curve)
     if not np.ptp(x) > 0.0:
         raise ValueError(f"{variable.name} does not change on this record, which therefore shows no function of it")
-    nodes = nodes_over(x)
+    nodes = nodes_of(state, curve)
     hats = HatGram(state, model, curve, nodes)
     trials = sorted((Trial.of(elements, hats) for elements in combinations()), key=lambda one: -one.log_evidence)
     ranked = sorted((one.refined(hats) for one in trials[:REFINED]), key=lambda one: -one.log_evidence)
     examined = sum(len(lengths(elements, nodes)) for elements in combinations())
     p_value = min(1.0, math.exp(min(0.0, log_survival(ranked[0].gain, ranked[0].dof) + math.log(examined))))
-    other = None if holdout is None else HatGram(*holdout, curve, nodes)
+    other = None if holdout is None else HatGram(*holdout, curve, nodes_of(holdout[0], curve))
     near = [one for one in ranked if one.log_evidence > ranked[0].log_evidence - FORMULA_LOG_EVIDENCE]
     made = [one.formula(hats, curve, other) for one in near if one.determined(hats) and not contains(one, near)]
     held = tuple(one for one in made if one.lack_of_fit > FORMULA_LACK_OF_FIT_ALPHA)
     refused = tuple(one for one in made if one.lack_of_fit <= FORMULA_LACK_OF_FIT_ALPHA)
     found = held if p_value < alpha else ()
-    return FormulaSet(curve.name, variable.name, variable.unit, found, examined, p_value, refused, alpha)
+    origins = state.run.origins
+    origin = {"t": origins.t, "p": origins.p, "temperature": origins.temperature}.get(variable.letter, 0.0)
+    return FormulaSet(curve.name, variable.name, variable.unit, found, examined, p_value, origin, refused, alpha)
 
 
 def contains(one: Trial, others: Sequence[Trial]) -> bool:

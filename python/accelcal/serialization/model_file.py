@@ -229,6 +229,10 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         dwells=dwells_from_dict(content["dwells"]) if content.get("dwells") else None,
     )
     stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
+    if stored < known and all(name.endswith(".mean") for name in known - stored):
+        raise ModelFileError(
+            "an earlier version fitted this model: its Gauss-Markov process had no mean; fit it again to its recording"
+        )
     if stored != known:
         raise ValueError(
             f"its coefficients are not those of its effects: {', '.join(sorted(stored ^ known))} on one side only"

@@ -146,7 +146,7 @@ def scan(
     )
     enough = blocks >= VERDICT_LEAST_BLOCKS
     entering, changing = found.divided(evidence, rules) if enough else ((), ())
-    process = found.process_instead(changing, length, rules)
+    process = found.process_instead(runs, changing, length, rules)
     if process is not None:
         found, (entering, changing) = process, process.divided(evidence, rules)
     final, scatter, chosen = found.evidence, found.scatter, found.chosen
@@ -230,7 +230,9 @@ class BestSet:
         entering = [effect for effect in detected if effect.unequal is None and effect.effect not in again]
         return tuple(entering), tuple(effect for effect in detected if effect not in entering)
 
-    def process_instead(self, changing: Sequence[DetectedEffect], length: float, rules: SearchRules) -> BestSet | None:
+    def process_instead(
+        self, runs: Sequence[BaseProjection], changing: Sequence[DetectedEffect], length: float, rules: SearchRules
+    ) -> BestSet | None:
         """The best set without effects that change or recur, if a random process leads it with which one of them is
         confounded: what steps again and again is one. None where there is no such process."""
         refused = {effect.effect for effect in changing}
@@ -238,7 +240,7 @@ class BestSet:
         members = {name for effect in changing for name in effect.members}
         if not any(item.effect.port == "process" and item.effect.name in members for item in left):
             return None
-        other = BestSet.of(CandidateScores(self.evidence.runs, left), length, rules)
+        other = BestSet.of(CandidateScores(runs, left), length, rules)
         first = other.evidence.items[other.chosen[0]].effect if other.chosen else None
         return other if first is not None and first.port == "process" and first.name in members else None
 

@@ -75,13 +75,20 @@ def drift_limits(found: DriftBandwidth, *, theme: ThemeName = "light") -> Figure
             row=1,
             col=column,
         )
-    best = float(np.min(found.scale_factor))
-    shown = found.frequency[found.scale_factor <= 2.0 * best]
+    best = int(np.argmin(found.scale_factor))
+    least = float(found.scale_factor[best])
+    headline = "This record shows no change of the scale factor"
+    if np.isfinite(least):
+        blind = np.flatnonzero(found.scale_factor > 2.0 * least)
+        first = int(np.max(blind[blind < best], initial=-1)) + 1
+        last = int(np.min(blind[blind > best], initial=len(found.frequency))) - 1
+        low, high = (formatting.number(float(found.frequency[i]), 2) for i in (first, last))
+        size = formatting.number(2.0 * least, 2)
+        headline = f"Changes of the scale factor by {size} are shown at 5 sigma from {low} to {high} Hz"
     drawing.format_figure(
         figure,
         palette,
-        f"Changes of the scale factor by {formatting.number(2.0 * best, 2)} are shown at 5 sigma "
-        f"from {formatting.number(shown[0], 2)} to {formatting.number(shown[-1], 2)} Hz",
+        headline,
         note="smallest amplitude that is shown, whatever its phase; the tumble has 24 dwells, the noise of this "
         "record and angles to 0.001 degrees",
     )
