@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 _Array = NDArray[np.float64]
 _Flags = NDArray[np.bool_]
-_Record = tuple[_Array, _Array, _Array, _Array, _Flags, _Array]
+_Record = tuple[_Array, _Array, _Array, _Array, _Flags, _Array, _Array]
 
 __version__: str
 __all__ = [
@@ -209,12 +209,20 @@ class ReplayTrack:
         second: _Array,
         restart: _Flags,
         extra_q: _Array,
+        extra_r: _Array,
         *,
         q: float,
         r: float,
         prior: tuple[float, float, float, float],
     ) -> ReplayTrack: ...
     def smooth(
-        self, t: _Array, z: _Array, first: _Array, second: _Array, restart: _Flags, extra_q: _Array
+        self,
+        t: _Array,
+        z: _Array,
+        first: _Array,
+        second: _Array,
+        restart: _Flags,
+        extra_q: _Array,
+        extra_r: _Array,
     ) -> tuple[_Array, _Array, _Array]: ...
     def series(self, name: str) -> _Array: ...

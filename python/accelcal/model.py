@@ -229,8 +229,14 @@ class Model:
 
     @property
     def terms(self) -> tuple[Term, ...]:
-        """Every coefficient, free or fixed."""
-        return tuple(term for name in self.effects for term in terms_of(find(name), self.shapes.get(name, {})))
+        """Every coefficient of the mean, free or fixed."""
+        added = ((find(name), self.shapes.get(name, {})) for name in self.effects)
+        return tuple(term for effect, shape in added if effect.port != "noise" for term in terms_of(effect, shape))
+
+    @property
+    def noise_effects(self) -> tuple[Effect, ...]:
+        """Effects that act on the noise alone; they have no coefficient in the mean."""
+        return tuple(effect for effect in map(find, self.effects) if effect.port == "noise")
 
     @property
     def free(self) -> tuple[Term, ...]:

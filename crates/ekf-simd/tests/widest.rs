@@ -22,6 +22,7 @@ struct Record {
     second: Vec<f64>,
     restart: Vec<bool>,
     extra_q: Vec<f64>,
+    extra_R: Vec<f64>,
     counts: Vec<bool>,
 }
 
@@ -35,6 +36,7 @@ impl Record {
             second: each(&|x| 1e-8 * (0.2 * x).cos()),
             restart: (0..READINGS).map(|k| k == 0 || k == 90).collect(),
             extra_q: (0..READINGS).map(|k| if k % 31 == 7 { 1e-6 } else { 0.0 }).collect(),
+            extra_R: (0..READINGS).map(|k| if k % 23 == 3 { 1e-12 } else { 0.0 }).collect(),
             counts: (0..READINGS).map(|k| k > 5 && k % 7 != 0).collect(),
         }
     }
@@ -47,6 +49,7 @@ impl Record {
             second: &self.second,
             restart: &self.restart,
             extra_q: &self.extra_q,
+            extra_R: &self.extra_R,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,11 +28,13 @@ class DriveIntegrals:
     """Where the accelerometer record does not reach across the interval, or the position counts from another zero."""
     extra_q: Array
     """Density of process noise of the interval beyond that of the record: what sampling hides, (m/s²)²/Hz."""
+    extra_r: Array = field(default_factory=lambda: np.empty(0))
+    """Variance of each reading beyond that of the record, m²; empty where all readings are alike."""
 
     @property
-    def arrays(self) -> tuple[Array, Array, Array, Array, Flags, Array]:
+    def arrays(self) -> tuple[Array, Array, Array, Array, Flags, Array, Array]:
         """In the order that the core takes them."""
-        return self.t, self.z, self.first, self.second, self.restart, self.extra_q
+        return self.t, self.z, self.first, self.second, self.restart, self.extra_q, self.extra_r
 
     def settled(self, wait: float) -> Flags:
         """Readings later than `wait` behind the last start; of a short stretch at least the last four fifths."""
@@ -46,7 +48,8 @@ class DriveIntegrals:
         restart = self.restart[rows].copy()
         restart[0] = True
         first, second, extra = self.first[rows], self.second[rows], self.extra_q[rows]
-        return DriveIntegrals(self.t[rows], self.z[rows], first, second, restart, extra)
+        of_readings = self.extra_r[rows] if len(self.extra_r) else self.extra_r
+        return DriveIntegrals(self.t[rows], self.z[rows], first, second, restart, extra, of_readings)
 
 
 def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveIntegrals:

@@ -312,7 +312,7 @@ def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     """State of a run at the values and the noise that a fit has for its run `index`."""
     values = fit.values(index)
     state = RunState.at(run, values, fit.noise(index), fit.runs[index].noise.band, search_noise=False)
-    for _ in range(0 if values.constant else SETTLING - 1):
+    for _ in range(0 if values.constant and not state.noise.growth else SETTLING - 1):
         state.refresh(values, search_noise=False)
     measure_noise(state, fit.model)
     settle_dwells(state, fit.model, DWELL_STEPS)

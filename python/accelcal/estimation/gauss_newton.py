@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -16,7 +16,7 @@ from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import BetweenRuns, SeenByRuns, penalty
-from accelcal.estimation.values import Values
+from accelcal.estimation.values import NoiseGrowth, Values
 from accelcal.model import Estimate, Model, Term
 
 LEAST_ROUNDS, ROUNDS_OF_GROWN = 3, 2
@@ -115,8 +115,9 @@ def initial_states(model: Model, runs: Sequence[PreparedRun], bands: Sequence[fl
     initial = [initial_estimate(run, model) for run in runs]
     layout = Layout.of(model, len(runs))
     x = layout.gather([values for values, _ in initial])
+    growth = tuple(NoiseGrowth(effect) for effect in model.noise_effects)
     return [
-        RunState.at(run, layout.scatter(x, model, index), noise, band, search_noise=True)
+        RunState.at(run, layout.scatter(x, model, index), replace(noise, growth=growth), band, search_noise=True)
         for index, (run, band, (_, noise)) in enumerate(zip(runs, bands, initial, strict=True))
     ]
 

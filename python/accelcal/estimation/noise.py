@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from accelcal import _core
 from accelcal.data.arrays import Array, Flags
 from accelcal.estimation.drive import DriveIntegrals
+from accelcal.estimation.likelihood import Likelihood
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise
+from accelcal.estimation.varying_noise import VarianceFunction, most_likely
 
-BLOCKS = 16
-"""Number of blocks over which the likelihood is taken, spread over the whole record."""
-BLOCK_READINGS = 2048
-"""Least number of readings in a block."""
-BLOCK_SPAN = 50.0
-"""Least length of a block in time constants of the filter."""
 NEAR, GROWN = 0.05, 0.3
 """First steps of a search in log q and log R: the least, and that of a model to which effects were added."""
 LEAST_COUNT = 256
@@ -87,21 +83,28 @@ class NoiseSearch:
     width: float = 1.0
     """First step of the next search, in log q and log R."""
 
-    def again(self, run: PreparedRun, integrals: DriveIntegrals) -> NoiseSearch:
-        """Search once more, from here; the next width is twice the distance moved."""
-        found = estimate_noise(run, integrals, self.noise, width=self.width)
+    def again(
+        self, run: PreparedRun, integrals: DriveIntegrals, functions: Sequence[VarianceFunction] = ()
+    ) -> NoiseSearch:
+        """Search once more, from here; the next width is twice the distance moved.
+
+        `functions` are the variance functions of effects that act on the noise; what they add is not in `integrals`.
+        """
+        if functions:
+            return NoiseSearch(most_likely(run, integrals, self.noise, functions), self.width)
+        found = replace(estimate_noise(run, integrals, self.noise, width=self.width), growth=self.noise.growth)
         moved = max(abs(math.log(found.q / self.noise.q)), abs(math.log(found.r / self.noise.r)))
         return NoiseSearch(found, min(max(2.0 * moved, NEAR), 1.0))
 
     def scaled(self, factor: float) -> NoiseSearch:
         """The same with the process density multiplied by a factor."""
-        return NoiseSearch(Noise(factor * self.noise.q, self.noise.r), self.width)
+        return NoiseSearch(self.noise.scaled(factor), self.width)
 
     def within(self, band: float | None, run: PreparedRun) -> Noise:
         """The noise whose crossover lies at `band`, Hz, with the process density kept; without a band the noise."""
         if band is None:
             return self.noise
-        return Noise(self.noise.q, self.noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step))
+        return replace(self.noise, r=self.noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step))
 
 
 def estimate_noise(
@@ -145,48 +148,6 @@ def estimate_noise(
         options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
     )
     return Noise(float(np.exp(best.x[0])), float(np.exp(max(best.x[1], floor(float(best.x[0]))))))
-
-
-class Likelihood:
-    """Innovation log-likelihood over blocks spread over a record, as a function of log q and log R."""
-
-    def __init__(self, run: PreparedRun, integrals: DriveIntegrals, near: Noise, counts: Flags | None) -> None:
-        self.run = run
-        span = BLOCK_SPAN / (2.0 * np.pi * run.crossover(near)) / run.reading_step
-        parts: list[tuple[DriveIntegrals, Flags]] = []
-        for rows in blocks(len(run.t), int(max(BLOCK_READINGS, span))):
-            part = integrals.part(rows)
-            count = part.settled(run.wait(near))
-            if counts is not None:
-                count = count & counts[rows]
-            if count.any():
-                parts.append((part, np.ascontiguousarray(count)))
-        self.count = int(sum(count.sum() for _, count in parts))
-        self.parts = _core.Parts([(part.arrays, count) for part, count in parts])
-
-    def __call__(self, log_q: float, log_r: float) -> float:
-        q, r = math.exp(log_q), math.exp(log_r)
-        return self.parts.log_likelihood(q=q, r=r, prior=self.run.prior(r))
-
-    def spread(self, at: Noise) -> tuple[float, float]:
-        """Standard deviations of log q and log R from the curvature of the likelihood."""
-        x, h = np.log([at.q, at.r]), 0.05
-        f = {(i, j): self(x[0] + i * h, x[1] + j * h) for i in (-1, 0, 1) for j in (-1, 0, 1)}
-        qq = -(f[1, 0] - 2 * f[0, 0] + f[-1, 0]) / h**2
-        rr = -(f[0, 1] - 2 * f[0, 0] + f[0, -1]) / h**2
-        qr = -(f[1, 1] - f[1, -1] - f[-1, 1] + f[-1, -1]) / (4 * h**2)
-        det = qq * rr - qr**2
-        if not (qq > 0.0 and rr > 0.0 and det > 0.0):
-            return math.inf, math.inf
-        return math.sqrt(rr / det), math.sqrt(qq / det)
-
-
-def blocks(n: int, length: int) -> list[slice]:
-    """At most 16 blocks of equal length, evenly spread; one block when the record is short."""
-    if n <= BLOCKS * length:
-        return [slice(0, n)]
-    starts = np.linspace(0, n - length, BLOCKS).astype(int)
-    return [slice(int(s), int(s) + length) for s in starts]
 
 
 def level_of(

@@ -94,7 +94,7 @@ def noise_of_blocks(noise: Noise, normal: NormalEquations) -> Noise:
         return noise
     ratio = np.diag(normal.spread) / np.diag(normal.gram)
     factor = float(np.exp(np.mean(np.log(ratio))))
-    return Noise(noise.q * factor, noise.r * factor)
+    return noise.scaled(factor, factor)
 
 
 def in_motion(run: PreparedRun, signals: Signals) -> Flags:

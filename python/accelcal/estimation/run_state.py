@@ -18,6 +18,7 @@ from accelcal.estimation.noise_spectrum import MeasuredSpectrum
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import smoothed_signals
 from accelcal.estimation.values import Noise, Values
+from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.model import Model
 from accelcal.signals.processing import spectral_density
 from accelcal.signals.signals import Signals
@@ -87,9 +88,11 @@ class RunState:
         self.values = values
         self.search = self.search.scaled(ratio**2)  # the sensor's noise stays; q is that noise over 1 + k
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
+        functions = variance_functions(run, self.noise, self.signals)
         if search_noise:
-            self.search = self.search.again(run, self.drive)
+            self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
+        self.drive = with_growth(self.drive, self.noise, functions)
         self.track = run_filter(run, self.drive, self.noise)
         self.signals = smoothed_signals(run, self.drive, self.track, self.noise, values, self.signals, self.band)
         self._read_track()

@@ -3,23 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.effects import Effect
 from accelcal.model import NOMINAL, Term, evaluate
 from accelcal.signals.signals import Signals
 
 
 @dataclass(frozen=True, slots=True)
+class NoiseGrowth:
+    """What an effect that acts on noise adds to both noises, per unit of its variance function."""
+
+    effect: Effect
+    q: float = 0.0
+    """Two-sided density of the noise on acceleration, (m/s²)²/Hz per unit."""
+    r: float = 0.0
+    """Variance of one encoder reading, m² per unit."""
+
+
+@dataclass(frozen=True, slots=True)
 class Noise:
-    """Intensity of the two noises."""
+    """Intensity of the two noises, and what effects of the model add to them along the record."""
 
     q: float
     """Two-sided density of the noise on acceleration, (m/s²)²/Hz."""
     r: float
     """Variance of one encoder reading, m²."""
+    growth: tuple[NoiseGrowth, ...] = ()
+    """Of each effect of the model that acts on noise; none where the noise is the same all along."""
+
+    def scaled(self, q: float, r: float = 1.0) -> Noise:
+        """The same with the process noise and the reading noise multiplied by factors, their growth too."""
+        growth = tuple(replace(one, q=q * one.q, r=r * one.r) for one in self.growth)
+        return Noise(q * self.q, r * self.r, growth)
 
 
 @dataclass(frozen=True, slots=True)

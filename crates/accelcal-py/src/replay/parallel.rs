@@ -52,7 +52,7 @@ impl Parts {
     }
 }
 
-/// Innovations (drives, readings) of drives t, z, first, second, restart, `extra_q` behind one filter, m.
+/// Innovations (drives, readings) of drives t, z, first, second, restart, `extra_q`, `extra_r` behind one filter, m.
 #[pyfunction]
 #[pyo3(signature = (drives, *, q, r, prior))]
 pub fn innovations<'py>(

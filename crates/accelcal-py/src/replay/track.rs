@@ -12,8 +12,9 @@ use pyo3::prelude::*;
 
 pub(crate) type Floats<'py> = PyReadonlyArray1<'py, f64>;
 pub(crate) type Flags<'py> = PyReadonlyArray1<'py, bool>;
-/// Of one record t, z, first, second, restart, `extra_q`.
-pub(crate) type Record<'py> = (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Floats<'py>);
+/// Of one record t, z, first, second, restart, `extra_q`, `extra_r`.
+pub(crate) type Record<'py> =
+    (Floats<'py>, Floats<'py>, Floats<'py>, Floats<'py>, Flags<'py>, Floats<'py>, Floats<'py>);
 type Out<'py> = Bound<'py, PyArray1<f64>>;
 
 /// Every error of the core reaches Python as a `ValueError` with its sentence.
@@ -55,7 +56,7 @@ pub fn drive<'py>(
 }
 
 /// Encoder readings with the integrals between them, as views of arrays.
-pub(crate) fn readings_of<'a>((t, z, first, second, restart, extra_q): &'a Record<'_>) -> PyResult<Readings<'a>> {
+pub(crate) fn readings_of<'a>((t, z, first, second, restart, extra_q, extra_r): &'a Record<'_>) -> PyResult<Readings<'a>> {
     Ok(Readings {
         t: t.as_slice()?,
         z: z.as_slice()?,
@@ -63,6 +64,7 @@ pub(crate) fn readings_of<'a>((t, z, first, second, restart, extra_q): &'a Recor
         second: second.as_slice()?,
         restart: restart.as_slice()?,
         extra_q: extra_q.as_slice()?,
+        extra_R: extra_r.as_slice()?,
     })
 }
 
@@ -85,7 +87,7 @@ const SERIES: [&str; 9] = ["e", "S", "gain_p", "gain_v", "p", "v", "pp", "pv", "
 impl ReplayTrack {
     /// Runs the filter; see `ekf_core::replay::filter`.
     #[new]
-    #[pyo3(signature = (t, z, first, second, restart, extra_q, *, q, r, prior))]
+    #[pyo3(signature = (t, z, first, second, restart, extra_q, extra_r, *, q, r, prior))]
     #[allow(clippy::too_many_arguments)] // keyword arguments on the Python side
     fn new(
         py: Python<'_>,
@@ -95,11 +97,12 @@ impl ReplayTrack {
         second: Floats<'_>,
         restart: Flags<'_>,
         extra_q: Floats<'_>,
+        extra_r: Floats<'_>,
         q: f64,
         r: f64,
         prior: (f64, f64, f64, f64),
     ) -> PyResult<Self> {
-        let record = (t, z, first, second, restart, extra_q);
+        let record = (t, z, first, second, restart, extra_q, extra_r);
         let readings = readings_of(&record)?;
         let noise = Noise { q, R: r };
         let mut data = vec![0.0; SERIES.len() * readings.t.len()];
@@ -115,7 +118,7 @@ impl ReplayTrack {
     }
 
     /// Smoothed position, velocity and process noise at the readings; see `ekf_core::replay::smooth`.
-    #[pyo3(signature = (t, z, first, second, restart, extra_q))]
+    #[pyo3(signature = (t, z, first, second, restart, extra_q, extra_r))]
     #[allow(clippy::too_many_arguments)] // those of the constructor
     fn smooth<'py>(
         &self,
@@ -126,8 +129,9 @@ impl ReplayTrack {
         second: Floats<'py>,
         restart: Flags<'py>,
         extra_q: Floats<'py>,
+        extra_r: Floats<'py>,
     ) -> PyResult<(Out<'py>, Out<'py>, Out<'py>)> {
-        let record = (t, z, first, second, restart, extra_q);
+        let record = (t, z, first, second, restart, extra_q, extra_r);
         let readings = readings_of(&record)?;
         let n = readings.t.len();
         let mut out: [Vec<f64>; 3] = core::array::from_fn(|_| vec![0.0; n]);

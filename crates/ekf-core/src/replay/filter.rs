@@ -55,6 +55,8 @@ pub struct InterleavedReading<const N: usize> {
     second: [f64; N],
     /// Density of the process noise of the interval beyond that of the record, (m/s^2)^2/Hz.
     extra_q: [f64; N],
+    /// Variance of the reading beyond that of the record, m^2.
+    extra_R: [f64; N],
     /// 1 where the reading counts, else 0.
     counts: [f64; N],
     /// Where the filter starts again.
@@ -90,6 +92,7 @@ pub fn interleave<const N: usize>(
                 first: parts.map(|readings| readings.first[k]),
                 second: parts.map(|readings| readings.second[k]),
                 extra_q: parts.map(|readings| readings.extra_q[k]),
+                extra_R: parts.map(|readings| readings.extra_variance(k)),
                 counts: counts.map_or([0.0; N], |counts| counts.map(|flags| if flags[k] { 1.0 } else { 0.0 })),
                 starts,
                 any_starts: starts.contains(&true),
@@ -118,7 +121,7 @@ fn run_filters<const N: usize>(
     readings: impl Iterator<Item = InterleavedReading<N>>,
     noise: Noise,
     prior: Prior,
-    mut predicted: impl FnMut(&Prediction<'_, N>),
+    mut predicted: impl FnMut(&Prediction<'_, N>, &InterleavedReading<N>),
     mut take: impl FnMut(&InterleavedReading<N>, [f64; N], [f64; N]),
 ) -> Result<(), ReplayError> {
     noise.check()?;
@@ -140,9 +143,10 @@ fn run_filters<const N: usize>(
                 (pp[j], pv[j], vv[j]) = (prior.P.pp, prior.P.pv, prior.P.vv);
             }
         }
-        predicted(&Prediction { p: &p, v: &v, pp: &pp, pv: &pv, vv: &vv });
+        predicted(&Prediction { p: &p, v: &v, pp: &pp, pv: &pv, vv: &vv }, &reading);
         let (mut e, mut S) = ([0.0; N], [0.0; N]);
         for j in 0..N {
+            let R = R + reading.extra_R[j];
             S[j] = pp[j] + R;
             e[j] = reading.z[j] - p[j];
             let inverse = 1.0 / S[j];
@@ -179,8 +183,8 @@ pub fn filter(readings: Readings<'_>, noise: Noise, prior: Prior, track: &mut Tr
         interleave([readings], None)?,
         noise,
         prior,
-        |&Prediction { p: [p], v: [v], pp: [pp], pv: [pv], vv: [vv] }| {
-            let inverse = 1.0 / (pp + noise.R);
+        |&Prediction { p: [p], v: [v], pp: [pp], pv: [pv], vv: [vv] }, reading| {
+            let inverse = 1.0 / (pp + (noise.R + reading.extra_R[0]));
             (track.gain_p[k], track.gain_v[k]) = (pp * inverse, pv * inverse);
             (track.p[k], track.v[k], track.pp[k], track.pv[k], track.vv[k]) = (*p, *v, *pp, *pv, *vv);
             k += 1;
@@ -207,7 +211,7 @@ pub fn innovations<const N: usize>(
         readings,
         noise,
         prior,
-        |_| (),
+        |_, _| (),
         #[inline(always)]
         |_, e, _| take(e),
     )
@@ -232,7 +236,7 @@ pub fn log_likelihood<const N: usize>(
         readings.iter().copied(),
         noise,
         prior,
-        |_| (),
+        |_, _| (),
         #[inline(always)]
         |reading, e, S| {
             for j in 0..N {

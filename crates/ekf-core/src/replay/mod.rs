@@ -60,6 +60,8 @@ pub struct Readings<'a> {
     pub restart: &'a [bool],
     /// Density of the process noise of that interval beyond `Noise::q`, (m/s^2)^2/Hz: what sampling or a hole hides.
     pub extra_q: &'a [f64],
+    /// Variance of each reading beyond `Noise::R`, m^2; empty where all readings are alike.
+    pub extra_R: &'a [f64],
 }
 
 /// Why a replay stopped.
@@ -81,6 +83,13 @@ pub enum ReplayError {
         index: usize,
         /// Density as given, (m/s^2)^2/Hz.
         q: f64,
+    },
+    /// A variance of a reading that is negative or not finite.
+    ExtraVariance {
+        /// Index of the reading.
+        index: usize,
+        /// Variance as given, m^2.
+        R: f64,
     },
     /// The innovation variance stopped being positive.
     InnovationVariance {
@@ -106,6 +115,7 @@ impl core::fmt::Display for ReplayError {
             Self::ExtraNoise { index, q } => {
                 write!(f, "process noise {q} before reading {index} is negative or not finite")
             }
+            Self::ExtraVariance { index, R } => write!(f, "variance {R} of reading {index} is negative or not finite"),
             Self::InnovationVariance { index, S } => {
                 write!(f, "innovation variance {S} at reading {index} is not positive")
             }
@@ -142,10 +152,22 @@ impl Readings<'_> {
         for found in [self.first.len(), self.second.len(), self.restart.len(), self.extra_q.len()] {
             same_length(self.t.len(), found)?;
         }
-        match self.extra_q.iter().position(|q| !(q.is_finite() && *q >= 0.0)) {
-            Some(index) => Err(ReplayError::ExtraNoise { index, q: self.extra_q[index] }),
+        if !self.extra_R.is_empty() {
+            same_length(self.t.len(), self.extra_R.len())?;
+        }
+        let unusable = |variances: &[f64]| variances.iter().position(|x| !(x.is_finite() && *x >= 0.0));
+        if let Some(index) = unusable(self.extra_q) {
+            return Err(ReplayError::ExtraNoise { index, q: self.extra_q[index] });
+        }
+        match unusable(self.extra_R) {
+            Some(index) => Err(ReplayError::ExtraVariance { index, R: self.extra_R[index] }),
             None => Ok(()),
         }
+    }
+
+    /// Variance of reading `k` beyond that of all, m^2.
+    pub(crate) fn extra_variance(&self, k: usize) -> f64 {
+        self.extra_R.get(k).copied().unwrap_or(0.0)
     }
 
     /// True where the filter starts at `k` with the prior.

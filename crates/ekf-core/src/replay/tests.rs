@@ -17,11 +17,12 @@ const SECOND: [f64; N] = [0.0, 1e-4, -4e-5, 2e-4, 1.5e-2, -1e-4, 3e-5, 4e-4];
 const WHOLE: [bool; N] = [true, false, false, false, false, false, false, false];
 const BROKEN: [bool; N] = [true, false, false, false, true, false, false, false];
 const EXTRA: [f64; N] = [0.0, 0.0, 1.9, 0.0, 0.0, 0.3, 0.0, 0.0]; // two intervals know less of the motion
+const NOISY: [f64; N] = [0.0, 0.0, 0.0, 2e-3, 0.0, 0.0, 1e-4, 0.0]; // two readings that are worse than the rest
 const NOISE: Noise = Noise { q: 0.7, R: 4e-4 };
 const PRIOR: Prior = Prior { v: 0.4, P: MotionCovariance { pp: 2e-3, pv: 1e-2, vv: 0.9 } };
 
 fn readings(restart: &[bool]) -> Readings<'_> {
-    Readings { t: &T, z: &Z, first: &FIRST, second: &SECOND, restart, extra_q: &EXTRA }
+    Readings { t: &T, z: &Z, first: &FIRST, second: &SECOND, restart, extra_q: &EXTRA, extra_R: &NOISY }
 }
 
 /// A track that owns its memory: e, S, `gain_p`, `gain_v`, p, v, pp, pv, vv.
@@ -97,7 +98,7 @@ fn dense_readings(mean: &States, P: &Spread) -> (SVector<f64, N>, SMatrix<f64, N
     for k in 0..N {
         H[(k, 2 * k)] = 1.0;
     }
-    let C = H * P * H.transpose() + SMatrix::<f64, N, N>::identity() * NOISE.R;
+    let C = H * P * H.transpose() + SMatrix::<f64, N, N>::from_diagonal(&SVector::from(NOISY).add_scalar(NOISE.R));
     (SVector::from(Z) - H * mean, C, P * H.transpose())
 }
 
@@ -333,6 +334,10 @@ fn unusable_readings_are_refused_with_the_place() {
     negative[2] = -1.9;
     let found = Kept::of(Readings { extra_q: &negative, ..readings(&WHOLE) }, NOISE, PRIOR).err();
     assert_eq!(found, Some(ReplayError::ExtraNoise { index: 2, q: -1.9 }));
+    let mut unknown = NOISY;
+    unknown[6] = f64::INFINITY;
+    let found = Kept::of(Readings { extra_R: &unknown, ..readings(&WHOLE) }, NOISE, PRIOR).err();
+    assert_eq!(found, Some(ReplayError::ExtraVariance { index: 6, R: f64::INFINITY }));
     let short = ReplayError::Condition(ConditionError::Length { expected: N, found: N - 1 });
     let found = Kept::of(Readings { first: &FIRST[1..], ..readings(&WHOLE) }, NOISE, PRIOR).err();
     assert_eq!(found, Some(short));
@@ -368,6 +373,7 @@ struct Records {
     second: [[f64; LENGTH]; 4],
     restart: [[bool; LENGTH]; 4],
     extra_q: [[f64; LENGTH]; 4],
+    extra_R: [[f64; LENGTH]; 4],
     counts: [[bool; LENGTH]; 4],
 }
 
@@ -384,6 +390,7 @@ impl Records {
             second: each(&|part, k| 1e-8 * libm::cos(0.2 * at(part, k))),
             restart: core::array::from_fn(|part| core::array::from_fn(|k| k == 0 || (part == 2 && k == 20))),
             extra_q: each(&|part, k| if (k + 3 * part) % 9 == 4 { 3e-5 } else { 0.0 }),
+            extra_R: each(&|part, k| if (k + part) % 6 == 1 { 7e-12 } else { 0.0 }),
             counts: core::array::from_fn(|part| core::array::from_fn(|k| k > 3 && (k + part) % 5 != 0)),
         }
     }
@@ -396,6 +403,7 @@ impl Records {
             second: &self.second[part],
             restart: &self.restart[part],
             extra_q: &self.extra_q[part],
+            extra_R: if part == 3 { &[] } else { &self.extra_R[part] },
         };
         (readings, &self.counts[part])
     }
