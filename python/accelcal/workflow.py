@@ -15,6 +15,7 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
+from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
@@ -245,6 +246,7 @@ def fit(
     found, used = every, tuple(several)
     if reject_outliers:
         found, used = fit_without_outliers(every, several, start=start, end=end, band=band)
+    found = with_noise_effects(found, several, used)
     found = with_breaks(with_agreement(found, used), broken)
     slow = slow_residual(found, several[0]) if reject_outliers else None
     if slow is None:
@@ -327,6 +329,9 @@ def add(
         effect = find(name)
         if name in model.effects and not may_be_refined(model, effect):
             raise ValueError(f"{name!r} is already in the model")
+        if effect.port == "noise":
+            model = model.add(name)
+            continue
         if name in SEEN_BY_RUNS and len(several) > 1 and all(need in r.side for need in effect.needs for r in several):
             instead = [one.instead for one in fit.seen_by_runs if one.effect == name]
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
@@ -347,8 +352,10 @@ def add(
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    grown = result(solution)
-    return with_breaks(fit_without_outliers(grown, several)[0], broken)
+    clean, used = fit_without_outliers(result(solution), several)
+    grown = with_noise_effects(clean, several, used)
+    require_noise_shown(grown, names)
+    return with_breaks(grown, broken)
 
 
 @one_thread
@@ -366,7 +373,8 @@ def drop(
     left = result(
         solve_runs(model_in_motion(fit).drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9))
     )
-    return with_breaks(fit_without_outliers(left, several)[0], broken)
+    clean, used = fit_without_outliers(left, several)
+    return with_breaks(with_noise_effects(clean, several, used), broken)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:
@@ -534,6 +542,7 @@ def compare(
     else:
         recording = with_position_steps(recording)
     seen = evaluation.compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler)
+    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end))
     return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
 
 

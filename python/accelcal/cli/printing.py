@@ -410,7 +410,14 @@ def show_parameters(found: Fit) -> None:
         total = tied_sum(found, e.name)
         if total != e.symbol:
             estimated[e.name] = total
+    for noise in found.noise_effects:
+        exact = noise.std <= 0.0
+        value = f"{noise.value:.6g} (read off)" if exact else short(noise.value, noise.std)
+        span = "" if exact else interval(noise.value, noise.std)
+        rows.append((noise.name, value, noise.unit, span, display(noise.unit, noise.value, noise.std) or ""))
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
+    for noise in found.noise_effects:
+        print(f"  {noise.name}: {noise.sentence}")
     for spread in found.spreads:
         each = zip(found.runs, spread.runs, strict=True)
         print(f"  {spread.name} by run: " + ", ".join(f"{run.name or 'recording'} {y:.6g}" for run, y in each))
@@ -523,6 +530,8 @@ def show_comparison(content: dict[str, Any]) -> None:
         highlight=False,
     )
     console.print(f"largest residual: {content['worst']}", highlight=False)
+    for score in content["noise_scores"]:
+        console.print(score["sentence"], highlight=False)
     for text in broken_lines(content):
         console.print(f"suspect data: {text}", style="bold red", highlight=False)
     for text in (*content["not_carried"], *(outside_lines(content) or content["remarks"])):

@@ -176,6 +176,9 @@ tests/diagnosis/noise_tests/test_noise_tests.py]"""
 NOISE_TEST_ALPHA = 1e-4
 """Significance at which one noise test changes what another one says. A line whose power follows speed is vibration.
 [probability; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+NOISE_EFFECT_ALPHA = 0.01
+"""Significance that an effect on noise needs where a user adds it. The user's choice is one alternative, not a search.
+[probability; benches/noise_effects.py]"""
 NOISE_TEST_LEAST_BLOCKS = 40
 """Blocks below which no noise test looks for a correlation with the motion. Fewer show none that is significant at
 1e-4. [blocks; tests/diagnosis/noise_tests/test_noise_tests.py]"""

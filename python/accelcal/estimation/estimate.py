@@ -30,6 +30,7 @@ from accelcal.estimation.gauss_newton import (
     Solution,
     iterate,
 )
+from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
@@ -86,6 +87,8 @@ class Fit:
     """What coefficients that differ from run to run go with; model files have their remarks alone."""
     dwells: DwellFit | None = None
     """What is left of the dwells of the fit; None where it has none."""
+    noise_effects: tuple[NoiseEffect, ...] = ()
+    """What effects of the model that act on noise amount to; they are in no row of the covariance."""
 
     def __repr__(self) -> str:
         each = (

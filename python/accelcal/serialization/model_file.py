@@ -22,10 +22,11 @@ from accelcal.estimation.estimate import Fit, tied_sum
 from accelcal.estimation.noise import Level, NoiseReport
 from accelcal.estimation.run_fit import RunFit
 from accelcal.estimation.run_to_run import Spread
-from accelcal.estimation.values import Noise
+from accelcal.estimation.values import Noise, NoiseGrowth
 from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior
 from accelcal.signals.signals import Origins
+from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.validation.comparison import Comparison
 
 MODEL_SCHEMA = "accelcal/model/1"
@@ -70,6 +71,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         "parameters": [{**estimate_to_dict(e), "stands_for": tied_sum(fit, e.name)} for e in fit.estimates],
         "shapes": [estimate_to_dict(e) for e in fit.shapes],
         "run_to_run": [asdict(spread) for spread in fit.spreads],
+        "noise_effects": [noise_effect_to_dict(one) for one in fit.noise_effects],
         "covariance": {
             "names": [e.name if e.run is None else f"{e.name}[{e.run}]" for e in fit.free],
             "matrix": fit.covariance.tolist(),
@@ -225,6 +227,7 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
         spreads=tuple(spread_from_dict(spread) for spread in content.get("run_to_run", ())),
+        noise_effects=tuple(noise_effect_from_dict(one) for one in content.get("noise_effects", ())),
         tilt=float(content.get("tilt_deg", 0.0)),
         dwells=dwells_from_dict(content["dwells"]) if content.get("dwells") else None,
     )
@@ -337,6 +340,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         ],
         "remarks": list(comparison.remarks),
         "not_carried": list(comparison.not_carried),
+        "noise_scores": [{**asdict(score), "sentence": score.sentence} for score in comparison.noise_scores],
         "breaks": list(comparison.breaks),
     }
 
@@ -356,6 +360,7 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
     return {
         "q": report.noise.q,
         "r": report.noise.r,
+        "growth": [{"effect": one.effect.name, "q": one.q, "r": one.r} for one in report.noise.growth],
         "all": level_to_dict(report.all),
         "rest": level_to_dict(report.rest),
         "motion": level_to_dict(report.motion),
@@ -377,7 +382,11 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
     if whole is None:
         raise ValueError("noise.all is missing")
     return NoiseReport(
-        noise=Noise(content["q"], content["r"]),
+        noise=Noise(
+            content["q"],
+            content["r"],
+            tuple(NoiseGrowth(find(one["effect"]), one["q"], one["r"]) for one in content.get("growth", ())),
+        ),
         all=whole,
         rest=level_from_dict(content["rest"]),
         motion=level_from_dict(content["motion"]),

@@ -9,6 +9,7 @@ import numpy as np
 
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
+from accelcal.estimation.noise_effects import NoiseScore
 
 BINS = 12
 """Bins of the residual against each variable."""
@@ -142,6 +143,8 @@ class Comparison:
     """Horizon in s -> start points (n,) s, and rezeroed errors (n,) m, of which `coast_rms` is the rms."""
     not_carried: tuple[str, ...] = ()
     """Sentences on effects that belong to the fitted recording and are left out on this one."""
+    noise_scores: tuple[NoiseScore, ...] = ()
+    """What effects of the model that act on noise gain on this recording."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
 

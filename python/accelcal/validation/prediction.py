@@ -15,6 +15,7 @@ from accelcal.estimation.estimate import Fit, require_channels
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
+from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import Signals
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
@@ -69,19 +70,22 @@ class Prediction:
         plain = drive(run, values, None)
         self.causal = None if values.constant else self._causal(plain, cutoff, withheld)
         self.drive: DriveIntegrals = plain if self.causal is None else drive(run, values, self.causal)
+        if noise.growth:
+            motion = self.causal or self._causal(plain, cutoff, withheld)
+            self.drive = with_growth(self.drive, noise, variance_functions(run, noise, motion))
         track = run_filter(run, self.drive, noise)
         self.e, self.S = track.series("e"), track.series("S")
         gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
         self.p = track.series("p") + gain_p * self.e
         self.v = track.series("v") + gain_v * self.e
-        self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r)
+        self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r + (self.drive.extra_r if len(self.drive.extra_r) else 0.0))
         del track  # free the old track before the next is made; each holds nine arrays
         self.counts: Flags = self.drive.settled(run.wait(noise))
         # Response to one unit of constant acceleration, and the running estimate of that constant.
         d = self.drive
         h = np.diff(d.t, prepend=d.t[0])
         once, twice = np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0)
-        unit = DriveIntegrals(d.t, np.zeros_like(d.z), once, twice, d.restart, d.extra_q)
+        unit = replace(d, z=np.zeros_like(d.z), first=once, second=twice)
         response = run_filter(run, unit, noise)
         g = -response.series("e")
         self.unit_p = response.series("p") - gain_p * g
@@ -255,7 +259,7 @@ def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:
     return travelled, np.cumsum(h * np.concatenate([[0.0], travelled[:-1]]) + drive.second)
 
 
-def posterior(pp: Array, pv: Array, vv: Array, S: Array, r: float) -> tuple[Array, Array, Array]:
-    """Covariance entries of (p, v) after each reading."""
+def posterior(pp: Array, pv: Array, vv: Array, S: Array, r: Array | float) -> tuple[Array, Array, Array]:
+    """Covariance entries of (p, v) after each reading, from those before, its innovation's variance and its own."""
     keep = r / S
     return pp * keep, pv * keep, vv - pv**2 / S

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -63,8 +64,22 @@ def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
     return np.asarray(widened(marked, 2 * ISOLATED)[known])
 
 
-def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
-    """Test for single samples of the output that its local noise does not allow."""
+@dataclass(frozen=True, slots=True)
+class SampleErrors:
+    """What each sample differs by from what the others of its channel say of it."""
+
+    t: Array
+    """(m,) s"""
+    y: Array
+    """(m,)"""
+    spread: Array
+    """Standard deviation that the noise allows, (m,)."""
+    dof: float
+    """Degrees of freedom of that."""
+
+
+def output_errors(residuals: Residuals) -> SampleErrors:
+    """Interpolation errors of the samples of the output, m/s²; none about a jump of the motion."""
     y, interpolation = residuals.interpolation_errors
     known = np.flatnonzero(residuals.sampled & np.isfinite(y))
     usual = motion_noise_level(residuals, interpolation)[known]
@@ -76,15 +91,20 @@ def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
     del usual
     np.hypot(spread, math.sqrt(residuals.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
     kept = ~motion_jumps(residuals, known, np.abs(y) / np.maximum(spread, 1e-300))
-    y, t = y[kept], residuals.t[known[kept]]
-    found = outliers(y, spread[kept], len(y), dof)
+    return SampleErrors(residuals.t[known[kept]], y[kept], spread[kept], dof)
+
+
+def accelerometer_outliers(residuals: Residuals) -> NoiseTest:
+    """Test for single samples of the output that its local noise does not allow."""
+    errors = output_errors(residuals)
+    found = outliers(errors.y, errors.spread, len(errors.y), errors.dof)
     text = (
         found.sentence("samples of the output", "m/s²")
         if found.p_value < NOISE_TEST_ALPHA
         else "the output has no outliers"
     )
     n = len(residuals.u)
-    at = tuple(float(instant) for instant in t[found.peaks])
+    at = tuple(float(instant) for instant in errors.t[found.peaks])
     std = math.sqrt(max(found.count, 1.0)) / n
     return NoiseTest(OUTPUT_OUTLIERS, found.score, found.p_value, found.count / n, "", std, text, found.parts, at)
 

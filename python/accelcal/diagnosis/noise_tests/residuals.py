@@ -131,10 +131,17 @@ class Residuals:
 
         Lost and outlying single samples are filled in from their neighbours, so that none rings in its block.
         """
+        return self.above_motion(OUTLIER_SIGMA)
+
+    def above_motion(self, limit: float) -> Array:
+        """Residual above the band of any motion, (n,) m/s², samples beyond a limit in local standard deviations filled in.
+
+        Without outliers the limit is infinite: short bursts of noise exceed what is usual about them, and are noise.
+        """
         lost, correction = self.lost, np.zeros(self.n)
         for _ in range(REPAIRS):
             before = lost
-            correction, lost = self.refilled(correction, before)
+            correction, lost = self.refilled(correction, before, limit)
             if lost is before:
                 break
         return high_passed(self.residual - correction, self.rate, self.edge)
@@ -144,9 +151,9 @@ class Residuals:
         for name in ("background", "resolved_output"):
             vars(self).pop(name, None)
 
-    def refilled(self, correction: Array, lost: Places) -> tuple[Array, Places]:
-        """Corrections (n,) of lost samples, from the noise left after earlier corrections; outlying samples count as
-        lost."""
+    def refilled(self, correction: Array, lost: Places, limit: float) -> tuple[Array, Places]:
+        """Corrections (n,) of lost samples, from the noise left after earlier corrections; samples beyond a limit in
+        local standard deviations count as lost."""
         whole = high_passed(self.residual - correction, self.rate, self.edge)
         interpolation = self.interpolation_filter(BlockSpectra.of(whole, self.sampled, self.rate, 1.3 * self.edge))
         del whole
@@ -159,7 +166,7 @@ class Residuals:
         np.hypot(spread, math.sqrt(self.white_floor * float(np.mean(interpolation.gain**2))), out=spread)
         score = np.abs(y)
         score /= np.maximum(spread, 1e-300)
-        outlying = isolated_peaks(score, np.flatnonzero(score > OUTLIER_SIGMA))
+        outlying = isolated_peaks(score, np.flatnonzero(score > limit))
         if len(outlying) == 0:
             return correction, lost
         outlying = known[outlying]

@@ -1,0 +1,97 @@
+"""Effects that act on noise in a fit, and what they gain on another recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
+from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
+from accelcal.estimation.estimate import SETTLING, Fit, require_channels, state_at
+from accelcal.estimation.noise_effects import NoiseScore
+from accelcal.estimation.run import prepare
+from accelcal.estimation.run_state import RunState
+from accelcal.validation.other_record import values_on
+
+
+def with_noise_effects(fit: Fit, original: Sequence[Recording], used: Sequence[Recording]) -> Fit:
+    """The fit with estimates of the effects of its model that act on noise.
+
+    Parameters
+    ----------
+    fit : to `used`.
+    original, used : recordings with their outliers and without.
+    """
+    if not fit.model.noise_effects:
+        return fit
+    records = []
+    for index, (recording, clean) in enumerate(zip(original, used, strict=True)):
+        run = fit.runs[index]
+        state = state_at(fit, index, prepare(clean, fit.origins, start=run.start, end=run.end))
+        whole = state
+        if clean is not recording:
+            whole = state_at(fit, index, prepare(recording, fit.origins, start=run.start, end=run.end))
+        records.append(RecordNoise.of(state, whole, recording))
+    return replace(fit, noise_effects=noise_estimates(fit.model, records))
+
+
+def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
+    """Refuse effects that act on noise and that the recordings of a fit do not show.
+
+    Raises
+    ------
+    ValueError
+        Naming the effect, and from which size on it would show.
+    """
+    known = {one.name: one for one in fit.noise_effects}
+    for effect in fit.model.noise_effects:
+        if effect.name not in names:
+            continue
+        one = known.get(effect.name)
+        if one is None:
+            raise ValueError(
+                f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the motion"
+            )
+        if one.p_value >= NOISE_EFFECT_ALPHA or one.value <= 0.0:
+            least = one.particulars.get("least", 0.0)
+            limit = f"; it would show from {one.symbol} = {least:.2g} {one.unit} on" if least > 0.0 else ""
+            raise ValueError(
+                f"{effect.name!r} cannot be added: this record does not show it (p = {one.p_value:.2g}){limit}"
+            )
+
+
+def noise_scores(
+    fit: Fit, recording: Recording, *, start: float | None = None, end: float | None = None
+) -> tuple[NoiseScore, ...]:
+    """What each effect of a fit that acts on noise gains on a recording, as its log predictive density.
+
+    Parameters
+    ----------
+    fit : a model with such effects; without them the answer is empty.
+    recording : one that the fit was not made from.
+    start, end : s, optional; only this part is used.
+
+    Raises
+    ------
+    RecordingError
+        If a channel is missing that the model needs.
+    """
+    if not fit.noise_effects:
+        return ()
+    require_channels(fit, recording)
+
+    def state_of(one: Recording) -> RunState:
+        run, values = prepare(one, fit.origins, start=start, end=end), values_on(fit, recording)
+        state = RunState.at(run, values, fit.noise(), None, search_noise=False)
+        for _ in range(SETTLING - 1):
+            state.refresh(values, search_noise=False)
+        return state
+
+    whole, clean = state_of(recording), recording
+    for test in outliers_found(run_noise_tests(whole)):
+        clean = without_outliers(clean, test)
+    state = whole if clean is recording else state_of(clean)
+    return noise_scores_of(fit.noise_effects, RecordNoise.of(state, whole, recording))

@@ -1,0 +1,173 @@
+"""Outliers as a heavy-tailed noise: their share and their size, and what that gains over normal noise.
+
+Derivations 7.5. A sample is normal with the noise of its channel, or, with a small probability, with a far larger
+variance. The few that exceed what the noise allows determine both: their number the share, their heights the size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array, Flags
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.noise_model.growing import total_with_std
+from accelcal.diagnosis.noise_tests.outliers import SampleErrors, output_errors
+from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.noise_tests.robust import isolated_peaks, spread_of
+from accelcal.effects import Effect
+from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore
+
+LIMIT = 6.0
+"""Standard deviations of the noise beyond which a sample is an outlier: normal noise has one in 5e8."""
+BESIDE = 8
+"""Samples next to an outlier whose own errors it disturbs."""
+WIDEST = 1e6
+"""Largest size of outliers, in standard deviations of the noise."""
+MOST_RATIO = 1e6
+"""Largest ratio of events that is told."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exceedances:
+    """Errors of a channel over what its noise allows, those disturbed by an outlier beside them left out."""
+
+    score: Array
+    """(m,) standard deviations."""
+    outlying: Flags
+    """(m,)"""
+    scale: float
+    """Usual standard deviation, in the unit of the channel."""
+
+    @classmethod
+    def of(cls, errors: SampleErrors) -> Exceedances:
+        """Of a channel."""
+        score = errors.y / np.maximum(errors.spread, 1e-300)
+        peaks = isolated_peaks(np.abs(score), np.flatnonzero(np.abs(score) > LIMIT))
+        disturbed = np.zeros(len(score), dtype=np.bool_)
+        for offset in range(-BESIDE, BESIDE + 1):
+            disturbed[np.clip(peaks + offset, 0, len(score) - 1)] = True
+        outlying = np.zeros(len(score), dtype=np.bool_)
+        outlying[peaks] = True
+        kept = (outlying | ~disturbed) & ((np.abs(score) <= LIMIT) | outlying)
+        return cls(score[kept], outlying[kept], float(np.median(errors.spread)))
+
+    @classmethod
+    def joined(cls, several: Sequence[Exceedances]) -> Exceedances:
+        """Of several records."""
+        score, outlying = (np.concatenate(y) for y in zip(*((e.score, e.outlying) for e in several), strict=True))
+        return cls(score, outlying, float(np.median([e.scale for e in several])))
+
+
+def reading_errors(residuals: Residuals, recording: Recording) -> SampleErrors:
+    """Errors of all readings of a recording, also of those that were left out or rejected, against the smoothed
+    position of the rest, m.
+
+    Parameters
+    ----------
+    residuals : of the run without outliers.
+    recording : with them.
+    """
+    state, run = residuals.state, residuals.run
+    settled = run.t[state.counts]
+    t, z = recording.position.t, recording.position.y
+    inside = (t >= settled[0]) & (t <= settled[-1]) & np.isfinite(z)
+    _, velocity, _ = state.track.smooth(*state.drive.arrays)
+    smooth = scipy.interpolate.CubicHermiteSpline(run.t, residuals.smooth_position, velocity)
+    added = np.interp(t[inside], run.t, run.readings - state.drive.z)
+    y = z[inside] - smooth(t[inside]) - added
+    y -= np.median(y)
+    spread, dof = spread_of(y, run.least_step)
+    return SampleErrors(t[inside], y, spread, dof)
+
+
+def tail_probability(size: float | Array) -> float | Array:
+    """Probability that an outlier of this size, in standard deviations of the noise, exceeds the limit."""
+    return scipy.special.erfc(LIMIT / np.sqrt(2.0 * (1.0 + np.square(size))))
+
+
+def log_likelihood(share: float, size: float, found: Exceedances) -> float:
+    """Of the number of outliers and their heights."""
+    x, n = found.score[found.outlying], len(found.score)
+    variance = 1.0 + size**2
+    heights = -0.5 * x**2 / variance - 0.5 * math.log(2.0 * math.pi * variance)
+    return float(np.sum(math.log(share) + heights)) + (n - len(x)) * math.log1p(-share * float(tail_probability(size)))
+
+
+def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]) -> NoiseEffect:
+    """Share and size of the outliers of a channel; the coefficient is the share times the mean square height."""
+    found = Exceedances.joined([Exceedances.of(errors) for errors in several])
+    x, n = found.score[found.outlying], max(1, len(found.score))
+    if len(x) == 0:
+        return NoiseEffect(effect.name, effect.symbol, effect.unit, 0.0, math.inf, effect.owner, 1.0, "no outliers")
+
+    def share_of(size: float) -> float:
+        return min(0.5, len(x) / (n * float(tail_probability(size))))
+
+    best = scipy.optimize.minimize_scalar(
+        lambda log: -log_likelihood(share_of(math.exp(log)), math.exp(log), found),
+        bounds=(0.0, math.log(WIDEST)),
+        method="bounded",
+    )
+    size = math.exp(float(best.x))
+    share = share_of(size)
+    at, h = np.array([math.log(share), math.log(size)]), 0.02
+    hessian = np.array([[second_difference(at, i, j, h, found) for j in (0, 1)] for i in (0, 1)])
+    covariance = np.linalg.pinv(-hessian)
+    relative = math.sqrt(max(0.0, float(np.array([1.0, 2.0]) @ covariance @ np.array([1.0, 2.0]))))
+    height = size * found.scale
+    value = share * height**2
+    stds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    particulars = {
+        "share": share,
+        "share_std": share * float(stds[0]),
+        "size": height,
+        "size_std": height * float(stds[1]),
+        "noise": found.scale,
+        "count": float(len(x)),
+        "position": float(channel == "position"),
+    }
+    text = f"{len(x)} of {n} samples of {channel}: a share of {share:.2g} with a standard deviation of {height:.3g}"
+    p = float(scipy.special.gammainc(len(x), 2.0 * n * float(scipy.special.ndtr(-LIMIT))))
+    return NoiseEffect(
+        effect.name, effect.symbol, effect.unit, value, relative * value, effect.owner, p, text, particulars
+    )
+
+
+def second_difference(at: Array, i: int, j: int, h: float, found: Exceedances) -> float:
+    """Second derivative of the log-likelihood by the logarithms of share and size."""
+
+    def value(a: float, b: float) -> float:
+        x = at.copy()
+        x[i] += a * h
+        x[j] += b * h
+        return log_likelihood(math.exp(x[0]), math.exp(x[1]), found)
+
+    return (value(1, 1) - value(1, -1) - value(-1, 1) + value(-1, -1)) / (4.0 * h**2)
+
+
+def score_of_tails(errors: SampleErrors, known: NoiseEffect) -> NoiseScore:
+    """Gain of the log density of the samples of a channel by outliers of a known share and size, over normal noise of
+    the same variance."""
+    found = Exceedances.of(errors)
+    share, size = known.particulars["share"], known.particulars["size"] / max(found.scale, 1e-300)
+    wide = math.sqrt(1.0 + size**2)
+    usual, rare = normal_log_density(found.score, 1.0), normal_log_density(found.score, wide)
+    plain = normal_log_density(found.score, math.sqrt(1.0 + share * size**2))
+    gain = np.logaddexp(math.log1p(-share) + usual, math.log(share) + rare) - plain
+    total, std = total_with_std(gain)
+    n, events = len(gain), int(np.sum(found.outlying))
+    expected = n * share * float(tail_probability(size))
+    without = n * float(scipy.special.erfc(LIMIT / math.sqrt(2.0 * (1.0 + share * size**2))))
+    channel = "position" if known.particulars["position"] else "accel"
+    ratios = [min(MOST_RATIO, events / max(one, 1e-300)) for one in (expected, without)]
+    return NoiseScore(known.name, channel, total, std, n, *ratios, what="number of outliers")
+
+
+def normal_log_density(x: Array, sigma: float) -> Array:
+    """Of zero mean."""
+    return np.asarray(-0.5 * (x / sigma) ** 2 - math.log(sigma) - 0.5 * math.log(2.0 * math.pi))
