@@ -20,8 +20,11 @@ from tests.worlds.world import Chain, pass_through
 
 import accelcal as ac
 from accelcal.diagnosis.noise_model.growing import flatness
+from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
+from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
 from accelcal.estimation.estimate import Fit, state_at
 from accelcal.estimation.run import prepare
+from accelcal.estimation.run_state import RunState
 
 SIZES = {
     "vibration": 0.3,
@@ -46,13 +49,22 @@ def truth(name: str, size: float, chain: Chain) -> float:
 def flat_innovations(fit: Fit, train: ac.Recording) -> float:
     """Probability of innovations as uneven over the speed of the stage."""
     run = fit.runs[0]
-    state = state_at(fit, 0, prepare(train, fit.origins, start=run.start, end=run.end))
+
+    def state_of(recording: ac.Recording) -> RunState:
+        return state_at(fit, 0, prepare(recording, fit.origins, start=run.start, end=run.end))
+
+    state = state_of(train)
+    for test in outliers_found(run_noise_tests(state)):  # the fit has rejected them
+        train = without_outliers(train, test)
+    state = state_of(train)
     speed = np.abs(np.interp(state.run.t, state.signals.t + state.run.origins.t, state.signals.v))
     limit = 5.0 * float(np.median(np.abs(state.whitened[state.counts]))) / 0.6745
     return flatness(np.minimum(np.abs(state.whitened[state.counts]), limit) ** 2, speed[state.counts])
 
 
-def records(name: str, hidden: bool, seed: int, count: int, sensor: str, folder: Path) -> list[tuple[World, ac.Recording]]:
+def records(
+    name: str, hidden: bool, seed: int, count: int, sensor: str, folder: Path
+) -> list[tuple[World, ac.Recording]]:
     """Worlds and what was measured in them."""
     found = []
     for k in range(count):
@@ -77,9 +89,7 @@ def main() -> None:
         added = flat = even = gained = 0
         z: list[float] = []
         with tempfile.TemporaryDirectory() as folder:
-            for world, run in records(
-                name, not given.hidden_off, given.seed, given.count, given.sensor, Path(folder)
-            ):
+            for world, run in records(name, not given.hidden_off, given.seed, given.count, given.sensor, Path(folder)):
                 last = float(run.position.t[-1])
                 train, held = run.part(0.0, TRAINING * last), run.part(TRAINING * last, last)
                 base = ac.fit(ac.Model.linear(), train)
@@ -104,9 +114,10 @@ def main() -> None:
         if given.hidden_off:
             continue
         cover = sum(abs(one) < 1.96 for one in z)
+        rms = math.sqrt(np.mean(np.square(z)))
         print(
             f"{name}: output flat {flat}, innovations flat {even}, log score gained {gained} of {given.count} (least "
-            f"{least}); intervals cover {cover} ({inside[0]} to {inside[1]}), rms z {math.sqrt(np.mean(np.square(z))):.2f}",
+            f"{least}); intervals cover {cover} ({inside[0]} to {inside[1]}), rms z {rms:.2f}",
             flush=True,
         )
 

@@ -127,13 +127,28 @@ def remarks(state: State, found: Diagnosis) -> list[str]:
     lines = [f"Suspect data: {r.sentence}" for r in seen]
     lines += [readable(text) for text in found.notes]
     lines += [f"{d.sentence}." for d in found.dropped]
-    for test in found.channels:
-        text = test.sentence.rstrip(".")
-        noise = "" if test.effect == "whiteness" else " It affects the noise, so it cannot be added to the model."
-        lines.append(f"{text[:1].upper()}{text[1:]}.{noise}")
+    lines += [capitalised(test.sentence) for test in found.channels if test.effect not in CATALOGUE]
     if "time_offset" in found.effects:
         lines.append("The output lags by more than was declared; the model estimates the lag already (time offset).")
     return lines
+
+
+def capitalised(text: str) -> str:
+    """A sentence of its own."""
+    text = text.rstrip(".")
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def of_noise(state: State, found: Diagnosis) -> list[tuple[str, str, str]]:
+    """Effects that noise tests found and that can be added: name, title, sentence; one for each."""
+    model = state.step.fit.model.effects if state.step else ()
+    offered = {c.effect for c in found.scan.candidates if c.p_value < found.alpha}
+    first = {test.effect: test for test in reversed(found.channels) if test.effect in CATALOGUE}
+    return [
+        (name, spelled(name), capitalised(test.sentence))
+        for name, test in reversed(first.items())
+        if name not in model and name not in offered
+    ]
 
 
 def ties(found: Diagnosis) -> list[tuple[str, str]]:
@@ -143,8 +158,10 @@ def ties(found: Diagnosis) -> list[tuple[str, str]]:
 
 
 def can_add(state: State, found: Diagnosis | None) -> bool:
-    """Whether a candidate is significant, so that it can be added."""
-    return state.step is not None and found is not None and any(c.significant for c in cards(found))
+    """Whether there is something to add: a candidate that is significant, or an effect on noise."""
+    if state.step is None or found is None:
+        return False
+    return any(c.significant for c in cards(found)) or bool(of_noise(state, found))
 
 
 def value(e: Estimate) -> str:

@@ -10,7 +10,6 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.effects import BUILT_IN, Effect, static_terms
 from accelcal.estimation.estimate import Fit
-from accelcal.model import Term
 
 STATIC = static_terms()
 """Effects that depend on the acceleration of the same instant, the thermal ones on its temperature as well."""
@@ -117,7 +116,7 @@ def characteristic(fit: Fit) -> Characteristic:
         coefficients=kept,
         scale=fit.values().scale,
         reference=fit.origins.temperature,
-        left_out=tuple(_left_out(term) for term in others.values()),
+        left_out=tuple(_left_out(e) for e in (*(term.effect for term in others.values()), *fit.model.noise_effects)),
         clip=clip_level(clipping, fit) if clipping else None,
         clipped_by=clipping.name if clipping else "",
     )
@@ -129,12 +128,11 @@ def clip_level(effect: Effect, fit: Fit) -> float | None:
     return fit.model.shapes.get(effect.name, {}).get(shape) if shape else None
 
 
-def _left_out(term: Term) -> LeftOut:
-    effect = term.effect
-    if effect.owner != "sensor":
-        return LeftOut(effect.name, effect.owner, f"belongs to {OWNERS[effect.owner]}, not to the sensor", False)
+def _left_out(effect: Effect) -> LeftOut:
     if effect.port == "noise":
         return LeftOut(effect.name, effect.owner, "is noise without a mean", False)
+    if effect.owner != "sensor":
+        return LeftOut(effect.name, effect.owner, f"belongs to {OWNERS[effect.owner]}, not to the sensor", False)
     if effect.port == "process":
         return LeftOut(effect.name, effect.owner, "is a random process with mean zero", False)
     equation = effect.line("Equation").split(". ")[0].rstrip(".")

@@ -276,7 +276,8 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | 
     show_table((*head, f"change of {measure}, %")[:width], [row[:width] for row in rows])
     if table is not None:
         console.print(ruler_line(table["ruler"]), highlight=False)
-    for text in (*broken_lines(steps[-1][1]), *outside_lines(steps[-1][1])):
+    scores = [score["sentence"] for score in steps[-1][1]["noise_scores"]]
+    for text in (*scores, *broken_lines(steps[-1][1]), *outside_lines(steps[-1][1])):
         console.print(f"held out: {text}", highlight=False)
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from accelcal import _core
-from accelcal.data.arrays import Array, Flags
+from accelcal.data.arrays import Flags
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise

@@ -1,6 +1,6 @@
 """Noise that effects of the model make stronger or weaker along the record: its likelihood, and what it adds.
 
-Derivations 6.7. An effect that acts on noise states a variance as a function of the motion. How much of it reaches the
+Derivations 6.14. An effect that acts on noise states a variance as a function of the motion. How much of it reaches the
 process noise and how much the reading noise depends on its spectrum: white noise of the output, integrated twice, is
 process noise; noise far above the crossover leaves a bounded error of position, which is reading noise. Both shares
 are estimated.
@@ -74,7 +74,7 @@ def with_growth(integrals: DriveIntegrals, noise: Noise, functions: Sequence[Var
 def most_likely(
     run: PreparedRun, integrals: DriveIntegrals, start: Noise, functions: Sequence[VarianceFunction]
 ) -> Noise:
-    """Most likely q, R and growth of both, none of it negative, near `start` (derivations 6.7).
+    """Most likely q, R and growth of both, none of it negative, near `start` (derivations 6.14).
 
     Parameters
     ----------

@@ -25,8 +25,8 @@ from accelcal.estimation.run_to_run import Spread
 from accelcal.estimation.values import Noise, NoiseGrowth
 from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior
-from accelcal.signals.signals import Origins
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
+from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
 
 MODEL_SCHEMA = "accelcal/model/1"

@@ -37,9 +37,10 @@ def noise_effect_from_dict(content: Mapping[str, Any]) -> NoiseEffect:
         If something is missing or of the wrong kind.
     """
     std = content["std"]
-    texts = (str(content[key]) for key in ("name", "symbol", "unit"))
     return NoiseEffect(
-        *texts,
+        str(content["name"]),
+        str(content["symbol"]),
+        str(content["unit"]),
         float(content["value"]),
         math.inf if std is None else float(std),
         str(content["owner"]),

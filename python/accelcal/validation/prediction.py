@@ -78,7 +78,8 @@ class Prediction:
         gain_p, gain_v = track.series("gain_p"), track.series("gain_v")
         self.p = track.series("p") + gain_p * self.e
         self.v = track.series("v") + gain_v * self.e
-        self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, noise.r + (self.drive.extra_r if len(self.drive.extra_r) else 0.0))
+        variance = noise.r + (self.drive.extra_r if len(self.drive.extra_r) else 0.0)
+        self.P = posterior(track.series("pp"), track.series("pv"), track.series("vv"), self.S, variance)
         del track  # free the old track before the next is made; each holds nine arrays
         self.counts: Flags = self.drive.settled(run.wait(noise))
         # Response to one unit of constant acceleration, and the running estimate of that constant.

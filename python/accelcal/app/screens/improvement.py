@@ -62,6 +62,7 @@ def error(page: Page) -> None:
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)
+    widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
     if found is not None and found.verdict not in ("adequate", "too_short"):
         text = "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
         ui.label(text).classes("note")
@@ -99,6 +100,8 @@ def verdict(page: Page) -> None:
     if nothing:
         made = widgets.button("Add", "add", lambda: None, label="Nothing to add")
         made.set_enabled(False)
+    for name, title, text in wording.of_noise(bench.state, found):
+        of_noise(page, name, title, text)
     leading, further, rest = wording.offered(found)
     for card in leading:
         candidate(page, card)
@@ -118,6 +121,17 @@ def verdict(page: Page) -> None:
             for members, experiment in several:
                 ui.label(members).classes("strong")
                 ui.label(experiment).classes("note")
+
+
+def of_noise(page: Page, name: str, title: str, text: str) -> None:
+    """An effect on noise that a test found, and its button."""
+    with ui.element("article").classes("candidate"):
+        with ui.row().classes("line spread"):
+            ui.label(title).classes("strong large-name")
+            widgets.button("Add", "add", lambda: page.improve(page.bench.add, name), label=f"Add {title}").set_enabled(
+                page.bench.job is None
+            )
+        ui.label(text)
 
 
 def candidate(page: Page, card: wording.Card) -> None:

@@ -23,6 +23,7 @@ def show(page: Page) -> None:
         return
     with widgets.card("Parameters", "parameters"):
         parameters(page)
+        widgets.lines([f"{spelled(one.name)}: {one.sentence}" for one in step.fit.noise_effects])
         widgets.lines(step.fit.remarks)
     with ui.element("div").classes("halves"):
         with widgets.card("Effects of this model"):
@@ -106,9 +107,7 @@ def added(page: Page) -> None:
                 lambda name=name: page.improve(bench.drop, name),
                 label=f"Remove {spelled(name)}",
             )
-    known = [
-        e.name for e in BUILT_IN if e.traits.visible and e.port != "noise" and e.name not in step.fit.model.effects
-    ]
+    known = [e.name for e in BUILT_IN if e.traits.visible and e.name not in step.fit.model.effects]
     known += [o.effect.name for o in bench.state.own if o.effect.name not in step.fit.model.effects]
     with ui.row().classes("line"):
         chosen = ui.select(

@@ -76,7 +76,7 @@ def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[
     """What each effect gains on a record that it was not estimated from; none where frequencies do not match."""
     effects = {one.name: find(one.name) for one in known}
     growing = [effect for effect in effects.values() if grows(effect)]
-    found = []
+    found: list[NoiseScore | None] = []
     for one in known:
         channel = rejected_channel(effects[one.name])
         if channel:

@@ -53,7 +53,8 @@ def require_noise_shown(fit: Fit, names: Sequence[str]) -> None:
         one = known.get(effect.name)
         if one is None:
             raise ValueError(
-                f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the motion"
+                f"{effect.name!r} cannot be added: the record is too short, or its filters leave no noise above the "
+                "motion"
             )
         if one.p_value >= NOISE_EFFECT_ALPHA or one.value <= 0.0:
             least = one.particulars.get("least", 0.0)

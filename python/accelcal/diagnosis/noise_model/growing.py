@@ -1,6 +1,6 @@
 """Noise of the output that grows with the motion: its spectrum, the coefficients of its causes, its log score.
 
-Derivations 7.4. The power of short blocks of the residual above the motion is exponential about its mean, and the mean
+Derivations 7.10. The power of short blocks of the residual above the motion is exponential about its mean, and the mean
 is linear in the coefficients: Whittle's likelihood, solved by iterated weighted least squares. The information of these
 coefficients is block-diagonal to that of the mean: their Gram matrix is their own.
 """
@@ -44,6 +44,10 @@ SAME_RATE = 0.01
 """Relative difference of rates up to which a spectrum applies to another record."""
 
 
+Grown = dict[str, tuple[Array, Array]]
+"""Of each effect the growth at each frequency and its standard deviation, (F,) each, (m/s²)² per unit."""
+
+
 @dataclass(frozen=True, slots=True)
 class BlockPowers:
     """Powers of the blocks of a record and the variance functions over them."""
@@ -85,16 +89,17 @@ def same_frequencies(one: Array, other: Array) -> bool:
     return len(one) == len(other) and bool(np.all(np.abs(one - other) <= SAME_RATE * other))
 
 
-def grown_spectrum(blocks: BlockPowers, effects: Sequence[Effect]) -> tuple[NoiseSpectrum, dict[str, tuple[Array, Array]]]:
-    """Most likely spectrum with the growth that each effect gives it, and of each effect the growth at each frequency as
-    it was estimated, negative ones too, and its standard deviation, (F,) each.
+def grown_spectrum(blocks: BlockPowers, effects: Sequence[Effect]) -> tuple[NoiseSpectrum, Grown]:
+    """Most likely spectrum with the growth that each effect gives it, and the growth as it was estimated, negative too.
 
     Noise of the clocks is white, so that its growth is the same at all frequencies. Weights are those of growth that
     neighbouring frequencies share: by its own estimate a frequency that happens to be low would weigh more.
     """
     functions = [blocks.functions[e.name] for e in effects]
     size = [max(float(np.max(h)), 1e-300) for h in functions]
-    columns = np.column_stack([np.ones(len(blocks.power)), *(h / most for h, most in zip(functions, size, strict=True))])
+    columns = np.column_stack(
+        [np.ones(len(blocks.power)), *(h / most for h, most in zip(functions, size, strict=True))]
+    )
     least = LEAST_MEAN * np.median(blocks.power, axis=0) + 1e-300
     mean = np.tile(np.mean(blocks.power, axis=0) + 1e-300, (len(columns), 1))
     for _ in range(ITERATIONS):
@@ -111,7 +116,9 @@ def grown_spectrum(blocks: BlockPowers, effects: Sequence[Effect]) -> tuple[Nois
         estimated[e.name] = c[:, k] / most, np.sqrt(scatter / information[:, k]) / most
         level = common(c[:, k], information[:, k]) if is_white(e) else c[:, k]
         growth[e.name] = np.maximum(level, 0.0) / most
-    explained = sum((np.outer(blocks.functions[name], one) for name, one in growth.items()), np.zeros_like(blocks.power))
+    explained = sum(
+        (np.outer(blocks.functions[name], one) for name, one in growth.items()), np.zeros_like(blocks.power)
+    )
     return NoiseSpectrum(blocks.f, floor_beside(blocks.power, explained), growth), estimated
 
 
@@ -243,8 +250,8 @@ def score_of_growth(residuals: Residuals, known: NoiseEffect, effects: Sequence[
     seen = np.where(grown > 0.0, grown, 0.0)
     weights = seen / float(np.sum(seen)) if np.any(seen > 0.0) else np.full(len(seen), 1.0 / len(seen))
     total, std = total_with_std(gain)
-    ratios = [float(np.mean((blocks.power[strong] / m[strong]) @ weights)) for m in (m1, m0)]
-    return NoiseScore(known.name, "accel", total, std, blocks.power.size, *ratios)
+    with_it, without = (float(np.mean((blocks.power[strong] / m[strong]) @ weights)) for m in (m1, m0))
+    return NoiseScore(known.name, "accel", total, std, blocks.power.size, with_it, without)
 
 
 def flatness(power: Array, variable: Array, edges: int = FLAT_BINS) -> float:

@@ -1,6 +1,6 @@
 """Outliers as a heavy-tailed noise: their share and their size, and what that gains over normal noise.
 
-Derivations 7.5. A sample is normal with the noise of its channel, or, with a small probability, with a far larger
+Derivations 7.11. A sample is normal with the noise of its channel, or, with a small probability, with a far larger
 variance. The few that exceed what the noise allows determine both: their number the share, their heights the size.
 """
 
@@ -16,7 +16,7 @@ import scipy
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.noise_model.growing import total_with_std
-from accelcal.diagnosis.noise_tests.outliers import SampleErrors, output_errors
+from accelcal.diagnosis.noise_tests.outliers import SampleErrors
 from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.diagnosis.noise_tests.robust import isolated_peaks, spread_of
 from accelcal.effects import Effect
@@ -85,9 +85,9 @@ def reading_errors(residuals: Residuals, recording: Recording) -> SampleErrors:
     return SampleErrors(t[inside], y, spread, dof)
 
 
-def tail_probability(size: float | Array) -> float | Array:
+def tail_probability(size: float) -> float:
     """Probability that an outlier of this size, in standard deviations of the noise, exceeds the limit."""
-    return scipy.special.erfc(LIMIT / np.sqrt(2.0 * (1.0 + np.square(size))))
+    return math.erfc(LIMIT / math.sqrt(2.0 * (1.0 + size**2)))
 
 
 def log_likelihood(share: float, size: float, found: Exceedances) -> float:
@@ -95,7 +95,7 @@ def log_likelihood(share: float, size: float, found: Exceedances) -> float:
     x, n = found.score[found.outlying], len(found.score)
     variance = 1.0 + size**2
     heights = -0.5 * x**2 / variance - 0.5 * math.log(2.0 * math.pi * variance)
-    return float(np.sum(math.log(share) + heights)) + (n - len(x)) * math.log1p(-share * float(tail_probability(size)))
+    return float(np.sum(math.log(share) + heights)) + (n - len(x)) * math.log1p(-share * tail_probability(size))
 
 
 def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]) -> NoiseEffect:
@@ -106,7 +106,7 @@ def outlying_noise(channel: str, effect: Effect, several: Sequence[SampleErrors]
         return NoiseEffect(effect.name, effect.symbol, effect.unit, 0.0, math.inf, effect.owner, 1.0, "no outliers")
 
     def share_of(size: float) -> float:
-        return min(0.5, len(x) / (n * float(tail_probability(size))))
+        return min(0.5, len(x) / (n * tail_probability(size)))
 
     best = scipy.optimize.minimize_scalar(
         lambda log: -log_likelihood(share_of(math.exp(log)), math.exp(log), found),
@@ -161,11 +161,11 @@ def score_of_tails(errors: SampleErrors, known: NoiseEffect) -> NoiseScore:
     gain = np.logaddexp(math.log1p(-share) + usual, math.log(share) + rare) - plain
     total, std = total_with_std(gain)
     n, events = len(gain), int(np.sum(found.outlying))
-    expected = n * share * float(tail_probability(size))
-    without = n * float(scipy.special.erfc(LIMIT / math.sqrt(2.0 * (1.0 + share * size**2))))
+    expected = n * share * tail_probability(size)
+    without = n * tail_probability(math.sqrt(share) * size)
     channel = "position" if known.particulars["position"] else "accel"
-    ratios = [min(MOST_RATIO, events / max(one, 1e-300)) for one in (expected, without)]
-    return NoiseScore(known.name, channel, total, std, n, *ratios, what="number of outliers")
+    ratio, ratio_without = (min(MOST_RATIO, events / max(one, 1e-300)) for one in (expected, without))
+    return NoiseScore(known.name, channel, total, std, n, ratio, ratio_without, "number of outliers")
 
 
 def normal_log_density(x: Array, sigma: float) -> Array:

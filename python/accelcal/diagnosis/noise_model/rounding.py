@@ -1,6 +1,6 @@
 """Quantisation as part of the noise: the probability of the codes themselves instead of a density.
 
-Derivations 7.6. A code u = D round(x/D) of x = model + normal noise has the probability that x lies in its cell; noise
+Derivations 7.12. A code u = D round(x/D) of x = model + normal noise has the probability that x lies in its cell; noise
 of the same variance that is not rounded gives it its density times D.
 """
 
@@ -44,7 +44,9 @@ def code_log_probability(r: Array, step: float, noise: float) -> Array:
     """Logarithm of the probability of codes that differ by `r` (m,) from what the model predicts."""
     upper, lower = (r + 0.5 * step) / noise, (r - 0.5 * step) / noise
     folded = np.where(r > 0.0, -lower, upper), np.where(r > 0.0, -upper, lower)
-    return np.asarray(np.log(np.maximum(scipy.special.ndtr(folded[0]) - scipy.special.ndtr(folded[1]), LEAST_PROBABILITY)))
+    return np.asarray(
+        np.log(np.maximum(scipy.special.ndtr(folded[0]) - scipy.special.ndtr(folded[1]), LEAST_PROBABILITY))
+    )
 
 
 def rounded_noise(several: Sequence[Residuals], effect: Effect) -> NoiseEffect:
@@ -74,5 +76,5 @@ def score_of_rounding(residuals: Residuals, known: NoiseEffect) -> NoiseScore:
     gain = code_log_probability(r, step, noise) - np.maximum(density + math.log(step), math.log(LEAST_PROBABILITY))
     total, std = total_with_std(gain)
     power = float(np.mean(r**2))
-    ratios = power / (noise**2 + step**2 / 12.0), power / plain**2
-    return NoiseScore(known.name, "accel", total, std, len(r), *ratios, what="mean square")
+    ratio, without = power / (noise**2 + step**2 / 12.0), power / plain**2
+    return NoiseScore(known.name, "accel", total, std, len(r), ratio, without, "mean square")

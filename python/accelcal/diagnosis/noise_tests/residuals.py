@@ -134,7 +134,7 @@ class Residuals:
         return self.above_motion(OUTLIER_SIGMA)
 
     def above_motion(self, limit: float) -> Array:
-        """Residual above the band of any motion, (n,) m/s², samples beyond a limit in local standard deviations filled in.
+        """Residual above the band of any motion, samples beyond a limit in local deviations filled in, (n,) m/s².
 
         Without outliers the limit is infinite: short bursts of noise exceed what is usual about them, and are noise.
         """

@@ -1,0 +1,139 @@
+"""Effects that act on noise, added to a model: coefficients, intervals, log score on held-out data, model files."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import accelcal as ac
+from accelcal.effects import BUILT_IN
+from accelcal.serialization import model_file
+from tests.worlds import Hidden, World
+from tests.worlds.world import pass_through
+
+SIZES = {
+    "vibration": 0.3,
+    "timing_jitter": 3e-4,
+    "accelerometer_outliers": 1.5,
+    "encoder_outliers": 3e-5,
+    "quantisation": 0.3,
+}
+OF_NOISE = [effect.name for effect in BUILT_IN if effect.port == "noise"]
+
+
+def halves(name, tmp_path, seed=20, size=None, motion="tones"):
+    """A world with the effect, what is fitted of it and what is held out."""
+    hidden = (Hidden(name, SIZES[name] if size is None else size, {}),) if name else ()
+    world = World(motion, "ADXL105", hidden, seed=seed).settled()
+    run = ac.load(world.record().write(tmp_path, f"{name or 'nothing'}-{seed}"))
+    last = float(run.position.t[-1])
+    return world, run.part(0.0, 0.7 * last), run.part(0.7 * last, last)
+
+
+def hidden_coefficient(world, name):
+    """In the unit of the effect."""
+    chain = pass_through(world)
+    if name == "vibration":
+        return (world.hidden[0].magnitude / np.max(np.abs(chain.scene.v)) ** 2) ** 2
+    return world.hidden[0].magnitude ** 2 * chain.shapes[0].get("share", 1.0)
+
+
+@pytest.mark.parametrize("name", sorted(SIZES))
+def test_an_effect_on_noise_is_found_added_and_gains_on_held_out_data(name, tmp_path):
+    """Four standard deviations: one false alarm in 16 000."""
+    world, train, held = halves(name, tmp_path)
+    base = ac.fit(ac.Model.linear(), train)
+    assert name in ac.diagnose(base, train).effects
+    grown = ac.add(base, train, name)
+    one = grown.noise_effects[0]
+    assert one.name == name
+    assert abs(one.value - hidden_coefficient(world, name)) <= 4.0 * one.std + 1e-6 * one.value
+    (score,) = ac.compare(grown, held).noise_scores
+    assert score.gained, score.sentence
+    assert 0.4 < score.ratio < 2.0  # events are few, and Poisson
+    after = ac.diagnose(grown, train)
+    assert name not in after.effects
+    assert name not in {test.effect for test in after.channels}
+    # the parameters of the mean stay where they were
+    for parameter in ("bias", "scale_factor", "time_offset"):
+        assert abs(grown[parameter].value - base[parameter].value) < 3.0 * base[parameter].std
+
+
+@pytest.mark.parametrize("name", ["vibration", "timing_jitter", "accelerometer_outliers", "quantisation"])
+def test_what_a_record_does_not_show_is_refused_with_the_size_that_would_show(name, tmp_path):
+    """At 1 %: of four effects one is let in by chance in 4 % of records; this seed has none."""
+    _, train, _ = halves("", tmp_path, seed=21)
+    base = ac.fit(ac.Model.linear(), train)
+    with pytest.raises(ValueError, match=f"'{name}' cannot be added: this record does not show it"):
+        ac.add(base, train, name)
+
+
+def test_a_score_of_a_record_without_the_effect_falls(tmp_path):
+    """The twin: jitter that the fitted record has and the other has not is no gain."""
+    _, train, _ = halves("timing_jitter", tmp_path, seed=22)
+    _, other, _ = halves("", tmp_path, seed=22)
+    grown = ac.add(ac.fit(ac.Model.linear(), train), train, "timing_jitter")
+    (score,) = ac.compare(grown, other).noise_scores
+    assert not score.gained
+    assert score.ratio < 0.8
+
+
+def test_intervals_of_jitter_cover_over_records(tmp_path):
+    """Sum of squares of 12 normalised errors within the 99.9 % region; twice the variance, the twin, is outside."""
+    z = []
+    for seed in range(12):
+        world, train, _ = halves("timing_jitter", tmp_path, seed=300 + seed)
+        one = ac.add(ac.fit(ac.Model.linear(), train), train, "timing_jitter").noise_effects[0]
+        z.append((one.value - hidden_coefficient(world, "timing_jitter")) / one.std)
+    low, high = stats.chi2.ppf([0.0005, 0.9995], len(z))
+    assert low < np.sum(np.square(z)) < high
+    relative = one.std / one.value
+    assert np.sum(np.square(np.array(z) + 1.0 / relative)) > high
+
+
+def test_two_effects_share_the_noise_without_counting_it_twice(tmp_path):
+    """Jitter of the vibration itself is white and grows with v⁴ too; here it is 2 % of the vibration."""
+    hidden = (Hidden("vibration", 0.3, {}), Hidden("timing_jitter", 1e-4, {}))
+    world = World("interleaved", "ADXL105", hidden, seed=31).settled()
+    run = ac.load(world.record().write(tmp_path, "both"))
+    both = ac.add(ac.fit(ac.Model.linear(), run), run, "vibration", "timing_jitter")
+    chain = pass_through(world)
+    expected = {"vibration": (0.3 / np.max(np.abs(chain.scene.v)) ** 2) ** 2, "timing_jitter": 1e-8}
+    for one in both.noise_effects:
+        assert abs(one.value - expected[one.name]) < 4.0 * one.std
+    alone = ac.add(ac.fit(ac.Model.linear(), run), run, "vibration").noise_effects[0]
+    assert alone.value > both.noise_effects[0].value + 4.0 * alone.std  # the jitter passes for vibration at all heights
+
+
+def test_a_model_file_holds_all_of_it(tmp_path):
+    _, train, held = halves("vibration", tmp_path, seed=23)
+    grown = ac.add(ac.fit(ac.Model.linear(), train), train, "vibration")
+    again = model_file.from_dict(model_file.to_dict(grown))
+    assert again.noise() == grown.noise()
+    assert ac.compare(again, held).noise_scores == ac.compare(grown, held).noise_scores
+    dropped = ac.drop(again, train, "vibration")
+    assert dropped.noise_effects == ()
+    assert dropped.noise().growth == ()
+
+
+def test_a_damaged_spectrum_is_refused(tmp_path):
+    _, train, _ = halves("vibration", tmp_path, seed=23)
+    content = model_file.to_dict(ac.add(ac.fit(ac.Model.linear(), train), train, "vibration"))
+    content["noise_effects"][0]["spectrum"]["floor"].pop()
+    with pytest.raises(ValueError, match="values of different number"):
+        model_file.from_dict(content)
+
+
+@pytest.mark.parametrize("name", OF_NOISE)
+def test_a_live_filter_refuses_an_effect_on_noise_by_name(name):
+    with pytest.raises(ValueError, match=f"{name} cannot be tracked live: it changes the noise"):
+        ac.LiveModel(ac.Model.linear().add(name), ac.ADXL105_RIG, rate=1e3, q=1e-6, r_position=1e-12, position=0.0)
+
+
+def test_an_export_says_that_noise_is_no_part_of_the_characteristic(tmp_path):
+    from accelcal.calibration.characteristic import characteristic
+
+    _, train, _ = halves("vibration", tmp_path, seed=23)
+    base = ac.fit(ac.Model.linear(), train)
+    grown = ac.add(base, train, "vibration")
+    assert [one.effect for one in characteristic(grown).left_out] == ["time_offset", "vibration"]
+    assert characteristic(grown).coefficients.keys() == characteristic(base).coefficients.keys()
