@@ -17,6 +17,7 @@ import pytest
 import accelcal.paper as paper
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.filters.choice import FilterChoice
+from accelcal.paper.consider import PROCESS, SCALE_DESIGNS, consider_item, reached
 from accelcal.paper.convergence import convergence_item, race, robustness_item, settling_time
 from accelcal.paper.coverage import STATEMENTS, coverage_text
 from accelcal.paper.filter_consistency import OWN, PAIRS, consistency_item, own_model
@@ -27,8 +28,8 @@ from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
 from accelcal.paper.standard_tests import standard_tests_item
 from accelcal.paper.tracks import CUBIC_SENSOR, parameter_tracks, tracks_item
-from accelcal.paper.tuning import ACI, CWPA
-from accelcal.paper.varying import varying_item
+from accelcal.paper.tuning import ACI, CWPA, PLAIN_ADXL105
+from accelcal.paper.varying import SIGMA, varying_item
 from accelcal.paper.vibration import table_row, vibration_item
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
 from accelcal.validation.consistency import Consistency
@@ -50,6 +51,10 @@ FALSE_CLAIMS = {
         "the linear model tracks better, ACI (Table III)",
         "the linear model tracks better, CWPA (Table III)",
     },
+    "consider": {
+        "the suboptimal design tracks better, k varies",
+        "the suboptimal design tracks better, K2 and K3 constant",
+    },
 }
 """What the paper says and our runs do not."""
 
@@ -67,6 +72,7 @@ FALSE_CLAIMS = {
         gaps_item,
         question_item,
         varying_item,
+        consider_item,
         linear_filters_item,
         standard_tests_item,
         lambda plan: tracks_item(plan)[0],
@@ -82,6 +88,7 @@ FALSE_CLAIMS = {
         "gaps",
         "question",
         "varying",
+        "consider",
         "linear_filters",
         "standard_tests",
         "tracks",
@@ -112,6 +119,14 @@ def test_a_plainly_curved_sensor_leaves_the_linear_model_far_behind() -> None:
     drifts = curved(PLAN, 30.0, 2)
     assert np.all(drifts.snr > 10.0)
     assert np.all(drifts.linear > 5.0 * drifts.cubic)
+
+
+def test_a_parameter_considered_with_a_tenth_of_its_spread_is_overconfident() -> None:
+    timid = {**SCALE_DESIGNS["considered"].sigmas, "k": SIGMA / 10}
+    process = {"k": replace(PROCESS["k"], q=PROCESS["k"].q / 100)}
+    design = replace(SCALE_DESIGNS["considered"], sigmas=timid, processes=process)
+    found = reached(PLAN, "consider scale", PLAIN_ADXL105, {"considered": design}, 8)
+    assert found["considered"].consistency.verdict == "overconfident"
 
 
 def test_linear_filters_of_two_systems_are_not_the_same() -> None:

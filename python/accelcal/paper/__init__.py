@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelcal.paper.consider import consider_item
 from accelcal.paper.convergence import convergence_item, robustness_item
 from accelcal.paper.coverage import STATEMENTS, coverage_text
 from accelcal.paper.filter_consistency import consistency_item
@@ -41,6 +42,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     gaps_item,
     question_item,
     varying_item,
+    consider_item,
     linear_filters_item,
     standard_tests_item,
 )

@@ -97,7 +97,7 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("III-B, Tables II, III", "gaps", ("gaps",), impossible=NOT_PUBLIC),
     Statement("IV", "ACI is less sensitive to mismatches", ("consistency",)),
     Statement("IV", "why the linear model tracked better", ("question", "varying")),
-    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", open="the filter"),
+    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", ("consider",), product="FilterChoice(consider=...)"),
     Statement("Figs. 1, 2", "photograph and acquisition", impossible="they show hardware"),
     Statement("Fig. 3", "mapping between output and acceleration", open="the figure from a fit"),
 )
