@@ -23,6 +23,7 @@ from accelcal.paper.coverage import STATEMENTS, coverage_text
 from accelcal.paper.filter_consistency import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.gaps import CURVED_SENSOR, GAP, gap_ends, gap_errors, gaps_item, random_walk_floor, withheld
 from accelcal.paper.linear_filters import SAME, apart, linear_filters_item
+from accelcal.paper.mapping import curve_row, fitted, mapping_item
 from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scale_update_item
 from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
@@ -75,6 +76,7 @@ FALSE_CLAIMS = {
         consider_item,
         linear_filters_item,
         standard_tests_item,
+        lambda plan: mapping_item(plan)[0],
         lambda plan: tracks_item(plan)[0],
     ],
     ids=[
@@ -91,6 +93,7 @@ FALSE_CLAIMS = {
         "consider",
         "linear_filters",
         "standard_tests",
+        "mapping",
         "tracks",
     ],
 )
@@ -129,12 +132,16 @@ def test_a_parameter_considered_with_a_tenth_of_its_spread_is_overconfident() ->
     assert found["considered"].consistency.verdict == "overconfident"
 
 
+def test_the_curve_of_a_curved_sensor_is_not_that_of_a_straight_one() -> None:
+    assert not curve_row("", fitted(PLAN, "curved", CUBIC_SENSOR), {}).holds
+
+
 def test_linear_filters_of_two_systems_are_not_the_same() -> None:
     assert np.min(apart(PLAN, ACI, CWPA, 2)) > SAME
 
 
 def test_every_statement_of_the_paper_has_an_answer_or_a_reason() -> None:
-    items = {made.__name__.removesuffix("_item") for made in paper._ITEMS} | {"tracks"}
+    items = {made.__name__.removesuffix("_item") for made in paper._ITEMS} | {"mapping", "tracks"}
     for statement in STATEMENTS:
         assert set(statement.items) <= items, statement
         assert statement.items or statement.product or statement.open or statement.impossible, statement
@@ -235,11 +242,11 @@ def test_reproduction_speaks_text_and_json_and_draws_its_figures(
     monkeypatch.setattr(paper, "_ITEMS", (fourier_item,))
     seen: list[tuple[str, float]] = []
     result = paper.reproduce(True, 3, tmp_path / "new", progress=lambda name, share: seen.append((name, share)))
-    assert seen == [("fourier", 0.5), ("tracks", 1.0)]
+    assert seen == [("fourier", pytest.approx(1 / 3)), ("mapping", pytest.approx(2 / 3)), ("tracks", 1.0)]
 
     data = json.loads(json.dumps(result.to_dict()))
     assert data["schema"] == "accelcal/paper/1"
-    assert [item["name"] for item in data["items"]] == ["fourier", "tracks"]
+    assert [item["name"] for item in data["items"]] == ["fourier", "mapping", "tracks"]
     assert set(data["items"][0]["rows"][0]) == {
         "by",
         "claim",
@@ -256,7 +263,7 @@ def test_reproduction_speaks_text_and_json_and_draws_its_figures(
     assert "does not hold: b3 = +K3 A³/4" in text
     assert "of our own" in text
 
-    assert [path.name for path in result.figures] == ["figure4.png", "figure5.png"]
+    assert [path.name for path in result.figures] == ["figure3.png", "figure4.png", "figure5.png"]
     for path in result.figures:
         assert path.read_bytes().startswith(b"\x89PNG")
 

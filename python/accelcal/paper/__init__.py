@@ -18,6 +18,7 @@ from accelcal.paper.coverage import STATEMENTS, coverage_text
 from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
 from accelcal.paper.linear_filters import linear_filters_item
+from accelcal.paper.mapping import mapping_item
 from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_item
 from accelcal.paper.question import question_item
 from accelcal.paper.render import render
@@ -110,13 +111,17 @@ def reproduce(
     for made in _ITEMS:
         items.append(made(plan))
         if progress is not None:
-            progress(items[-1].name, len(items) / (len(_ITEMS) + 1))
+            progress(items[-1].name, len(items) / (len(_ITEMS) + 2))
+    item, fit = mapping_item(plan)
+    items.append(item)
+    if progress is not None:
+        progress(item.name, len(items) / (len(_ITEMS) + 2))
     item, tracks = tracks_item(plan)
     figures: tuple[Path, ...] = ()
     if out is not None:
-        from accelcal.paper.figures import draw_tracks
+        from accelcal.paper.figures import draw_mapping, draw_tracks
 
-        figures = draw_tracks(tracks, out)
+        figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
     if progress is not None:
         progress(item.name, 1.0)
     return Reproduction(quick, seed, (*items, item), figures)

@@ -99,7 +99,7 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("IV", "why the linear model tracked better", ("question", "varying")),
     Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", ("consider",), product="FilterChoice(consider=...)"),
     Statement("Figs. 1, 2", "photograph and acquisition", impossible="they show hardware"),
-    Statement("Fig. 3", "mapping between output and acceleration", open="the figure from a fit"),
+    Statement("Fig. 3", "mapping between output and acceleration", ("mapping",), product="plots.nonlinearity"),
 )
 """In the order of the paper."""
 
