@@ -79,9 +79,7 @@ STATEMENTS: tuple[Statement, ...] = (
         "II-D", "constant parameters, Markov processes", ("varying",), product="bias_*, scale_* as processes; LiveModel"
     ),
     Statement("II-E", "ACI (9) and CWPA (10)", ("consistency", "convergence")),
-    Statement(
-        "II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",), open="a band in place of a line"
-    ),
+    Statement("II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",)),
     Statement(
         "II-F",
         "noise correlated with the state is approximated",
