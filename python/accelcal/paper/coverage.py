@@ -89,7 +89,7 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("II-G, II-H", "orders, integrators, NEES and rms (15)", ("consistency", "convergence")),
     Statement("III-A1", "consistent when the model matches; CWPA converges faster", ("consistency", "convergence")),
     Statement("III-A2, Table I", "errors under vibration", ("vibration",), impossible=LOST),
-    Statement("III-A2", "CWPA is often unstable", ("robustness",), open="rows with a mismatched model"),
+    Statement("III-A2", "CWPA is often unstable", ("robustness",)),
     Statement("III-B1", "first and second order are the same for the linear model", ("linear_filters",)),
     Statement("III-B, Figs. 4, 5", "tracks of 130 s and 250 s of real data", ("tracks",), impossible=NOT_PUBLIC),
     Statement("III-B, Tables II, III", "gaps", ("gaps",), impossible=NOT_PUBLIC),
