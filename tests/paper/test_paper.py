@@ -17,6 +17,7 @@ import pytest
 import accelcal.paper as paper
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.filters.choice import FilterChoice
+from accelcal.paper.alignment import alignment_item
 from accelcal.paper.consider import PROCESS, SCALE_DESIGNS, consider_item, reached
 from accelcal.paper.convergence import (
     OMITTED,
@@ -28,6 +29,7 @@ from accelcal.paper.convergence import (
     settling_time,
 )
 from accelcal.paper.coverage import STATEMENTS, coverage_text
+from accelcal.paper.encoder_speed import LIMIT, encoder_speed_item, read
 from accelcal.paper.filter_consistency import OWN, PAIRS, consistency_item, own_model
 from accelcal.paper.gaps import CURVED_SENSOR, GAP, gap_ends, gap_errors, gaps_item, random_walk_floor, withheld
 from accelcal.paper.linear_filters import SAME, apart, linear_filters_item
@@ -36,6 +38,7 @@ from accelcal.paper.models import cross_axis_item, fourier_item, harmonics, scal
 from accelcal.paper.question import curved, question_item
 from accelcal.paper.rows import SIGMAS, Item, Plan, paired, sign_test
 from accelcal.paper.standard_tests import standard_tests_item
+from accelcal.paper.three_axes import three_axes_item
 from accelcal.paper.tracks import CUBIC_SENSOR, parameter_tracks, tracks_item
 from accelcal.paper.tuning import ACI, CWPA, PLAIN_ADXL105
 from accelcal.paper.varying import SIGMA, varying_item
@@ -73,6 +76,9 @@ FALSE_CLAIMS = {
 @pytest.mark.parametrize(
     "made",
     [
+        three_axes_item,
+        encoder_speed_item,
+        alignment_item,
         fourier_item,
         cross_axis_item,
         scale_update_item,
@@ -90,6 +96,9 @@ FALSE_CLAIMS = {
         lambda plan: tracks_item(plan)[0],
     ],
     ids=[
+        "three_axes",
+        "encoder_speed",
+        "alignment",
         "fourier",
         "cross_axis",
         "scale_update",
@@ -174,6 +183,18 @@ def test_a_linear_model_of_a_cubic_sensor_has_the_scale_factor_of_a_sine() -> No
     shift = linear_scale(OMITTED, sine) - OMITTED["scale_factor"]
     assert shift == pytest.approx(OMITTED["cubic"] * 0.75 * A**2, rel=1e-9)  # whole periods: rounding alone
     assert shift > TOLERANCE  # a failure by this definition is one of the filter, not of the model
+
+
+def test_an_encoder_follows_a_ramp_at_its_limit_and_catches_up() -> None:
+    t = np.linspace(0.0, 2.0, 2001)
+    sine = Motion((Tones(np.array([0.1]), np.array([0.5]), np.zeros(1)),), 2.0)  # 0.31 m/s at zero, rest at 0.5 s
+    seen = read(sine, t)
+    speed = np.abs(np.diff(seen)) / (t[1] - t[0])
+    assert np.max(speed) == pytest.approx(LIMIT, rel=1e-5)
+    late = seen - sine.position(t)
+    assert np.min(late) < -0.04  # it has come 0.05 m when the stage turns at 0.1 m
+    gentle = Motion((Tones(np.array([0.02]), np.array([0.5]), np.zeros(1)),), 2.0)
+    np.testing.assert_allclose(read(gentle, t), gentle.position(t), atol=1e-15)  # sums of 40 000 steps of one sign
 
 
 def test_settling_time_is_the_last_entry_into_the_band() -> None:

@@ -12,9 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelcal.paper.alignment import alignment_item
 from accelcal.paper.consider import consider_item
 from accelcal.paper.convergence import convergence_item, robustness_item
 from accelcal.paper.coverage import STATEMENTS, coverage_text
+from accelcal.paper.encoder_speed import encoder_speed_item
 from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
 from accelcal.paper.linear_filters import linear_filters_item
@@ -24,6 +26,7 @@ from accelcal.paper.question import question_item
 from accelcal.paper.render import render
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.paper.standard_tests import standard_tests_item
+from accelcal.paper.three_axes import three_axes_item
 from accelcal.paper.tracks import tracks_item
 from accelcal.paper.varying import varying_item
 from accelcal.paper.vibration import vibration_item
@@ -33,6 +36,9 @@ __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 SCHEMA = "accelcal/paper/1"
 
 _ITEMS: tuple[Callable[[Plan], Item], ...] = (
+    three_axes_item,
+    encoder_speed_item,
+    alignment_item,
     fourier_item,
     cross_axis_item,
     scale_update_item,

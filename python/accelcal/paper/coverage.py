@@ -57,14 +57,20 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("I", "vibration test: mean of the output", ("standard_tests",)),
     Statement("II-A", "ADXL105, CXL02TG3, encoder of 1 um at 833 Hz, two boards", ("consistency", "vibration", "gaps")),
     Statement(
-        "II-A", "CXL02TG3: three axes and a bandwidth of 200 Hz", product="a_y, a_z; [channels] filters", open="a row"
+        "II-A",
+        "CXL02TG3: three axes and a bandwidth of 200 Hz",
+        ("three_axes",),
+        product="a_y, a_z; [channels] filters",
     ),
-    Statement("II-A", "encoder bandwidth of 100 mm/s", product="effect encoder_lag", open="a limit of speed"),
+    Statement("II-A", "encoder bandwidth of 100 mm/s", ("encoder_speed",), product="effect encoder_lag"),
     Statement(
         "II-A", "encoder accuracy of 10 um", product="effects encoder_cyclic, encoder_nonlinearity, encoder_scale"
     ),
     Statement(
-        "II-A", "aligning the input axis", product="tilt and misalignment from turned and rolled runs", open="a row"
+        "II-A",
+        "aligning the input axis",
+        ("alignment",),
+        product="tilt and misalignment from turned and rolled runs",
     ),
     Statement("II-A", "temperature controller", product="channel temperature and its effects"),
     Statement("II-A", "clock skew between the boards", product="effect clock_skew"),
