@@ -48,6 +48,7 @@ class FilterSetup:
         integrator: str,
         order: str,
         carrier: str,
+        consider: list[int],
         q: float,
         q_output: float,
         tau: float,

@@ -141,6 +141,29 @@ def test_vibration_grows_with_the_square_of_the_speed() -> None:
     np.testing.assert_allclose(shaken - y, expected, atol=1e-5)  # top speed found on a 0.25 ms grid
 
 
+def test_a_band_has_the_power_of_the_line_between_its_edges() -> None:
+    t, y = output(tone(3.0, 2.0), NOISE_FREE, {})
+    band, again, line = (
+        output(tone(3.0, 2.0), NOISE_FREE, {}, vibration=Vibration(0.5, 200.0, width))[1] - y
+        for width in (100.0, 100.0, 0.0)
+    )
+    assert np.array_equal(band, again)
+    frequency, power = np.fft.rfftfreq(len(t), t[1] - t[0]), np.abs(np.fft.rfft(band)) ** 2
+    inside = (frequency > 195.0) & (frequency < 305.0)  # the square of the speed adds 4 Hz on either side
+    assert np.sum(power[inside]) > 0.999 * np.sum(power)
+    # differences of tones meet the 4 and 8 Hz of the envelope: 3 % over generators, so ±4 sigma (false alarm 6e-5)
+    assert np.mean(band**2) == pytest.approx(np.mean(line**2), rel=0.12)
+    share = [np.sum(power[(frequency > low) & (frequency < low + 25.0)]) for low in (200.0, 225.0, 250.0, 275.0)]
+    assert min(share) > 0.5 * max(share)  # flat; a line has all of it in one
+    assert kurtosis(band / np.cos(2 * np.pi * 2.0 * t) ** 2, t) > 2.5  # 1.5 for a line
+
+
+def kurtosis(y: np.ndarray, t: np.ndarray) -> float:
+    """Kurtosis of the band alone, where the envelope is not small."""
+    kept = y[np.abs(np.cos(2 * np.pi * 2.0 * t)) > 0.5]
+    return float(np.mean(kept**4) / np.mean(kept**2) ** 2)
+
+
 @pytest.mark.parametrize("lowpass", [None, LowPass(159.0)])
 def test_noise_has_the_declared_density_at_low_frequency(lowpass: LowPass | None) -> None:
     # mean of 0.2 s blocks: variance N²/(2 T) (1 - tau/T for the RC: within 0.5 %); 3000 blocks, so ±4 sigma is ±10.3 %

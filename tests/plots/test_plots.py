@@ -334,6 +334,7 @@ def every_figure(fitted, theme):
     )
     yield from (draw(c, theme=theme) for draw in of_comparison)
     yield plots.parameters(found, theme=theme)
+    yield plots.nonlinearity(found, theme=theme)
     yield plots.overview(found, c, theme=theme)
 
 
@@ -463,7 +464,7 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
     c = a_comparison()
     names = [
         *("overview", "simulated", "coasting", "one_step", "regions", "accel_residual"),
-        *("histogram", "autocorrelation", "parameters"),
+        *("histogram", "autocorrelation", "parameters", "nonlinearity"),
     ]
     written = plots.write(found, c, tmp_path / "new" / "figures")
     assert written == [tmp_path / "new" / "figures" / f"{name}.{kind}" for name in names for kind in ("png", "svg")]

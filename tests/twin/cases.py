@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,7 @@ class Case:
             rates=tuple(0.0 if w is None else 1 / w.tau for w in processes),
             drifts=tuple(0.0 if w is None else w.q for w in processes),
             gate=math.inf if given["gate"] is None else given["gate"],
+            consider=tuple(choice.states(low_pass=given["tau"] != 0).index(name) for name in choice.consider),
         )
 
     def run_reference(self) -> reference.TwinRun:
@@ -56,7 +57,10 @@ class Case:
 
 @st.composite
 def cases(draw: st.DrawFn, **fixed: Any) -> Case:
-    """A case with the fields of `FilterChoice` in `fixed` given and everything else drawn."""
+    """A case with the fields of `FilterChoice` in `fixed` given and everything else drawn.
+
+    `consider=True` draws at least one consider parameter; otherwise there is none.
+    """
 
     def pick(name: str, *values: Any) -> Any:
         return fixed[name] if name in fixed else draw(st.sampled_from(values))
@@ -70,6 +74,9 @@ def cases(draw: st.DrawFn, **fixed: Any) -> Case:
         order=pick("order", 1, 2),
         carrier=pick("carrier", "dense", "factored"),
     )
+    if fixed.get("consider"):
+        held = draw(st.lists(st.sampled_from(filters.PARAMETERS[choice.model]), min_size=1, unique=True))
+        choice = replace(choice, consider=tuple(held))
     low_pass = pick("low_pass", False, True)
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     names = choice.states(low_pass=low_pass)

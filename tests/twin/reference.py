@@ -48,6 +48,7 @@ class Twin:
     rates: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     drifts: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
     gate: float = math.inf
+    consider: tuple[int, ...] = ()
 
     @property
     def first(self) -> int:
@@ -342,8 +343,19 @@ def expect(filter: Twin, x: Array, P: Array, position: bool) -> tuple[float, Arr
     return value + 0.5 * np.trace(BP), H, 0.5 * np.trace(BP @ BP)
 
 
-def update(x: Array, P: Array, H: Array, R: float, e: float, s: float) -> tuple[Array, Array]:
-    """Joseph form."""
+def update(
+    x: Array, P: Array, H: Array, R: float, e: float, s: float, consider: tuple[int, ...] = ()
+) -> tuple[Array, Array]:
+    """Joseph form; in blocks where states are considered, as Schmidt wrote it: their own block stays as it is."""
+    if consider:
+        i, c = np.setdiff1d(np.arange(len(x)), consider), np.array(consider)
+        x, P, before = x.copy(), P.copy(), P
+        gain = (before[np.ix_(i, i)] @ H[i] + before[np.ix_(i, c)] @ H[c]) / s
+        x[i] += gain * e
+        P[np.ix_(i, i)] -= s * np.outer(gain, gain)
+        P[np.ix_(i, c)] -= np.outer(gain, before[np.ix_(c, i)] @ H[i] + before[np.ix_(c, c)] @ H[c])
+        P[np.ix_(c, i)] = P[np.ix_(i, c)].T
+        return x, P
     gain = P @ H / s
     IKH = np.eye(len(x)) - np.outer(gain, H)
     return x + gain * e, IKH @ P @ IKH.T + R * np.outer(gain, gain)
@@ -403,7 +415,7 @@ def run(filter: Twin, x: Array, P: Array, t_u: Array, u: Array, t_z: Array, z: A
                     raise StepFailed("Innovation")
                 accepted = e * e / s <= filter.gate
                 if accepted:
-                    x, P = update(x, P, H, R, e, s)
+                    x, P = update(x, P, H, R, e, s, filter.consider)
                     if filter.carrier == "dense":
                         refuse_indefinite(P)
                     rows.log_likelihood -= 0.5 * (e * e / s + math.log(2 * math.pi * s))

@@ -77,6 +77,15 @@ def test_rust_equals_the_reference(system: str, model: str, order: int) -> None:
     check()
 
 
+@pytest.mark.parametrize("system", ["aci", "cwpa"])
+def test_consider_parameters_equal_the_blocks_of_schmidt(system: str) -> None:
+    @given(case=cases(system=system, carrier="dense", consider=True))
+    def check(case: Case) -> None:
+        compare(f"{system} with consider parameters", case)
+
+    check()
+
+
 @given(case=cases(integrator="exact"))
 def test_smoother_equals_rauch_tung_striebel(case: Case) -> None:
     rows = run_or_failure(case)

@@ -1,8 +1,8 @@
 //! The set-up of a filter: names to choices, the number of states to a constant, errors to Python.
 
 use ekf_core::{
-    Aci, Belief, Carrier, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, LowPass, Order, Parameters,
-    RunError, Sensor,
+    Aci, Belief, Carrier, Consider, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, LowPass, Order,
+    Parameters, RunError, Sensor,
 };
 use nalgebra::{SMatrix, SVector};
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
@@ -58,9 +58,10 @@ fn form_named(name: &str) -> PyResult<Form> {
 
 #[pymethods]
 impl FilterSetup {
-    /// `gauss_markov` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate.
+    /// `gauss_markov` holds `(rate, q)` of k, K0, K2, K3; `tau = 0` means no low-pass, `gate = inf` no gate;
+    /// `consider` holds indices of states.
     #[new]
-    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel))]
+    #[pyo3(signature = (*, system, form, interpolation, integrator, order, carrier, consider, q, q_output, tau, gauss_markov, r_position, r_output, gate, kernel))]
     #[allow(clippy::too_many_arguments)] // keyword-only, called from one place
     fn new(
         system: &str,
@@ -69,6 +70,7 @@ impl FilterSetup {
         integrator: &str,
         order: &str,
         carrier: &str,
+        consider: Vec<usize>,
         q: f64,
         q_output: f64,
         tau: f64,
@@ -97,6 +99,7 @@ impl FilterSetup {
             )?,
             order: chosen("order", order, &[("1", Order::First), ("2", Order::Second)])?,
             carrier: chosen("carrier", carrier, &[("dense", Carrier::Dense), ("factored", Carrier::Factored)])?,
+            consider: Consider::states(&consider).map_err(|error| PyValueError::new_err(error.to_string()))?,
             R_position: r_position,
             R_output: r_output,
             gate,

@@ -156,6 +156,11 @@ pub enum SetupError {
         /// Its value.
         value: f64,
     },
+    /// A state is to be considered and not estimated where the covariance has no such update.
+    Consider {
+        /// Index of the first such state.
+        state: usize,
+    },
     /// The initial covariance is not symmetric and non-negative definite.
     Prior {
         /// State at which the factorisation failed.
@@ -206,6 +211,7 @@ impl SetupError {
         match self {
             Self::Size { .. } => "Size",
             Self::Setting { .. } => "Setting",
+            Self::Consider { .. } => "Consider",
             Self::Prior { .. } => "Prior",
             Self::TooFew { .. } => "TooFew",
             Self::Lengths { .. } => "Lengths",
@@ -220,6 +226,10 @@ impl fmt::Display for SetupError {
         match self {
             Self::Size { given } => write!(f, "{given} states do not fit the system"),
             Self::Setting { name, value } => write!(f, "{name} = {value} is out of range"),
+            Self::Consider { state } => write!(
+                f,
+                "state {state} is to be considered and not estimated, which only the dense filter in Joseph's form can do"
+            ),
             Self::Prior { state, pivot } => {
                 write!(f, "the initial covariance is not positive definite: pivot {pivot} at state {state}")
             }

@@ -22,6 +22,7 @@ pub mod structured;
 
 pub use dense::aci::Aci;
 pub use dense::belief::{Belief, Carrier};
+pub use dense::consider::Consider;
 pub use dense::cwpa::{Cwpa, LowPass};
 pub use dense::filter::{Filter, Outcome};
 pub use dense::smoother::smooth;

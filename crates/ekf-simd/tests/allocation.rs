@@ -10,8 +10,8 @@ use ekf_core::structured::aci::StepIntegrals;
 use ekf_core::structured::aci_ud::AciFactored;
 use ekf_core::structured::row::Plain;
 use ekf_core::{
-    Aci, Belief, Carrier, Channel, Cwpa, Engine, Event, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation,
-    Live, Order, Sensor,
+    Aci, Belief, Carrier, Channel, Consider, Cwpa, Engine, Event, Filter, Form, GaussMarkov, InBlocks, Integrator,
+    Interpolation, Live, Order, Sensor,
 };
 use ekf_simd::Prior;
 use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
@@ -60,6 +60,7 @@ fn filter<S>(system: S, integrator: Integrator, carrier: Carrier) -> Filter<S> {
         integrator,
         order: Order::Second,
         carrier,
+        consider: Consider::NONE,
         R_position: 1e-12,
         R_output: 1e-4,
         gate: f64::INFINITY,

@@ -9,8 +9,8 @@ use ekf_core::structured::aci_step::StepInput;
 use ekf_core::structured::gauss_markov::GaussMarkovSet;
 use ekf_core::structured::row::Plain;
 use ekf_core::{
-    Aci, Belief, Carrier, Cwpa, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation, Order, Samples,
-    Segment, Sensor, StepError, Structured, dense::system::System,
+    Aci, Belief, Carrier, Consider, Cwpa, Engine, Filter, Form, GaussMarkov, InBlocks, Integrator, Interpolation,
+    Order, Samples, Segment, Sensor, StepError, Structured, dense::system::System,
 };
 use ekf_simd::Prior;
 use ekf_simd::fixed_rate::filter::{FixedRate, Histories, aci, aci_with_effects, cwpa};
@@ -83,6 +83,7 @@ impl Choice {
             integrator: self.integrator,
             order: self.order,
             carrier: Carrier::Dense,
+            consider: Consider::NONE,
             R_position: 1e-12,
             R_output: 1e-4,
             gate: self.gate,

@@ -4,7 +4,8 @@
 mod common;
 
 use ekf_core::{
-    Aci, Belief, Carrier, Cwpa, Engine, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Samples, Sensor,
+    Aci, Belief, Carrier, Consider, Cwpa, Engine, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Samples,
+    Sensor,
 };
 use ekf_simd::{Batch, Final, InstructionSet, Prior, run_aci, run_cwpa};
 use nalgebra::{SMatrix, SVector};
@@ -40,6 +41,7 @@ fn choices() -> impl Strategy<Value = Choice> {
             integrator,
             order,
             carrier: Carrier::Dense,
+            consider: Consider::NONE,
             R_position: 1e-12,
             R_output: 1e-4,
             gate: f64::INFINITY,

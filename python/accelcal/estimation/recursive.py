@@ -47,12 +47,15 @@ def fit_recursive(
         If a step fails, among others when RK2 loses positive definiteness.
     NotIdentifiable, RecordingError
         From the replay.
+    ValueError
+        If `choice` has consider parameters.
 
     Notes
     -----
     A declared low-pass is a state in CWPA and reads p + tau v in ACI. CWPA takes its jerk density from the rms change
     of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; derivations 4.1).
     """
+    choice.refuse_consider("a fit by a live filter")
     refused = unsupported(recording.rig.filters, "a fit by a live filter")
     if refused:
         raise RecordingError(f"{recording.name or 'recording'}: {refused}")

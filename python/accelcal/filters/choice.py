@@ -37,8 +37,35 @@ class FilterChoice:
     kernel: Literal["structured", "dense"] = "structured"
     """How the steps are computed: in blocks where the other choices have a structured kernel, or with whole matrices.
 
-    The same filter up to rounding (1e-10 sigma). Smoothing, UD factors and a low-pass in CWPA always run dense.
+    The same filter up to rounding (1e-10 sigma). Smoothing, UD factors, a low-pass in CWPA and consider parameters
+    always run dense.
     """
+    consider: tuple[str, ...] = ()
+    """Parameters that are not estimated while their uncertainty counts: the Schmidt-Kalman filter (derivations 5.2).
+
+    They keep the mean and the variance of the prior (moved by a `GaussMarkov` process, if they have one); gains and
+    covariance of all other states account for them. Joseph form only: `run` without smoothing and `LiveFilter`.
+    """
+
+    def __post_init__(self) -> None:
+        unknown = [name for name in self.consider if name not in PARAMETERS[self.model]]
+        if unknown:
+            raise ValueError(f"consider: {', '.join(unknown)} not in the {self.model} model.")
+        if self.consider and self.carrier != "dense":
+            raise ValueError('consider: UD factors have no such update; choose carrier="dense".')
+
+    def refuse_consider(self, where: str) -> None:
+        """Raise where consider parameters have no implementation.
+
+        Raises
+        ------
+        ValueError
+            If there are any; `where` begins the sentence.
+        """
+        if self.consider:
+            raise ValueError(
+                f"{where} estimates every parameter; consider {', '.join(self.consider)} in run or LiveFilter."
+            )
 
     def states(self, *, low_pass: bool = False) -> tuple[str, ...]:
         """Names of the states in order; a low-pass adds its output y to CWPA."""

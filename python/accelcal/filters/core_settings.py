@@ -37,6 +37,7 @@ def core_setup(
     unknown = set(moving) - set(PARAMETERS[choice.model])
     if unknown:
         raise ValueError(f"parameters: {sorted(unknown)} are not in the {choice.model} model.")
+    states = choice.states(low_pass=tau != 0)
     processes = [moving.get(name) for name in PARAMETERS["cubic"]]
     return _core.FilterSetup(
         system=choice.system,
@@ -45,6 +46,7 @@ def core_setup(
         integrator=choice.integrator,
         order=str(choice.order),
         carrier=choice.carrier,
+        consider=[states.index(name) for name in choice.consider],
         q=q,
         q_output=q_accel or 0.0,
         tau=tau,

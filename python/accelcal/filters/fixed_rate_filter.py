@@ -41,8 +41,8 @@ def fixed_rate(
         Time between samples, s. The prior belongs to the first one, which is read like all others.
 
     Other parameters are those of `run`. Nothing waits for a later sample: a cubic goes through the last four. UD
-    factors in CWPA or without the exact integrator, and a low-pass in CWPA, are refused. States and variances are
-    checked at every step.
+    factors in CWPA or without the exact integrator, a low-pass in CWPA, and consider parameters are refused. States and
+    variances are checked at every step.
 
     Raises
     ------
@@ -59,6 +59,7 @@ def fixed_rate(
     >>> live.step(0.1, 0.0), live.step(0.1), live.samples
     (0.0, None, 2)
     """
+    choice.refuse_consider("fixed_rate")
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, gate)
     if choice.carrier == "factored" and (choice.system != "aci" or choice.integrator != "exact"):
         raise ValueError('fixed_rate: UD factors are those of aci with integrator="exact"; use LiveFilter.')
@@ -122,6 +123,7 @@ def fixed_rate_with_effects(
     processes = [None] * (m + 2) if parameters is None else list(parameters)
     if len(processes) != m + 2:
         raise ValueError(f"parameters: {len(processes)} given for {m + 2}, {', '.join(names[2:])}.")
+    choice.refuse_consider("fixed_rate_with_effects")
     if choice.carrier == "factored" and choice.integrator != "exact":
         raise ValueError('fixed_rate_with_effects: UD factors need integrator="exact".')
     choice = replace(choice, system="aci", model="linear", form="forward", interpolation="cubic")

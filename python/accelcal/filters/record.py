@@ -39,7 +39,7 @@ class FilterRun:
     covariance: Array
     """(N, N) SI: the whole covariance after the last event."""
     log_likelihood: float
-    """Sum of -(e²/S + ln 2 pi S)/2 over the readings taken in."""
+    """Sum of -(e²/S + ln 2 pi S)/2 over the readings taken in; no likelihood with consider parameters."""
     smoothed_states: Array | None = None
     """(n, N) SI: estimates given the whole record, if asked for."""
     smoothed_variances: Array | None = None
@@ -110,15 +110,20 @@ def run(
         Reject readings with e²/S above this (6.63: 99 %, 10.83: 99.9 %). None by default; never gate while parameters
         converge.
     smooth : bool
-        Also estimate every state from the whole record.
+        Also estimate every state from the whole record; not with consider parameters, whose gains the backward
+        recursion does not know.
 
     Raises
     ------
+    ValueError
+        Settings that the system does not need or lacks; `smooth` with consider parameters.
     FilterError
         Unusable settings or record (`event` is None), or a step that failed at `event`, `t`: among them RK2 losing
         positive definiteness, `kind` "Variance", "Correlation" or "InnovationVariance"; the sentence then says rate,
         prior and what to choose instead. With `smooth` also where the filter lost it in more than two states at once.
     """
+    if smooth:
+        choice.refuse_consider("run with smooth=True")
     setup = core_setup(choice, q, r_position, r_accel, q_accel, tau, parameters, gate)
     names = choice.states(low_pass=tau != 0)
     rows = _core.run_filter(setup, *core_prior(names, x0, P0), core_samples(accel), core_samples(position), smooth)
@@ -174,7 +179,8 @@ def run_batch(
 ) -> BatchRun:
     """Run one filter over many uniform records, several at a time on the processor's vector unit.
 
-    The answer does not depend on lanes and threads, but for rounding. Dense Joseph carrier only, no gate.
+    The answer does not depend on lanes and threads, but for rounding. Dense Joseph carrier only, no gate, no
+    consider parameters.
 
     Parameters
     ----------
@@ -192,9 +198,12 @@ def run_batch(
 
     Raises
     ------
+    ValueError
+        Shapes that do not fit, UD factors, consider parameters.
     FilterError
         Unusable settings or records. A run that fails on its way is reported in `faults`.
     """
+    choice.refuse_consider("run_batch")
     if choice.carrier != "dense":
         raise ValueError("run_batch: the factored carrier runs one record at a time; use run.")
     setup = core_setup(choice, q, r_position, r_accel, None, tau, parameters, None)

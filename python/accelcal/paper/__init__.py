@@ -12,16 +12,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelcal.paper.alignment import alignment_item
+from accelcal.paper.consider import consider_item
 from accelcal.paper.convergence import convergence_item, robustness_item
 from accelcal.paper.coverage import STATEMENTS, coverage_text
+from accelcal.paper.encoder_speed import encoder_speed_item
 from accelcal.paper.filter_consistency import consistency_item
 from accelcal.paper.gaps import gaps_item
 from accelcal.paper.linear_filters import linear_filters_item
+from accelcal.paper.mapping import mapping_item
 from accelcal.paper.models import cross_axis_item, fourier_item, scale_update_item
 from accelcal.paper.question import question_item
 from accelcal.paper.render import render
 from accelcal.paper.rows import Item, Plan, Row
 from accelcal.paper.standard_tests import standard_tests_item
+from accelcal.paper.three_axes import three_axes_item
 from accelcal.paper.tracks import tracks_item
 from accelcal.paper.varying import varying_item
 from accelcal.paper.vibration import vibration_item
@@ -31,6 +36,9 @@ __all__ = ["Item", "Reproduction", "Row", "render", "reproduce"]
 SCHEMA = "accelcal/paper/1"
 
 _ITEMS: tuple[Callable[[Plan], Item], ...] = (
+    three_axes_item,
+    encoder_speed_item,
+    alignment_item,
     fourier_item,
     cross_axis_item,
     scale_update_item,
@@ -41,6 +49,7 @@ _ITEMS: tuple[Callable[[Plan], Item], ...] = (
     gaps_item,
     question_item,
     varying_item,
+    consider_item,
     linear_filters_item,
     standard_tests_item,
 )
@@ -108,13 +117,17 @@ def reproduce(
     for made in _ITEMS:
         items.append(made(plan))
         if progress is not None:
-            progress(items[-1].name, len(items) / (len(_ITEMS) + 1))
+            progress(items[-1].name, len(items) / (len(_ITEMS) + 2))
+    item, fit = mapping_item(plan)
+    items.append(item)
+    if progress is not None:
+        progress(item.name, len(items) / (len(_ITEMS) + 2))
     item, tracks = tracks_item(plan)
     figures: tuple[Path, ...] = ()
     if out is not None:
-        from accelcal.paper.figures import draw_tracks
+        from accelcal.paper.figures import draw_mapping, draw_tracks
 
-        figures = draw_tracks(tracks, out)
+        figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
     if progress is not None:
         progress(item.name, 1.0)
     return Reproduction(quick, seed, (*items, item), figures)

@@ -57,14 +57,20 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("I", "vibration test: mean of the output", ("standard_tests",)),
     Statement("II-A", "ADXL105, CXL02TG3, encoder of 1 um at 833 Hz, two boards", ("consistency", "vibration", "gaps")),
     Statement(
-        "II-A", "CXL02TG3: three axes and a bandwidth of 200 Hz", product="a_y, a_z; [channels] filters", open="a row"
+        "II-A",
+        "CXL02TG3: three axes and a bandwidth of 200 Hz",
+        ("three_axes",),
+        product="a_y, a_z; [channels] filters",
     ),
-    Statement("II-A", "encoder bandwidth of 100 mm/s", product="effect encoder_lag", open="a limit of speed"),
+    Statement("II-A", "encoder bandwidth of 100 mm/s", ("encoder_speed",), product="effect encoder_lag"),
     Statement(
         "II-A", "encoder accuracy of 10 um", product="effects encoder_cyclic, encoder_nonlinearity, encoder_scale"
     ),
     Statement(
-        "II-A", "aligning the input axis", product="tilt and misalignment from turned and rolled runs", open="a row"
+        "II-A",
+        "aligning the input axis",
+        ("alignment",),
+        product="tilt and misalignment from turned and rolled runs",
     ),
     Statement("II-A", "temperature controller", product="channel temperature and its effects"),
     Statement("II-A", "clock skew between the boards", product="effect clock_skew"),
@@ -79,9 +85,7 @@ STATEMENTS: tuple[Statement, ...] = (
         "II-D", "constant parameters, Markov processes", ("varying",), product="bias_*, scale_* as processes; LiveModel"
     ),
     Statement("II-E", "ACI (9) and CWPA (10)", ("consistency", "convergence")),
-    Statement(
-        "II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",), open="a band in place of a line"
-    ),
+    Statement("II-F", "vibration of 200 Hz to 300 Hz growing with speed", ("vibration",)),
     Statement(
         "II-F",
         "noise correlated with the state is approximated",
@@ -91,15 +95,15 @@ STATEMENTS: tuple[Statement, ...] = (
     Statement("II-G, II-H", "orders, integrators, NEES and rms (15)", ("consistency", "convergence")),
     Statement("III-A1", "consistent when the model matches; CWPA converges faster", ("consistency", "convergence")),
     Statement("III-A2, Table I", "errors under vibration", ("vibration",), impossible=LOST),
-    Statement("III-A2", "CWPA is often unstable", ("robustness",), open="rows with a mismatched model"),
+    Statement("III-A2", "CWPA is often unstable", ("robustness",)),
     Statement("III-B1", "first and second order are the same for the linear model", ("linear_filters",)),
     Statement("III-B, Figs. 4, 5", "tracks of 130 s and 250 s of real data", ("tracks",), impossible=NOT_PUBLIC),
     Statement("III-B, Tables II, III", "gaps", ("gaps",), impossible=NOT_PUBLIC),
     Statement("IV", "ACI is less sensitive to mismatches", ("consistency",)),
     Statement("IV", "why the linear model tracked better", ("question", "varying")),
-    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", open="the filter"),
+    Statement("IV, [4]", "a suboptimal design (Schmidt-Kalman)", ("consider",), product="FilterChoice(consider=...)"),
     Statement("Figs. 1, 2", "photograph and acquisition", impossible="they show hardware"),
-    Statement("Fig. 3", "mapping between output and acceleration", open="the figure from a fit"),
+    Statement("Fig. 3", "mapping between output and acceleration", ("mapping",), product="plots.nonlinearity"),
 )
 """In the order of the paper."""
 

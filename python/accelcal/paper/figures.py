@@ -1,4 +1,4 @@
-"""Figs. 4 and 5 of the paper: parameter estimates over time, their 2-sigma bands, and the truth."""
+"""Fig. 3 of the paper, output against acceleration, and Figs. 4 and 5, parameter estimates over time with the truth."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from accelcal.estimation.estimate import Fit
+from accelcal.plots import nonlinearity, style
+
 if TYPE_CHECKING:
     from accelcal.paper.tracks import ParameterTrack, Tracks
 
@@ -16,6 +19,21 @@ _STYLES = (("tab:orange", 2.0), ("tab:blue", 1.0))
 """Colour and line width; the first is drawn below the others."""
 _SPAN = 8.0
 """Half height of a panel, in standard deviations at a fifth of the record."""
+
+
+def draw_mapping(fit: Fit, out: Path) -> Path:
+    """Writes Fig. 3 as PNG.
+
+    Parameters
+    ----------
+    fit : of a curved sensor.
+    out : Path
+        Directory; created if absent.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "figure3.png"
+    style.save(nonlinearity(fit), path)
+    return path
 
 
 def draw_tracks(tracks: Tracks, out: Path) -> tuple[Path, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
-from accelcal.filters.choice import FilterChoice
+from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.record import FilterRun, run
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, Truth
@@ -103,7 +104,14 @@ def start(choice: FilterChoice, truth: Truth, tau: float = 0.0) -> Array:
 
 
 def filtered(
-    choice: FilterChoice, recording: Recording, noise: Noise, mean: Array, sigma: Array, *, tau: float = 0.0
+    choice: FilterChoice,
+    recording: Recording,
+    noise: Noise,
+    mean: Array,
+    sigma: Array,
+    *,
+    tau: float = 0.0,
+    parameters: Mapping[str, GaussMarkov] | None = None,
 ) -> FilterRun:
     """Runs a filter with independent prior errors.
 
@@ -117,6 +125,8 @@ def filtered(
         Prior.
     tau : float
         Low-pass that the filter models, s; 0 = none, as in the paper.
+    parameters : mapping of str to GaussMarkov
+        Parameters that are not constant.
     """
     aci = choice.system == "aci"
     return run(
@@ -129,6 +139,7 @@ def filtered(
         x0=mean,
         P0=np.diag(sigma**2),
         tau=tau,
+        parameters=parameters,
     )
 
 

@@ -13,6 +13,7 @@ from accelcal.plots.static.comparison import (
     simulated,
     write,
 )
+from accelcal.plots.static.nonlinearity import nonlinearity
 
 __all__ = [
     "MissingExtra",
@@ -20,6 +21,7 @@ __all__ = [
     "autocorrelation",
     "coasting",
     "histogram",
+    "nonlinearity",
     "one_step",
     "overview",
     "parameters",

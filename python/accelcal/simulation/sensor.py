@@ -60,6 +60,8 @@ _FINE_RATE = 1e4
 """Least rate at which the sensed acceleration is evaluated, Hz."""
 _LEAST_NODES = 5
 """Gauss-Legendre nodes per sample interval: exact through degree 9."""
+_BAND_TONES = 64
+"""Tones of a band: a kurtosis of 3 - 1.5/n; it never repeats, since no two frequencies are commensurate."""
 _BLOCK = 100_000
 """Output samples whose fine grid is held in memory at a time."""
 _SETTLING = 25.0
@@ -68,12 +70,24 @@ _SETTLING = 25.0
 
 @dataclass(frozen=True, slots=True)
 class Vibration:
-    """Vibration from the ball bearings: a line whose amplitude grows with speed squared (paper II-F, III-A2)."""
+    """Vibration from the ball bearings, growing with speed squared (paper II-F, III-A2): a line or a band.
+
+    A band is noise of the mean square that the line has, flat between its edges.
+    """
 
     amplitude: float
-    """Amplitude A at the top speed of the motion, m/s²."""
+    """Amplitude A of the line at the top speed of the motion, m/s²; of a band sqrt(2) of its rms there."""
     frequency: float = 200.0
-    """Hz."""
+    """Hz; of a band its lower edge."""
+    width: float = 0.0
+    """Width of the band, Hz; 0 for a line."""
+
+    def drawn(self, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Frequencies (n,) Hz and phases (n,) rad: of the line, or of one tone in each of n parts of the band."""
+        if self.width == 0.0:
+            return np.array([self.frequency]), np.zeros(1)
+        parts = (np.arange(_BAND_TONES) + rng.random(_BAND_TONES)) / _BAND_TONES
+        return self.frequency + self.width * parts, 2.0 * math.pi * rng.random(_BAND_TONES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +189,9 @@ def simulate(
         raise ValueError("a_rms and v_max size a profile given by name; scale a Motion with its `scaled`.")
 
     t_accel = _clock(seconds, accel_rate, accel_phase)
-    sensed = _sensed(motion, rig, theta, vibration)
+    # streams of a band are drawn only for one: other records keep theirs
+    tones = None if vibration is None else vibration.drawn(rng.spawn(1)[0] if vibration.width else rng)
+    sensed = _sensed(motion, rig, theta, vibration, tones)
     if rig.output_filters:
         chain = (*_as_filters(rig.lowpass), *rig.output_filters)
         output = filtered_samples(sensed, t_accel, accel_rate, chain, rig.sensor.noise, sensor_rng)
@@ -216,16 +232,25 @@ def _clock(seconds: float, rate: float, phase: float) -> Array:
 
 
 def _sensed(
-    motion: Motion, rig: Rig, theta: Mapping[str, float], vibration: Vibration | None
+    motion: Motion,
+    rig: Rig,
+    theta: Mapping[str, float],
+    vibration: Vibration | None,
+    tones: tuple[Array, Array] | None,
 ) -> Callable[[Array], Array]:
     """Noise-free output in front of the filters of the channel, at instants (n,) s."""
     top_speed = motion.top_speed if vibration is not None else 0.0
+
+    def shaking(t: Array) -> Array:
+        assert tones is not None
+        each = (np.sin(2.0 * math.pi * f * t + phase) for f, phase in zip(*tones, strict=True))
+        return np.asarray(sum(each, np.zeros(len(t))) / math.sqrt(len(tones[0])))
 
     def sensed(t: Array) -> Array:
         _, v, a, _ = motion.derivatives(t - theta["time_offset"])
         s = rig.polarity * (a + rig.gravity)
         if vibration is not None and top_speed > 0.0:
-            s += vibration.amplitude * (v / top_speed) ** 2 * np.sin(2.0 * math.pi * vibration.frequency * t)
+            s += vibration.amplitude * (v / top_speed) ** 2 * shaking(t)
         return _model(s, rig, theta)
 
     return sensed

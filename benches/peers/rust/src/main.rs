@@ -11,7 +11,7 @@ mod workloads;
 use std::hint::black_box;
 
 use cpu_time::ProcessTime;
-use ekf_core::{Aci, Carrier, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Sensor};
+use ekf_core::{Aci, Carrier, Consider, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Sensor};
 use ekf_simd::{Batch, InstructionSet, Prior, run_aci};
 use workloads::{DT, Data, QV, R_OUTPUT, R_POSITION};
 
@@ -68,6 +68,7 @@ fn batch(data: &Data) -> Vec<f64> {
         integrator: Integrator::Rk4,
         order: Order::Second,
         carrier: Carrier::Dense,
+        consider: Consider::NONE,
         R_position: R_POSITION,
         R_output: R_OUTPUT,
         gate: f64::INFINITY,

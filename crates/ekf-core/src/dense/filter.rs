@@ -3,6 +3,7 @@
 use nalgebra::{RowSVector, SMatrix, SVector};
 
 use crate::dense::belief::{Belief, Carrier};
+use crate::dense::consider::Consider;
 use crate::dense::system::{Drive, Order, System, at_least};
 use crate::dense::ud::Factored;
 use crate::dense::update::{GatedReading, correct, innovate};
@@ -25,6 +26,8 @@ pub struct Filter<S> {
     pub order: Order,
     /// How the covariance is carried.
     pub carrier: Carrier,
+    /// States that are considered and not estimated; Joseph's form only.
+    pub consider: Consider,
     /// Variance of a position reading, m^2.
     pub R_position: f64,
     /// Variance of an accelerometer reading, (m/s^2)^2; without effect if the output drives the state.
@@ -60,7 +63,7 @@ pub struct Correction<const N: usize> {
     pub reading: GatedReading,
     /// `H`.
     pub H: RowSVector<f64, N>,
-    /// `P H' / S`.
+    /// `P H' / S`, zero for consider states.
     pub gain: SVector<f64, N>,
     /// Variance of the reading's noise, and in second order of its curvature.
     pub R: f64,
@@ -84,8 +87,8 @@ pub struct Outcome<const N: usize> {
 impl<S> Filter<S> {
     /// This filter with another system.
     pub fn with_system<T>(self, system: T) -> Filter<T> {
-        let Self { system: _, interpolation, integrator, order, carrier, R_position, R_output, gate } = self;
-        Filter { system, interpolation, integrator, order, carrier, R_position, R_output, gate }
+        let Self { system: _, interpolation, integrator, order, carrier, consider, R_position, R_output, gate } = self;
+        Filter { system, interpolation, integrator, order, carrier, consider, R_position, R_output, gate }
     }
 
     /// Moves the belief over one step of the output; also the transition matrix.
@@ -136,7 +139,8 @@ impl<S> Filter<S> {
         };
         let (updated, innovation, gain) = match carried {
             CarriedBelief::Dense(prior) => {
-                let (innovation, gain) = innovate(prior, &reading, R, event.value)?;
+                let (innovation, optimal) = innovate(prior, &reading, R, event.value)?;
+                let gain = self.consider.gain(&optimal);
                 let belief = correct(prior, &reading, R, &innovation, &gain).checked()?;
                 (CarriedBelief::Dense(belief), innovation, gain)
             }
@@ -163,6 +167,9 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
 
     fn initial(&self, prior: &Belief<N>) -> Result<CarriedBelief<N>, SetupError> {
         self.system.check()?;
+        if self.carrier == Carrier::Factored {
+            self.consider.refused()?;
+        }
         at_least("r_position", self.R_position, 0.0)?;
         at_least("r_accel", self.R_output, 0.0)?;
         if !(self.gate > 0.0) {
@@ -230,6 +237,7 @@ mod tests {
             integrator,
             order: Order::First,
             carrier,
+            consider: Consider::NONE,
             R_position: 1e-12,
             R_output: 0.0,
             gate: f64::INFINITY,

@@ -2,6 +2,7 @@
 
 pub mod aci;
 pub mod belief;
+pub mod consider;
 pub mod cwpa;
 pub mod filter;
 pub mod integrate;

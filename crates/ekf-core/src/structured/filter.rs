@@ -1,7 +1,7 @@
 //! The filters of [`crate::dense::filter`] on structured kernels, with equal choices, events, checks and errors.
 //!
 //! A step in place, without matrices: what a stream needs. Smoothing needs `Phi` and gains, which the
-//! dense twin keeps; so does a low-pass in CWPA and the factored carrier.
+//! dense twin keeps; so does a low-pass in CWPA, the factored carrier and consider states.
 
 use crate::dense::aci::Aci;
 use crate::dense::belief::{Belief, Carrier};
@@ -69,6 +69,7 @@ where
 
     fn initial(&self, prior: &Belief<N>) -> Result<Self::State, SetupError> {
         self.0.initial(prior)?;
+        self.0.consider.refused()?;
         Ok(self.0.block(prior))
     }
 
@@ -171,7 +172,7 @@ macro_rules! aci {
             type Block = AciBlock<Plain<f64, $M>, $M>;
 
             fn has_kernel(&self) -> bool {
-                self.carrier == Carrier::Dense
+                self.carrier == Carrier::Dense && self.consider.is_none()
             }
 
             fn block(&self, belief: &Belief<$N>) -> Self::Block {
@@ -205,7 +206,7 @@ macro_rules! cwpa {
             type Block = CwpaBlock<Plain<f64, $M>, $M>;
 
             fn has_kernel(&self) -> bool {
-                self.carrier == Carrier::Dense && self.system.low_pass.is_none()
+                self.carrier == Carrier::Dense && self.consider.is_none() && self.system.low_pass.is_none()
             }
 
             fn block(&self, belief: &Belief<$N>) -> Self::Block {

@@ -18,7 +18,7 @@ use ekf_core::structured::measurement::{ReadCubic, ReadLinear};
 use ekf_core::structured::number::Number;
 use ekf_core::structured::row::{Plain, Row};
 use ekf_core::{
-    Aci, Belief, Carrier, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor,
+    Aci, Belief, Carrier, Consider, Cwpa, Filter, Form, GaussMarkov, Integrator, Interpolation, Order, Segment, Sensor,
 };
 use ekf_simd::arch::fma::Fused;
 use ekf_simd::arch::row2::Row2;
@@ -89,6 +89,7 @@ pub fn batch(data: &Data, runs: usize, path: InstructionSet, threads: usize) -> 
         integrator: Integrator::Rk4,
         order: Order::Second,
         carrier: Carrier::Dense,
+        consider: Consider::NONE,
         R_position: R_POSITION,
         R_output: R_OUTPUT,
         gate: f64::INFINITY,

@@ -360,6 +360,7 @@ fn construction<'a, S>(
     prior: Prior<'a>,
     least: usize,
 ) -> Result<Construction<'a>, SetupError> {
+    filter.consider.refused()?;
     let Prior { states, x, P } = prior;
     if x.len() != states || P.len() != states * states || states < least {
         return Err(SetupError::Size { given: states });

@@ -409,7 +409,7 @@ where
 /// Runs ACI over all records; `counted` asks for the log-likelihood.
 ///
 /// The forward cubic sensor must be solved at every instant, so it runs alone; all others run in lanes. Gates and the
-/// factored carrier have no place here.
+/// factored carrier have no place here, and consider states are refused.
 ///
 /// # Errors
 /// [`SetupError`] for shapes and values that cannot be used.
@@ -423,6 +423,7 @@ pub fn run_aci(
 ) -> Result<Vec<Final>, SetupError> {
     batch.check(true)?;
     prior.check(batch.runs)?;
+    filter.consider.refused()?;
     let Aci { sensor, q, tau } = filter.system;
     let dynamics = Dynamics { q, tau, gauss_markov: &sensor.gauss_markov };
     let job = Job { batch, prior, filter: filter.with_system(dynamics), counted };
@@ -449,6 +450,7 @@ pub fn run_cwpa(
 ) -> Result<Vec<Final>, SetupError> {
     batch.check(false)?;
     prior.check(batch.runs)?;
+    filter.consider.refused()?;
     let Cwpa { sensor, q, low_pass } = filter.system;
     if let Some(low_pass) = low_pass {
         return Err(SetupError::Setting { name: "tau", value: low_pass.tau });

@@ -29,6 +29,7 @@ from accelcal.plots.numbers import (
     normalised_residuals,
     residual_band,
 )
+from accelcal.plots.static.nonlinearity import nonlinearity
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
@@ -384,6 +385,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
         "histogram": lambda: histogram(comparison, theme=theme),
         "autocorrelation": lambda: autocorrelation(comparison, theme=theme),
         "parameters": lambda: parameters(fit, theme=theme),
+        "nonlinearity": lambda: nonlinearity(fit, theme=theme),
     }
     folder = Path(directory)
     ending = "-dark" if theme == "dark" else ""
