@@ -90,7 +90,7 @@ STATEMENTS: tuple[Statement, ...] = (
         "II-F",
         "noise correlated with the state is approximated",
         ("vibration",),
-        open="process noise that follows the speed in a model",
+        product="effects on noise: accelcal add vibration",
     ),
     Statement("II-G, II-H", "orders, integrators, NEES and rms (15)", ("consistency", "convergence")),
     Statement("III-A1", "consistent when the model matches; CWPA converges faster", ("consistency", "convergence")),
