@@ -136,10 +136,13 @@ def usual_step(t: Array) -> float:
     """Period with which stamps (n,) s come: the median spacing, or the mean one where stamps keep step with that only.
 
     The median spacing of an uneven clock is off by a fraction of its scatter, and a grid of that period would slip by
-    samples over a record; where samples are missing, the mean spacing is none at all.
+    samples over a record; where samples are missing, the mean spacing is none at all. Periods between which no stamp
+    changes its phase by as much as `CLEARLY`, rad, are not told apart.
     """
     spacing = np.diff(t)
     median, mean = float(np.median(spacing)), float(np.mean(spacing))
+    if 2.0 * np.pi * float(t[-1] - t[0]) * abs(1.0 / mean - 1.0 / median) < CLEARLY:
+        return median
     return mean if _coherence(t, mean) > _coherence(t, median) + CLEARLY else median
 
 

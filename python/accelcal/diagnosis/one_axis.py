@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import fft, special
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Recording, RecordingError
@@ -190,10 +190,15 @@ class Pair:
     """(n,) m/s²"""
     motion: Array
     """(n,) m/s²"""
-    step: float
-    """s"""
+    periods: tuple[float, float]
+    """Spacing of the samples of the output and of the readings, s."""
     segment: int
     """Samples."""
+
+    @property
+    def step(self) -> float:
+        """Spacing of the common times, s: that of the slower channel."""
+        return max(self.periods)
 
     @classmethod
     def of(cls, recording: Recording, start: float | None, end: float | None) -> Pair | None:
@@ -201,17 +206,17 @@ class Pair:
         accel, position = recording.accel, recording.position
         first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
         last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
-        steps = usual_step(accel.t), usual_step(position.t)
-        step = max(steps)
+        periods = usual_step(accel.t), usual_step(position.t)
+        step = max(periods)
         count = int((last - first) / step) - 1
         segment = max(count // SEGMENTS, SHORTEST)
         if count < 4 * segment:
             return None
         at = first + step * np.arange(count)
         both = [
-            evenly(channel.t, channel.y, own, at, step) for channel, own in zip((accel, position), steps, strict=True)
+            evenly(channel.t, channel.y, own, at, step) for channel, own in zip((accel, position), periods, strict=True)
         ]
-        return cls(recording, both[0][1:-1], np.diff(both[1], 2) / step**2, step, segment)
+        return cls(recording, both[0][1:-1], np.diff(both[1], 2) / step**2, periods, segment)
 
     def aligned(self, output_noise: Array, motion_noise: Array) -> Pair:
         """The pair without a delay that is more than a sixteenth of a segment and less than one.
@@ -222,11 +227,11 @@ class Pair:
         output, motion = self.spectra()
         power = (np.mean(np.abs(output) ** 2, axis=0), np.mean(np.abs(motion) ** 2, axis=0))
         share = np.maximum(0.0, 1.0 - output_noise / power[0]) * np.maximum(0.0, 1.0 - motion_noise / power[1])
-        n = 2 * len(self.output)
-        product = np.fft.rfft(self.output - np.mean(self.output), n) * np.conj(np.fft.rfft(self.motion, n))
+        n = fft.next_fast_len(2 * len(self.output), real=True)
+        product = fft.rfft(self.output - np.mean(self.output), n) * np.conj(fft.rfft(self.motion, n))
         weight = np.interp(np.linspace(0.0, 1.0, len(product)), np.linspace(0.0, 1.0, len(share)), share)
         product *= np.where(weight > EXPECTED_COHERENCE, 1.0, 0.0) / np.maximum(np.abs(product), 1e-300)
-        correlation = np.abs(np.fft.irfft(product, n))
+        correlation = np.abs(fft.irfft(product, n))
         reach = np.concatenate([np.arange(self.segment), np.arange(-self.segment, 0)])
         late = int(reach[int(np.argmax(correlation[reach]))])
         if abs(late) <= self.segment / 16:
@@ -249,14 +254,15 @@ class Pair:
     def noise(self, f: Array) -> tuple[Array, Array]:
         """One-sided densities of the noise of either channel at frequencies, (m/s²)²/Hz."""
         accel, position, rig = self.recording.accel, self.recording.position, self.recording.rig
+        sample, between = self.periods
         few = slice(0, NOISE_SAMPLES)
-        white = 2.0 * usual_step(accel.t) * interpolation_spread(accel.t[few], accel.y[few]) ** 2
+        white = 2.0 * sample * interpolation_spread(accel.t[few], accel.y[few]) ** 2
         wander = rig.sensor.bias_instability or UNDECLARED_BIAS_INSTABILITY
         drift = 4.0 * DRIFT_TIME * wander**2 / (1.0 + (2.0 * np.pi * f * DRIFT_TIME) ** 2)
         resolution = rig.resolution or grid_step(position.y[few])
         reading = interpolation_spread(position.t[few], position.y[few]) ** 2 + resolution**2 / 12.0
         differences = (2.0 * np.sin(np.pi * f * self.step) / self.step) ** 4
-        return max(white, (rig.sensor.noise or 0.0) ** 2) + drift, 2.0 * usual_step(position.t) * reading * differences
+        return max(white, (rig.sensor.noise or 0.0) ** 2) + drift, 2.0 * between * reading * differences
 
 
 def power_below(y: Array, step: float) -> Callable[[float], float]:

@@ -245,7 +245,8 @@ def prepare(
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
-    every = reading_stride(t, z, part, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
+    period = usual_step(part.t)
+    every = reading_stride(t, z, part, period, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
     starts = new_starts(recording, t)
     if every > 1:
         t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
@@ -255,7 +256,7 @@ def prepare(
         t=t,
         z=z,
         accel=part,
-        accel_step=usual_step(part.t),
+        accel_step=period,
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
@@ -284,14 +285,14 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     return replace(run, t=t, z=z, reading_step=float(np.median(np.diff(t))), rounding=run.least_step)
 
 
-def reading_stride(t: Array, z: Array, accel: Channel, resolution: float) -> int:
+def reading_stride(t: Array, z: Array, accel: Channel, step: float, resolution: float) -> int:
     """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good, the
     fewer, the faster the motion.
 
     The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left;
-    readings are no better than their `resolution`, m.
+    samples of the output come every `step`, s, and readings are no better than their `resolution`, m.
     """
-    step, between = usual_step(accel.t), float(np.median(np.diff(t)))
+    between = float(np.median(np.diff(t)))
     few = slice(0, NOISE_SAMPLES)
     sample, reading = (interpolation_spread(channel_t[few], y[few]) for channel_t, y in ((accel.t, accel.y), (t, z)))
     reading = math.hypot(reading, resolution / math.sqrt(12.0))
