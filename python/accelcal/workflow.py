@@ -16,9 +16,8 @@ from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import with_position_steps
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
-from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.one_axis import require_one_axis
-from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit, outliers_found
+from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
@@ -31,15 +30,12 @@ from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
     Fit,
-    estimate,
     estimate_dwells,
     restored_states,
     result,
     solve_runs,
-    state_at,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.estimation.run import prepare
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
@@ -240,15 +236,17 @@ def fit(
         require_one_axis(several, start=start, end=end)
     several, broken = usable_recordings(several, start is not None or end is not None)
     share = 0.8 if reject_outliers else 1.0
-    every = estimate(
+    solution = solve_runs(
         model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
     )
-    found, used = every, tuple(several)
+    found = result(solution)
     if reject_outliers:
-        found, used = fit_without_outliers(every, several, start=start, end=end, band=band)
-    found = with_noise_effects(found, several, used)
-    found = with_breaks(with_agreement(found, used), broken)
-    slow = slow_residual(found, several[0]) if reject_outliers else None
+        found, solution = without_outliers(found, solution, several, start=start, end=end, band=band)
+    found = with_noise_effects(found, several, solution.states)
+    found = with_breaks(with_agreement(found, solution.states), broken)
+    run = solution.states[0].run
+    solution.states.clear()  # the prediction filters anew: one set of filters at a time
+    slow = slow_residual(found, run) if reject_outliers else None
     if slow is None:
         return found
     return replace(found, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *found.remarks))
@@ -259,43 +257,41 @@ def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
     return replace(fit, remarks=(*(f"{note.sentence}." for note in broken), *fit.remarks)) if broken else fit
 
 
-def with_agreement(fit: Fit, recordings: Sequence[Recording]) -> Fit:
-    """The fit with the remark on a recording that disagrees with the others, as they were fitted; the fit itself where
-    all agree."""
-    if len(recordings) < 2:
-        return fit
-    prepared = (
-        prepare(recording, fit.origins, start=run.start, end=run.end)
-        for recording, run in zip(recordings, fit.runs, strict=True)
-    )
-    states = [state_at(fit, index, run) for index, run in enumerate(prepared)]
+def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
+    """The fit with the remark on a recording that disagrees with the others, by the states of its runs; the fit itself
+    where all agree."""
     found = run_agreement(states, fit.model, [one.instead for one in fit.seen_by_runs])
     return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 
-def fit_without_outliers(
+def without_outliers(
     fit: Fit,
+    solution: Solution,
     recordings: Sequence[Recording],
     *,
     start: float | None = None,
     end: float | None = None,
     band: float | None = None,
-) -> tuple[Fit, tuple[Recording, ...]]:
-    """The model fitted again without outliers, and what it was fitted to; the fit itself where there are none."""
-    states = restored_states(fit, recordings)
-    if states is not None and not any(outliers_found(run_noise_tests(state)) for state in states):
-        return fit, tuple(recordings)
+) -> tuple[Fit, Solution]:
+    """The model fitted again without outliers, and the solution it comes from; what was given where there are none.
+
+    Parameters
+    ----------
+    fit, solution : made to the recordings; the solution is used up where there are outliers.
+    recordings : one or several runs.
+    start, end, band : as they were fitted.
+    """
 
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
 
-    clean = clean_fit(recordings, solve)
+    clean = clean_fit(recordings, solve, solved=solution)
     rejected = clean.rejected(recordings)
     if not rejected:
-        return fit, tuple(recordings)
+        return fit, clean.solution
     kept = result(clean.solution)
     remarks = (*(f"{channel.sentence}." for channel in rejected), *kept.remarks)
-    return replace(kept, remarks=remarks), clean.recordings
+    return replace(kept, remarks=remarks), clean.solution
 
 
 @one_thread
@@ -352,8 +348,8 @@ def add(
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    clean, used = fit_without_outliers(result(solution), several)
-    grown = with_noise_effects(clean, several, used)
+    clean, solution = without_outliers(result(solution), solution, several)
+    grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
     return with_breaks(grown, broken)
 
@@ -370,11 +366,10 @@ def drop(
     `report` is called with the share of the work that is done, 0 to 1.
     """
     several, broken = usable_recordings(runs_of(recordings))
-    left = result(
-        solve_runs(model_in_motion(fit).drop(*names), several, origins=fit.origins, report=within(report, 0.0, 0.9))
-    )
-    clean, used = fit_without_outliers(left, several)
-    return with_breaks(with_noise_effects(clean, several, used), broken)
+    model = model_in_motion(fit).drop(*names)
+    solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.9))
+    left, solution = without_outliers(result(solution), solution, several)
+    return with_breaks(with_noise_effects(left, several, solution.states), broken)
 
 
 def history(fits: Sequence[Fit], recording: Recording) -> History:

@@ -66,6 +66,7 @@ def clean_fit(
     recordings: Sequence[Recording],
     solve: Callable[[Sequence[Recording]], Solution],
     before: Sequence[NoiseTest] = (),
+    solved: Solution | None = None,
 ) -> CleanFit:
     """Fit, reject outliers and fit again until no more are found, at most three times.
 
@@ -74,6 +75,7 @@ def clean_fit(
     recordings : what was measured.
     solve : fits a model to recordings.
     before : tests that found outliers in these recordings earlier; they are reported too.
+    solved : the fit to these recordings, where it was made already; it is used up where there are outliers.
 
     Raises
     ------
@@ -81,7 +83,7 @@ def clean_fit(
         From the fit.
     """
     recordings, found_earlier = list(recordings), {test.effect: test for test in before}
-    solution = solve(recordings)
+    solution = solved or solve(recordings)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
         tests_of_runs = [run_noise_tests(state) for state in solution.states]
         tests = [test for of_run in tests_of_runs for test in of_run]
@@ -92,6 +94,7 @@ def clean_fit(
             for test in found:
                 found_earlier.setdefault(test.effect, test)
                 recordings[number] = without_outliers(recordings[number], test)
+        solution.states.clear()  # one set of filters at a time
         solution = solve(recordings)
     kept = [test for test in tests if test.effect not in found_earlier]
     return CleanFit(tuple(recordings), solution, (*kept, *found_earlier.values()))

@@ -25,6 +25,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.confounding import DetectedEffect
 from accelcal.effects import BUILT_IN, OF_TIME
 from accelcal.estimation.estimate import Fit, result, solve_runs
+from accelcal.estimation.run import PreparedRun
 from accelcal.model import Model
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import accel_residual, compare
@@ -94,17 +95,17 @@ def turning_sensor(
     return _remark_on("turning_sensor", rig, excess(where.accel_residual, where.band, floor), where.band)
 
 
-def slow_residual(fit: Fit, recording: Recording) -> Remark | None:
-    """What is said beside a fit of which nobody asked what it lacks; None where its slow residual is within the bias
-    instability, or orientation was recorded."""
+def slow_residual(fit: Fit, run: PreparedRun) -> Remark | None:
+    """What is said beside a fit of whose first run nobody asked what the model lacks; None where its slow residual is
+    within the bias instability, or orientation was recorded."""
+    recording = run.recording
     if orientation_recorded(recording):
         return None
-    run = fit.runs[0]
     try:
-        ahead = Prediction.of(fit, recording, start=run.start, end=run.end)
+        ahead = Prediction.on(fit, run)
     except ValueError:
         return None
-    band = min(ahead.crossover, 0.2 / ahead.run.reading_step)
+    band = min(ahead.crossover, 0.2 / run.reading_step)
     t, residual, _ = accel_residual(ahead, band)
     floor = output_noise(fit.rig, recording.accel.t, recording.accel.y)
     return _remark_on("slow_residual", fit.rig, excess((t, residual), band, floor), band)

@@ -165,7 +165,7 @@ def _nees_row(found: Mapping[float, Replayed], without: Replayed) -> Row:
         by="us",
         claim="noise correlated with the state: process and reading noise that grow with v⁴",
         expected=f"NEES of K2, K3 over its degrees of freedom in {low / dof:.2f} to {high / dof:.2f}",
-        measured=f"{nees / dof:.2f}; noise that does not grow, at the largest A: {without.nees / without.relative.size:.2f}",
+        measured=f"{nees / dof:.2f}; noise that does not grow, largest A: {without.nees / without.relative.size:.2f}",
         value=nees / dof,
         n=dof // len(CURVED),
         threshold=f"{100.0 * NEES_REGION:g} % region",

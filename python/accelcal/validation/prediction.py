@@ -142,8 +142,12 @@ class Prediction:
     ) -> Prediction:
         """Prepare a recording under a fit's parameters, noise and origins."""
         require_channels(fit, recording)
-        run = prepare(recording, fit.origins, start=start, end=end, withheld=withheld)
-        return cls(run, values_on(fit, recording), fit.noise(), fit.validity["frequency"][1], withheld)
+        return cls.on(fit, prepare(recording, fit.origins, start=start, end=end, withheld=withheld), withheld)
+
+    @classmethod
+    def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf) -> Prediction:
+        """A run that was prepared at a fit's origins, under its parameters and noise."""
+        return cls(run, values_on(fit, run.recording), fit.noise(), fit.validity["frequency"][1], withheld)
 
     def constants(self, k: NDArray[np.intp]) -> tuple[Array, Array]:
         """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:

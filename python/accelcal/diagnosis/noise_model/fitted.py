@@ -17,23 +17,22 @@ from accelcal.estimation.run_state import RunState
 from accelcal.validation.other_record import values_on
 
 
-def with_noise_effects(fit: Fit, original: Sequence[Recording], used: Sequence[Recording]) -> Fit:
+def with_noise_effects(fit: Fit, original: Sequence[Recording], states: Sequence[RunState]) -> Fit:
     """The fit with estimates of the effects of its model that act on noise.
 
     Parameters
     ----------
-    fit : to `used`.
-    original, used : recordings with their outliers and without.
+    fit : from `states`.
+    original : recordings with their outliers.
+    states : of the recordings without them, at the values of the fit.
     """
     if not fit.model.noise_effects:
         return fit
     records = []
-    for index, (recording, clean) in enumerate(zip(original, used, strict=True)):
-        run = fit.runs[index]
-        state = state_at(fit, index, prepare(clean, fit.origins, start=run.start, end=run.end))
-        whole = state
-        if clean is not recording:
-            whole = state_at(fit, index, prepare(recording, fit.origins, start=run.start, end=run.end))
+    for index, (recording, state) in enumerate(zip(original, states, strict=True)):
+        whole, clean, span = state, state.run.recording, fit.runs[index]
+        if (len(clean.accel), len(clean.position)) != (len(recording.accel), len(recording.position)):
+            whole = state_at(fit, index, prepare(recording, fit.origins, start=span.start, end=span.end))
         records.append(RecordNoise.of(state, whole, recording))
     return replace(fit, noise_effects=noise_estimates(fit.model, records))
 
