@@ -14,7 +14,7 @@ from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
-from accelcal.diagnosis.faults import with_position_steps
+from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
@@ -111,9 +111,7 @@ def diagnose(
     if "scale_factor" not in fit.model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
-    chosen = start is not None or end is not None
-    several, broken = usable_recordings(several, chosen, skip_first=True)
-    stretch = TimeSpan.of(several[0], start, end)
+    several, stretch, broken = judged_recordings(several, start, end)
     report(0.1)
 
     def solve(these: Sequence[Recording]) -> Solution:
@@ -165,8 +163,7 @@ def formulas(
     model = model.drop(curve) if curve in model.added else model
 
     def fitted(one: Recording) -> RunState:
-        (clear,), _ = usable_recordings([one], False, skip_first=True)
-        part = TimeSpan.of(clear, None, None)
+        (clear,), part, _ = judged_recordings([one])
 
         def solve(these: Sequence[Recording]) -> Solution:
             plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins)
@@ -437,9 +434,8 @@ def improve(
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     require_one_axis(original, start=start, end=end)
-    original, broken = usable_recordings(original, start is not None or end is not None, skip_first=True)
+    original, stretch, broken = judged_recordings(original, start, end)
     same_run = holdout is None
-    stretch = TimeSpan.of(original[0], start, end)
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
@@ -562,29 +558,36 @@ def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float 
 
     Start and end are None where nothing breaks; `place` stands before the name of the recording.
     """
-    recording = with_position_steps(recording)
-    found = usable(recording)
+    recording, columns = position_steps_sought(recording)
+    found = usable(recording, columns)
     if not found.breaks:
         return recording, None, None, []
     name = f"{place}{recording.name or 'recording'}"
     return recording, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
 
 
-def usable_recordings(
-    recordings: Sequence[Recording], chosen: bool = False, *, skip_first: bool = False
-) -> tuple[list[Recording], list[Remark]]:
+def judged_recordings(
+    recordings: Sequence[Recording], start: float | None = None, end: float | None = None
+) -> tuple[list[Recording], TimeSpan, list[Remark]]:
+    """Recordings of which a model is judged on the first: all with the jumps of their positions, the others up to their
+    first breaks; the part of the first on which one model can hold, and the remarks on breaks of the others."""
+    first, columns = position_steps_sought(recordings[0])
+    others, broken = usable_recordings(recordings[1:], start is not None or end is not None)
+    return [first, *others], TimeSpan.of(first, start, end, columns), broken
+
+
+def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> tuple[list[Recording], list[Remark]]:
     """Recordings with the jumps of their positions, each up to its first break, and the remarks on the breaks.
 
     Parameters
     ----------
     recordings : one or several runs.
     chosen : whether the user chose a stretch, which then is taken as it is.
-    skip_first : whether breaks of the first one are sought elsewhere.
     """
     found: list[Recording] = []
     remarks: list[Remark] = []
-    for number, recording in enumerate(recordings):
-        if chosen or (skip_first and number == 0):
+    for recording in recordings:
+        if chosen:
             found.append(with_position_steps(recording))
             continue
         whole, begin, finish, broken = whole_part(recording)

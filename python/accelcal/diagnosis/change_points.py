@@ -30,7 +30,7 @@ from accelcal.diagnosis.relation import (
     _solve,
     unexplained,
 )
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import PreparedRun, prepare, without_repeated_counts
 from accelcal.signals.series import LOCAL
 
 
@@ -48,16 +48,22 @@ class Usable:
     """Of the whole overlap of the channels."""
 
 
-def usable(recording: Recording) -> Usable:
+def usable(recording: Recording, columns: RelationColumns | None = None) -> Usable:
     """The part before the first break; the whole overlap of the channels if there is none.
+
+    Parameters
+    ----------
+    recording : with its position steps.
+    columns : of every reading of it, if available.
 
     Raises
     ------
     RecordingError
         If the channels do not overlap.
     """
-    run = prepare(recording)
-    columns = RelationColumns(run)
+    run = prepare(recording) if columns is None else without_repeated_counts(columns.run)
+    if columns is None or run is not columns.run:
+        columns = RelationColumns(run)
     breaks = find_breaks(columns)
     start, end = float(run.t[0]), float(run.t[-1])
     if breaks:

@@ -218,18 +218,25 @@ def with_position_steps(recording: Recording) -> Recording:
 
     A recording that cannot be used is returned as it is, too: the fit says why.
     """
+    return position_steps_sought(recording)[0]
+
+
+def position_steps_sought(recording: Recording) -> tuple[Recording, RelationColumns | None]:
+    """As `with_position_steps`, and the columns of every reading behind which no further step was found; None where
+    none were sought, or the search ended with one."""
     if recording.position_steps:
-        return recording
+        return recording, None
     for _ in range(MOST_STEP_SEARCHES):
         try:
-            found = position_steps(RelationColumns(prepare(recording, every_reading=True)))
+            columns = RelationColumns(prepare(recording, every_reading=True))
+            found = position_steps(columns)
         except ValueError:
             break
         if not found:
-            break
+            return recording, columns
         steps = sorted((*recording.position_steps, *found), key=lambda step: step.time)
         recording = replace(recording, position_steps=tuple(steps))
-    return recording
+    return recording, None
 
 
 def position_steps(columns: RelationColumns) -> list[PositionStep]:

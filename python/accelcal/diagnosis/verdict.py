@@ -34,6 +34,7 @@ from accelcal.diagnosis.policy import (
     VERDICT_LEAST_BLOCKS,
 )
 from accelcal.diagnosis.position_noise import coloured_position
+from accelcal.diagnosis.relation import RelationColumns
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
@@ -129,15 +130,17 @@ class TimeSpan:
     """Faults, several of one kind as one."""
 
     @classmethod
-    def of(cls, recording: Recording, start: float | None, end: float | None) -> TimeSpan:
+    def of(
+        cls, recording: Recording, start: float | None, end: float | None, every: RelationColumns | None = None
+    ) -> TimeSpan:
         """Look for faults and for the first instant at which the relation of the channels breaks for good.
 
-        A stretch that the user chose is taken as it is.
+        A stretch that the user chose is taken as it is. `every` holds columns of all readings, if available.
         """
         breaks: tuple[float, ...] = ()
         columns = None
         if start is None and end is None:
-            found = usable(recording)
+            found = usable(recording, every)
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
