@@ -31,7 +31,7 @@ SIZES = {
     "timing_jitter": 3e-4,
     "accelerometer_outliers": 1.5,
     "encoder_outliers": 3e-5,
-    "quantisation": 0.3,
+    "quantisation": 0.15,
 }
 """What is hidden: amplitude at top speed m/s², s, m/s², m, step m/s²."""
 MOTIONS = ("interleaved", "tones")
