@@ -56,7 +56,9 @@ pub fn drive<'py>(
 }
 
 /// Encoder readings with the integrals between them, as views of arrays.
-pub(crate) fn readings_of<'a>((t, z, first, second, restart, extra_q, extra_r): &'a Record<'_>) -> PyResult<Readings<'a>> {
+pub(crate) fn readings_of<'a>(
+    (t, z, first, second, restart, extra_q, extra_r): &'a Record<'_>,
+) -> PyResult<Readings<'a>> {
     Ok(Readings {
         t: t.as_slice()?,
         z: z.as_slice()?,
