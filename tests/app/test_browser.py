@@ -234,3 +234,15 @@ def test_the_keyboard_reaches_everything_that_matters(tab, files):
             )
         )
     assert {w for w in wanted if not any(w in r for r in reached)} == set()
+
+
+def test_an_effect_on_noise_has_a_card_and_is_added(tab, files):
+    """Vibration has no mean: what shows is the log score on held-out data, and the verdict that is left."""
+    load(tab, files, "shaken")
+    fit(tab)
+    tab.get_by_role("button", name="Add vibration", exact=True).click()
+    tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
+    assert tab.get_by_text("Held out, vibration: log score of accel +").is_visible()
+    tab.get_by_role("tab", name="Model").click()
+    tab.get_by_text("vibration: noise of the output from").first.wait_for(timeout=LONG)
+    assert tab.get_by_role("button", name="Remove vibration").is_visible()

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
@@ -20,6 +21,7 @@ from accelcal.diagnosis.noise_tests.residuals import Residuals
 from accelcal.effects import Effect
 from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore, NoiseSpectrum
 
+Places = NDArray[np.intp]
 BLOCK: Array = scipy.signal.windows.hann(128, sym=False)
 """Window of a block: lines leak little, and blocks that overlap by half are nearly independent."""
 ITERATIONS = 8
@@ -70,11 +72,19 @@ class BlockPowers:
 
     @classmethod
     def joined(cls, several: Sequence[BlockPowers]) -> BlockPowers:
-        """Blocks of all records whose frequencies are those of the first."""
+        """Blocks of all records that share frequencies with the first, at those that all of them have."""
         first = several[0]
-        like = [one for one in several if same_frequencies(one.f, first.f)]
+        like = [one for one in several if len(shared_frequencies(first.f, one.f)[0])]
+        f = first.f
+        for one in like:
+            f = f[shared_frequencies(f, one.f)[0]]
+        like = [one.at(f) for one in like]
         functions = {name: np.concatenate([one.functions[name] for one in like]) for name in first.functions}
-        return cls(first.f, np.concatenate([one.power for one in like]), functions)
+        return cls(f, np.concatenate([one.power for one in like]), functions)
+
+    def at(self, f: Array) -> BlockPowers:
+        """The same at frequencies that it has."""
+        return BlockPowers(f, self.power[:, shared_frequencies(f, self.f)[1]], self.functions)
 
     def mean(self, spectrum: NoiseSpectrum) -> Array:
         """Expected powers, (K, F)."""
@@ -84,9 +94,18 @@ class BlockPowers:
         return expected
 
 
-def same_frequencies(one: Array, other: Array) -> bool:
-    """Whether two records have blocks of the same frequencies."""
-    return len(one) == len(other) and bool(np.all(np.abs(one - other) <= SAME_RATE * other))
+def shared_frequencies(one: Array, other: Array) -> tuple[Places, Places]:
+    """Places in both of the frequencies that two records of one rate share; the lowest depends on the motion."""
+    if len(one) == 0 or len(other) == 0 or abs(one[-1] - other[-1]) > SAME_RATE * other[-1]:
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    count = min(len(one), len(other))
+    return np.arange(len(one) - count, len(one)), np.arange(len(other) - count, len(other))
+
+
+def at_frequencies(spectrum: NoiseSpectrum, places: Places) -> NoiseSpectrum:
+    """A spectrum at some of its frequencies."""
+    growth = {name: one[places] for name, one in spectrum.growth.items()}
+    return NoiseSpectrum(spectrum.f[places], spectrum.floor[places], growth)
 
 
 def grown_spectrum(blocks: BlockPowers, effects: Sequence[Effect]) -> tuple[NoiseSpectrum, Grown]:
@@ -208,10 +227,12 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
         p = float(scipy.special.ndtr(-value / std)) if std > 0.0 else 1.0
         trials = 1 if is_white(effect) else len(at)
         low, high = float(blocks.f[band.start]), float(blocks.f[min(band.stop, len(at)) - 1])
-        text = f"noise of the output from {low:.0f} Hz to {high:.0f} Hz grows"
+        most = max(float(np.max(effect.column(one.signals))) for one in several)
+        strongest = math.sqrt(max(value, 0.0) * most)
+        text = f"noise of the output from {low:.0f} Hz to {high:.0f} Hz grows, to {strongest:.2g} m/s² rms at most"
         of_block = np.mean(blocks.power[:, band] / blocks.mean(spectrum)[:, band], axis=1)
         flat = flatness(of_block, blocks.functions[effect.name])
-        particulars = {"lowest": low, "highest": high, "least": LEAST_SHOWN * std, "flat": flat}
+        particulars = {"lowest": low, "highest": high, "least": LEAST_SHOWN * std, "flat": flat, "strongest": strongest}
         found.append(
             NoiseEffect(
                 effect.name,
@@ -240,13 +261,18 @@ def score_of_growth(residuals: Residuals, known: NoiseEffect, effects: Sequence[
     effects : all of the model of this kind.
     """
     blocks = BlockPowers.of(residuals, effects)
-    if known.spectrum is None or known.without is None or not same_frequencies(blocks.f, known.spectrum.f):
+    if known.spectrum is None or known.without is None or len(blocks.power) == 0:
         return None
-    m1, m0 = blocks.mean(known.spectrum), blocks.mean(known.without)
+    own, places = shared_frequencies(blocks.f, known.spectrum.f)
+    if len(own) == 0:
+        return None
+    blocks = BlockPowers(blocks.f[own], blocks.power[:, own], blocks.functions)
+    spectrum = at_frequencies(known.spectrum, places)
+    m1, m0 = blocks.mean(spectrum), blocks.mean(at_frequencies(known.without, places))
     gain = np.sum(np.log(m0) + blocks.power / m0 - np.log(m1) - blocks.power / m1, axis=1)
     h = blocks.functions[known.name]
     strong = h >= np.quantile(h, STRONGEST)
-    grown = known.spectrum.growth[known.name] / known.spectrum.floor
+    grown = spectrum.growth[known.name] / spectrum.floor
     seen = np.where(grown > 0.0, grown, 0.0)
     weights = seen / float(np.sum(seen)) if np.any(seen > 0.0) else np.full(len(seen), 1.0 / len(seen))
     total, std = total_with_std(gain)
