@@ -9,7 +9,7 @@ from accelcal.app.page import Page
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import number, usual
+from accelcal.formatting import amount, number, usual, with_unit
 from accelcal.model import Estimate
 
 
@@ -78,6 +78,13 @@ def parameters(page: Page) -> None:
                 e.owner,
                 act,
             ]
+        )
+    for one in step.fit.noise_effects:
+        read_off = one.std <= 0.0
+        value = with_unit(number(one.value, 4), one.unit) if read_off else amount(one.value, one.std, one.unit)
+        spread = "read off the values" if read_off else with_unit(number(one.std, 2), one.unit)
+        rows.append(
+            [spelled(one.name), one.symbol, value, usual(one.unit, one.value, one.std), spread, "", one.owner, ""]
         )
     titles = [
         "parameter",
