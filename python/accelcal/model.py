@@ -121,6 +121,8 @@ class Model:
         known = {term.name for term in self.terms}
         curved = {f"{name}.{shape}" for name in self.effects for shape in find(name).shapes}
         for name in (*self.fixed, *self.priors):
+            if name in self.effects and find(name).port == "noise":
+                raise ValueError(f"{name!r} acts on noise: it has no value to hold and no prior")
             if name not in known and not (name in curved and name in self.fixed):
                 raise ValueError(f"{name!r} is fixed or has a prior but is not in the model; add the effect first")
         for name in self.per_run:

@@ -348,6 +348,11 @@ def add(
     clean, solution = without_outliers(result(solution), solution, several)
     grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
+    unsettled = [name for name in names if find(name).port == "noise" and not solution.converged]
+    if unsettled:
+        raise ValueError(
+            f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
+        )
     return with_breaks(grown, broken)
 
 

@@ -412,6 +412,9 @@ def show_parameters(found: Fit) -> None:
         if total != e.symbol:
             estimated[e.name] = total
     for noise in found.noise_effects:
+        if noise.value <= 0.0:
+            rows.append((noise.name, "none seen", noise.unit, "", ""))
+            continue
         exact = noise.std <= 0.0
         value = f"{noise.value:.6g} (read off)" if exact else short(noise.value, noise.std)
         span = "" if exact else interval(noise.value, noise.std)

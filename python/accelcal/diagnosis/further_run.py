@@ -127,7 +127,7 @@ def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
 def tumble(state: RunState, angle_std: float) -> Dwells:
     """Dwells of the sensor around a turn; their means do not matter here."""
     samples = 1e4
-    white = math.sqrt(state.noise.q / DWELL * samples) * abs(state.values.scale)
+    white = math.sqrt(state.noise.usual.q / DWELL * samples) * abs(state.values.scale)
     warm = state.run.recording.side.get("temperature")
     return Dwells(
         angle=np.arange(DWELLS) * 2.0 * np.pi / DWELLS,

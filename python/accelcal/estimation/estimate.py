@@ -91,9 +91,10 @@ class Fit:
     """What effects of the model that act on noise amount to; they are in no row of the covariance."""
 
     def __repr__(self) -> str:
-        each = (
+        each = [
             f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}".removesuffix(" 1") for e in (*self.estimates, *self.shapes)
-        )
+        ]
+        each += [f"{e.name} {e.value:.5g} ± {e.std:.2g} {e.unit}" for e in self.noise_effects]
         return f"Fit({', '.join(name for name, _ in self.sources)}: {', '.join(each)})"
 
     def __getitem__(self, name: str) -> Estimate:
@@ -101,6 +102,8 @@ class Fit:
         for estimate in (*self.estimates, *self.shapes):
             if estimate.name == name:
                 return estimate
+        if name in self.model.effects:
+            raise KeyError(f"{name!r} acts on noise and has no coefficient of the mean; see noise_effects of the fit")
         raise KeyError(f"{name!r} is not a parameter of this fit; it has {', '.join(e.name for e in self.estimates)}")
 
     @property

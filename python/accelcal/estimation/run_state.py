@@ -131,7 +131,7 @@ class RunState:
         if np.sum(density[moving & (f <= crossover)]) < MOTION_BELOW * np.sum(density[moving]):
             return False
         shown = float(np.median(density[near] * (1.0 + (2.0 * np.pi * f[near] * run.tau(self.values)) ** 2)))
-        laid = 2.0 * self.noise.q * self.values.scale**2
+        laid = 2.0 * self.noise.usual.q * self.values.scale**2
         return laid > BEYOND_OUTPUT * shown > 0.0 and self._left_near(crossover) > STILL_THERE
 
     def _left_near(self, crossover: float) -> float:

@@ -35,6 +35,7 @@ BATCH = 256
 
 def left_density(run: PreparedRun, noise: Noise, f: Array) -> Array:
     """One-sided density of the noise that smoothing leaves in the acceleration (channels in parallel), (m/s²)²/Hz."""
+    noise = noise.usual
     encoder = noise.r * run.reading_step * (2.0 * np.pi * f) ** 4
     return np.asarray(2.0 * noise.q * encoder / (noise.q + encoder))
 

@@ -80,8 +80,9 @@ def smoothed_signals(
     crossover = run.crossover(noise)
     if cutoff is None:
         rough = gain * output - run.rig.gravity * filters.at_rest + wanted
-        density = noise.r * run.reading_step
-        cutoff, reach = motion_bandwidth(rough, rate, q=noise.q, reading_density=density, crossover=crossover)
+        usual = noise.usual
+        density = usual.r * run.reading_step
+        cutoff, reach = motion_bandwidth(rough, rate, q=usual.q, reading_density=density, crossover=crossover)
         del rough
     else:
         reach = cutoff

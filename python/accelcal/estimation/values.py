@@ -22,6 +22,8 @@ class NoiseGrowth:
     """Two-sided density of the noise on acceleration, (m/s²)²/Hz per unit."""
     r: float = 0.0
     """Variance of one encoder reading, m² per unit."""
+    mean: float = 0.0
+    """Mean of the variance function over the record, in its unit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +36,14 @@ class Noise:
     """Variance of one encoder reading, m²."""
     growth: tuple[NoiseGrowth, ...] = ()
     """Of each effect of the model that acts on noise; none where the noise is the same all along."""
+
+    @property
+    def usual(self) -> Noise:
+        """Mean noise of the record: what spectra and bandwidths that know no time are taken from."""
+        if not self.growth:
+            return self
+        grown = [(one.q * one.mean, one.r * one.mean) for one in self.growth]
+        return Noise(self.q + sum(q for q, _ in grown), self.r + sum(r for _, r in grown))
 
     def scaled(self, q: float, r: float = 1.0) -> Noise:
         """The same with the process noise and the reading noise multiplied by factors, their growth too."""

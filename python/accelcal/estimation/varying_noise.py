@@ -26,6 +26,8 @@ from accelcal.signals.signals import Signals
 
 LEAST_SHARE, FIRST_SHARE, MOST_SHARE = 1e-4, 0.1, 1e8
 """Growth of a noise, averaged over the readings, over the noise itself: limits and start of its search."""
+NONE_BELOW = 1.5
+"""A share below this many times the least one is none."""
 CONSTANT = 1e-3
 """Largest change over the mean of a variance function that is the same all along: it is the noise itself."""
 DIFFERENCE, MOST_STEPS = 1e-4, 60
@@ -90,8 +92,12 @@ def most_likely(
     def noise_at(x: Array) -> Noise:
         q = math.exp(x[0])
         r = max(math.exp(x[1]), run.reading_variance_floor(q))
-        shares = np.exp(x[2:].reshape(-1, 2)) * (q, r) / usual
-        grown = {name: replace(held[name], q=float(a), r=float(b)) for name, (a, b) in zip(names, shares, strict=True)}
+        share = np.exp(x[2:].reshape(-1, 2))
+        shares = np.where(share > NONE_BELOW * LEAST_SHARE, share, 0.0) * (q, r) / usual
+        grown = {
+            name: replace(held[name], q=float(a), r=float(b), mean=float(mean))
+            for name, (a, b), mean in zip(names, shares, usual[:, 0], strict=True)
+        }
         return Noise(q, r, tuple(grown.get(one.effect.name, one) for one in start.growth))
 
     def cost(x: Array) -> float:

@@ -132,7 +132,7 @@ def amplitude(information: Array, own: Array) -> float:
 def tumble_limit(state: RunState) -> TumbleLimit:
     """What a tumble of 24 dwells reaches with the noise of a fitted run."""
     rig = state.run.rig
-    density = abs(state.values.scale) * math.sqrt(2.0 * state.noise.q)
+    density = abs(state.values.scale) * math.sqrt(2.0 * state.noise.usual.q)
     plain = replace(rig, lowpass=None, sensor=replace(rig.sensor, noise=density))
     found = estimate_dwells(Model.linear(), tumble({}, plain, angle_std=HEAD))
     seconds = DWELLS * (DWELL + TURN)

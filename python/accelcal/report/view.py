@@ -88,6 +88,7 @@ def summary(content: Content) -> list[str]:
         if content.nested is not None and content.nested.horizon == h:
             floor = content.nested.floor  # of the best model: a poor one counts missing effects as noise
         lines.append(f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise floor {length(floor)}.")
+    lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in seen.noise_scores]
     lines.append(
         f"One-step prediction error: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}."
     )
@@ -99,8 +100,16 @@ def found(content: Content) -> list[dict[str, Any]]:
     d, rows = content.diagnosis, list[dict[str, Any]]()
     for name in (n for n in content.fit.model.added if find(n).traits.visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
+        of_noise = [amount(e.value, e.std, e.unit) for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
         size = contribution(content, d.sizes.get(name))
-        rows.append({"effect": name, "state": "in the model", "estimate": several(mine), "contribution": size})
+        rows.append(
+            {
+                "effect": name,
+                "state": "in the model",
+                "estimate": of_noise[0] if of_noise else several(mine),
+                "contribution": size,
+            }
+        )
     for one in d.scan.found:
         c = next((c for c in d.scan.candidates if c.effect == one.effect), None)
         if c is not None:

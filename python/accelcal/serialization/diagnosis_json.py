@@ -267,8 +267,8 @@ def ruler(fits: Sequence[Fit], seen: Sequence[Comparison]) -> dict[str, float]:
     """The one filter and the one band in which several models are compared."""
     noise = Ruler.of(fits).noise
     return {
-        "noise_m_per_s2_rthz": math.sqrt(2.0 * noise.q),
-        "reading_std_m": math.sqrt(noise.r),
+        "noise_m_per_s2_rthz": math.sqrt(2.0 * noise.usual.q),
+        "reading_std_m": math.sqrt(noise.usual.r),
         "band_hz": seen[0].band,
     }
 

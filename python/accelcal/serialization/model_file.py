@@ -360,7 +360,9 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
     return {
         "q": report.noise.q,
         "r": report.noise.r,
-        "growth": [{"effect": one.effect.name, "q": one.q, "r": one.r} for one in report.noise.growth],
+        "growth": [
+            {"effect": one.effect.name, "q": one.q, "r": one.r, "mean": one.mean} for one in report.noise.growth
+        ],
         "all": level_to_dict(report.all),
         "rest": level_to_dict(report.rest),
         "motion": level_to_dict(report.motion),
@@ -385,7 +387,9 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
         noise=Noise(
             content["q"],
             content["r"],
-            tuple(NoiseGrowth(find(one["effect"]), one["q"], one["r"]) for one in content.get("growth", ())),
+            tuple(
+                NoiseGrowth(find(one["effect"]), one["q"], one["r"], one["mean"]) for one in content.get("growth", ())
+            ),
         ),
         all=whole,
         rest=level_from_dict(content["rest"]),

@@ -21,7 +21,7 @@ NOTABLE = 4.0
 def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
     """Mean residual against time and every variable of the motion."""
     run, noise = ahead.run, ahead.noise
-    density = 2.0 * noise.q * ahead.values.scale**2  # one-sided, of the output
+    density = 2.0 * noise.usual.q * ahead.values.scale**2  # one-sided, of the output
     # The mean of T seconds of noise with that density has variance density/(2 T).
     step = run.reading_step
     variables = {

@@ -31,7 +31,7 @@ class Ruler:
         ValueError
             If there is no model.
         """
-        best = min(fits, key=lambda fit: fit.noise().q, default=None)
+        best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise ValueError("a comparison of several models needs at least one of them")
         return cls(best.noise(), best.validity["frequency"][1])

@@ -44,6 +44,7 @@ def predicted_density(f: Array, noise: Noise, scale: float, step: float, band: f
     step : of the encoder readings, s.
     band : of the low-pass, Hz.
     """
+    noise = noise.usual
     encoder = 2.0 * noise.r * step * (2.0 * np.pi * f) ** 4
     passed = 1.0 / (1.0 + (f / band) ** (2 * ORDER)) ** 2  # the low-pass ran forwards and backwards
     return np.asarray(scale**2 * (2.0 * noise.q + encoder) * passed)

@@ -67,11 +67,12 @@ def test_what_a_record_does_not_show_is_refused_with_the_size_that_would_show(na
         ac.add(base, train, name)
 
 
-def test_a_score_of_a_record_without_the_effect_falls(tmp_path):
-    """The twin: jitter that the fitted record has and the other has not is no gain."""
-    _, train, _ = halves("timing_jitter", tmp_path, seed=22)
+@pytest.mark.parametrize("name", ["vibration", "timing_jitter", "accelerometer_outliers", "encoder_outliers"])
+def test_a_score_of_a_record_without_the_effect_falls(name, tmp_path):
+    """The twin: an effect that the fitted record has and the other has not is no gain."""
+    _, train, _ = halves(name, tmp_path, seed=22)
     _, other, _ = halves("", tmp_path, seed=22)
-    grown = ac.add(ac.fit(ac.Model.linear(), train), train, "timing_jitter")
+    grown = ac.add(ac.fit(ac.Model.linear(), train), train, name)
     (score,) = ac.compare(grown, other).noise_scores
     assert not score.gained
     assert score.ratio < 0.8
@@ -113,6 +114,27 @@ def test_a_model_file_holds_all_of_it(tmp_path):
     dropped = ac.drop(again, train, "vibration")
     assert dropped.noise_effects == ()
     assert dropped.noise().growth == ()
+
+
+def test_a_fit_that_sees_no_outliers_is_compared_and_printed(tmp_path):
+    """A model with an effect that a record lacks, fitted and not added."""
+    _, train, held = halves("", tmp_path, seed=24)
+    found = ac.fit(ac.Model.linear().add("encoder_outliers", "accelerometer_outliers", "quantisation"), train)
+    assert [one.value for one in found.noise_effects][:2] == [0.0, 0.0]
+    assert all(np.isfinite(score.gain) for score in ac.compare(found, held).noise_scores)
+    with pytest.raises(KeyError, match="encoder_outliers' acts on noise"):
+        found["encoder_outliers"]
+    with pytest.raises(ValueError, match="'encoder_outliers' acts on noise: it has no value to hold"):
+        found.model.freeze(encoder_outliers=1e-12)
+
+
+def test_predicted_noise_holds_the_growth(tmp_path):
+    """No region of the residual stands out of the noise of a model that has jitter of 1 ms (5 standard deviations)."""
+    _, train, held = halves("timing_jitter", tmp_path, seed=25, size=1e-3)
+    base = ac.fit(ac.Model.linear(), train)
+    grown = ac.add(base, train, "timing_jitter")
+    assert grown.noise().usual.q == pytest.approx(base.noise().q, rel=0.1)
+    assert "no region stands out" in ac.compare(grown, held).worst
 
 
 def test_a_damaged_spectrum_is_refused(tmp_path):

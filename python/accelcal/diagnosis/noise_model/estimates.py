@@ -78,6 +78,8 @@ def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[
     growing = [effect for effect in effects.values() if grows(effect)]
     found: list[NoiseScore | None] = []
     for one in known:
+        if one.value <= 0.0:  # the fit saw none
+            continue
         channel = rejected_channel(effects[one.name])
         if channel:
             found.append(score_of_tails(record.errors(channel), one))

@@ -254,6 +254,8 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
 def score_of_growth(residuals: Residuals, known: NoiseEffect, effects: Sequence[Effect]) -> NoiseScore | None:
     """Gain of Whittle's log-likelihood on a record by an effect; None where the frequencies are not those of the fit.
 
+    The level of either spectrum at each frequency is that of the record: what is scored is how the noise grows.
+
     Parameters
     ----------
     residuals : of the record.
@@ -269,7 +271,10 @@ def score_of_growth(residuals: Residuals, known: NoiseEffect, effects: Sequence[
     blocks = BlockPowers(blocks.f[own], blocks.power[:, own], blocks.functions)
     spectrum = at_frequencies(known.spectrum, places)
     m1, m0 = blocks.mean(spectrum), blocks.mean(at_frequencies(known.without, places))
-    gain = np.sum(np.log(m0) + blocks.power / m0 - np.log(m1) - blocks.power / m1, axis=1)
+    level1, level0 = (np.mean(blocks.power / m, axis=0) for m in (m1, m0))  # how noise grows, not how much there is
+    gain = np.sum(
+        np.log(level0 * m0) + blocks.power / (level0 * m0) - np.log(level1 * m1) - blocks.power / (level1 * m1), axis=1
+    )
     h = blocks.functions[known.name]
     strong = h >= np.quantile(h, STRONGEST)
     grown = spectrum.growth[known.name] / spectrum.floor

@@ -152,12 +152,12 @@ def second_difference(at: Array, i: int, j: int, h: float, found: Exceedances) -
 
 def score_of_tails(errors: SampleErrors, known: NoiseEffect) -> NoiseScore:
     """Gain of the log density of the samples of a channel by outliers of a known share and size, over normal noise of
-    the same variance."""
+    the variance that the samples have."""
     found = Exceedances.of(errors)
     share, size = known.particulars["share"], known.particulars["size"] / max(found.scale, 1e-300)
     wide = math.sqrt(1.0 + size**2)
     usual, rare = normal_log_density(found.score, 1.0), normal_log_density(found.score, wide)
-    plain = normal_log_density(found.score, math.sqrt(1.0 + share * size**2))
+    plain = normal_log_density(found.score, math.sqrt(float(np.mean(found.score**2))))
     gain = np.logaddexp(math.log1p(-share) + usual, math.log(share) + rare) - plain
     total, std = total_with_std(gain)
     n, events = len(gain), int(np.sum(found.outlying))

@@ -68,10 +68,13 @@ def rounded_noise(several: Sequence[Residuals], effect: Effect) -> NoiseEffect:
     return NoiseEffect(effect.name, effect.symbol, effect.unit, step**2, 0.0, effect.owner, p, text, particulars)
 
 
-def score_of_rounding(residuals: Residuals, known: NoiseEffect) -> NoiseScore:
-    """Gain of the log probability of the codes of a record by the rounding, over noise that is not rounded."""
+def score_of_rounding(residuals: Residuals, known: NoiseEffect) -> NoiseScore | None:
+    """Gain of the log probability of the codes of a record by the rounding, over noise of the variance that its samples
+    have and that is not rounded; None where the output never moves by a step."""
     r, step = sample_residuals(residuals), known.particulars["step"]
-    noise, plain = known.particulars["noise"], known.particulars["without"]
+    if len(r) == 0:
+        return None
+    noise, plain = known.particulars["noise"], math.sqrt(float(np.mean(r**2)))
     density = -0.5 * (r / plain) ** 2 - math.log(plain) - 0.5 * math.log(2.0 * math.pi)
     gain = code_log_probability(r, step, noise) - np.maximum(density + math.log(step), math.log(LEAST_PROBABILITY))
     total, std = total_with_std(gain)

@@ -183,7 +183,7 @@ class Residuals:
 
         What is seen there enters behind the filters: rounding, and errors of the model's own output.
         """
-        return self.least_gain**2 * self.state.noise.q * self.state.values.scale**2 * self.rate
+        return self.least_gain**2 * self.state.noise.usual.q * self.state.values.scale**2 * self.rate
 
     @property
     def lost(self) -> Places:
@@ -316,6 +316,6 @@ def sample_noise(residuals: Residuals) -> float:
     bandwidth = 1.0 / (2.0 * residuals.tau) if residuals.tau > 0.0 else residuals.rate
     if run.rig.output_filters:
         bandwidth = noise_bandwidth(residuals.gain, residuals.rate)
-    variance = noise.q * residuals.state.values.scale**2 * bandwidth
+    variance = noise.usual.q * residuals.state.values.scale**2 * bandwidth
     declared = 0.5 * (run.rig.sensor.noise or 0.0) ** 2 * bandwidth
     return math.sqrt(max(variance - residuals.lsb**2 / 12.0, 0.05 * variance, min(declared, variance)))
