@@ -121,6 +121,7 @@ def diagnose(
             start=stretch.start,
             end=stretch.end,
             origins=fit.origins,
+            others_whole=not stretch.chosen,
             report=within(report, 0.1, 0.3),
         )
 

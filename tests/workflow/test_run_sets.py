@@ -9,6 +9,7 @@ import accelcal as ac
 from accelcal.data.dwells import Dwells
 from accelcal.diagnosis.further_run import further_runs
 from accelcal.estimation.estimate import solve_runs
+from tests.worlds import World
 
 G = 9.80665
 
@@ -72,3 +73,16 @@ def test_dwells_alone_have_no_motion_to_diagnose():
     one = run(9)
     together = [one, dwells]
     assert ac.diagnose(ac.fit(ac.Model.linear(), together), together).fit.dwells is not None
+
+
+def test_each_run_is_judged_on_its_own_clock_and_as_a_whole(tmp_path):
+    """The second run begins where the first ends and is longer: nothing of it is cut to the span of the first."""
+    world = World("interleaved", "ADXL105", (), seed=5).settled()
+    run = ac.load(world.record().write(tmp_path, "whole"))
+    runs = [run.part(0.0, 22.0), run.part(22.0, 58.0)]
+    fitted = ac.fit(ac.Model.linear(), runs)
+    found = ac.diagnose(fitted, runs)
+    assert found.verdict == "adequate"
+    assert [end - start > 35.0 for start, end in found.used] == [False, True]
+    assert found.fit["bias"].std == pytest.approx(fitted["bias"].std, rel=0.05)
+    assert ac.improve(runs).diagnosis.used[1] == found.used[1]

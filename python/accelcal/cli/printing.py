@@ -483,7 +483,8 @@ def noise_lines(report: Any) -> list[str]:
     from accelcal.data.units import MICRO_G
 
     lines = []
-    for label, level in (("noise", report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
+    whole = "noise beside the effects above" if report.noise.growth else "noise"
+    for label, level in ((whole, report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
         if level is not None:
             density = plus_minus(level.density / MICRO_G, level.density_std / MICRO_G)
             reading = plus_minus(1e6 * level.reading, 1e6 * level.reading_std)

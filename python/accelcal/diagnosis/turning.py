@@ -46,8 +46,7 @@ class FittedSpan:
 
     def slow_residual(self, model: Model, span: tuple[float, float]) -> Comparison:
         """The residual that another model leaves in a span of the first recording, s."""
-        start = self.start if len(self.recordings) == 1 else None
-        fitted = result(solve_runs(model, self.recordings, start=start, end=self.end))
+        fitted = result(solve_runs(model, self.recordings, start=self.start, end=self.end, others_whole=True))
         return compare(fitted, self.recordings[0], start=span[0], end=span[1])
 
 

@@ -128,6 +128,8 @@ class TimeSpan:
     breaks: tuple[float, ...]
     remarks: tuple[Remark, ...]
     """Faults, several of one kind as one."""
+    chosen: bool = False
+    """Whether the user chose it, for all recordings; else it is that of the first."""
 
     @classmethod
     def of(
@@ -139,14 +141,15 @@ class TimeSpan:
         """
         breaks: tuple[float, ...] = ()
         columns = None
-        if start is None and end is None:
+        chosen = start is not None or end is not None
+        if not chosen:
             found = usable(recording, every)
             start, end, breaks = found.start, found.end, found.breaks
             columns = None if breaks else found.columns
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
         start, end = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
-        return cls(start, end, breaks, (*broken, *fault_remarks(faults(recording, run, columns), end - start)))
+        return cls(start, end, breaks, (*broken, *fault_remarks(faults(recording, run, columns), end - start)), chosen)
 
 
 def verdict_on(

@@ -207,11 +207,13 @@ def solve_runs(
     end: float | None = None,
     band: float | None = None,
     origins: Origins | None = None,
+    others_whole: bool = False,
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
 
-    Parameters and errors are those of :func:`fit`.
+    Parameters and errors are those of :func:`fit`; with `others_whole`, `start` and `end` are those of the first
+    recording alone: each has a clock of its own.
     """
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
@@ -219,7 +221,8 @@ def solve_runs(
     require_shown(model, recordings)
     require_process_size(model)
     first = prepare(recordings[0], origins, start=start, end=end)
-    runs = [first, *(prepare(r, first.origins, start=start, end=end) for r in recordings[1:])]
+    begin, stop = (None, None) if others_whole else (start, end)
+    runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
     for run in runs:
         require_motion(run)
         require_band(run, band)

@@ -124,7 +124,7 @@ class StepwiseSelection:
         budget: SearchBudget,
     ) -> StepwiseSelection:
         """Start from the base model, fitted and judged."""
-        fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch.start, split))
+        fitted = clean_fit(original, lambda these: solve(Model.linear(), these, stretch, split))
         current = JudgedModel(fitted, verdict_on(fitted, stretch, extra, alpha))
         return cls(
             original,
@@ -190,7 +190,7 @@ class StepwiseSelection:
         self.history.classes = self.history.final_classes(verdict.scan.candidates, verdict.fit)
         if delay_is_significant(self.fits[-1][1], verdict.scan, self.alpha):
             undelayed = result(
-                solve(without_delay(self.original), self.current.fitted.recordings, self.stretch.start, self.split)
+                solve(without_delay(self.original), self.current.fitted.recordings, self.stretch, self.split)
             )
             self.history.classes.insert(0, Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT))
             self.fits = [((), undelayed), *((("time_offset", *names), fitted) for names, fitted in self.fits)]
@@ -242,7 +242,7 @@ class StepwiseSelection:
             [] if anew else [test for test in self.current.fitted.tests if test.effect in CHANNEL_OF and test.at]
         )
         recordings = self.original if anew else self.current.fitted.recordings
-        return clean_fit(recordings, lambda these: solve(model, these, self.stretch.start, self.split), earlier_tests)
+        return clean_fit(recordings, lambda these: solve(model, these, self.stretch, self.split), earlier_tests)
 
     def judge(self, fitted: CleanFit) -> JudgedModel:
         """A fitted model with the verdict on it."""
@@ -366,9 +366,9 @@ def validation_rises(solution: Solution, name: str, leaving: Sequence[Term] = ()
     )
 
 
-def solve(model: Model, recordings: Sequence[Recording], start: float, end: float) -> Solution:
-    """Fit a model up to the held-out data; a single recording from the start of its usable part."""
-    return solve_runs(model, recordings, start=start if len(recordings) == 1 else None, end=end)
+def solve(model: Model, recordings: Sequence[Recording], stretch: TimeSpan, end: float) -> Solution:
+    """Fit a model to the usable part of the first recording, up to the held-out data, and to the others as a whole."""
+    return solve_runs(model, recordings, start=stretch.start, end=end, others_whole=not stretch.chosen)
 
 
 def without_delay(recordings: Sequence[Recording]) -> Model:
