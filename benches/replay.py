@@ -93,7 +93,7 @@ def gram(seconds: float) -> dict[str, float]:
     restart[0] = True
     counts = np.ones(len(t), dtype=bool)
     begun = time.process_time()
-    track = _core.ReplayTrack(t, z, first, second, restart, np.zeros(len(t)), q=1e-6, r=1e-12, prior=PRIOR)
+    track = _core.ReplayTrack(t, z, first, second, restart, np.zeros(len(t)), np.empty(0), q=1e-6, r=1e-12, prior=PRIOR)
     filtered = time.process_time()
     del first, second, z
     whitened = track.series("e")

@@ -65,7 +65,9 @@ def by_replay(c: Case, *, restart: Array | None = None) -> tuple[Array, Array]:
     n, m = len(c.t), INPUTS + DIRECT
     begins = np.zeros(n, dtype=np.bool_) if restart is None else restart
     begins[0] = True
-    track = _core.ReplayTrack(c.t, c.z, c.first, c.second, begins, np.zeros(n), np.empty(0), q=c.q, r=c.R, prior=c.prior)
+    track = _core.ReplayTrack(
+        c.t, c.z, c.first, c.second, begins, np.zeros(n), np.empty(0), q=c.q, r=c.R, prior=c.prior
+    )
     grid = c.start, c.step, len(c.grid)
     bank = _core.Bank(track, c.t, begins, np.ones(n, dtype=np.bool_), grid=grid, from_=0, to=n, group=1)
     rows, response = np.empty((m, n)), np.zeros((m, 2))
