@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal import filters
-from accelcal._core import FilterError, FilterStream
+from accelcal._core import FilterError, FilterStream, FixedRateFilter
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_setup
@@ -247,6 +247,11 @@ def unusable(kind: str) -> None:
         case "Size":
             setup = core_setup(aci, 1e-6, 1e-12, None, None, 0.0, None, None)
             FilterStream(setup, np.zeros(3), np.eye(3))
+        case "Consider":
+            considering = FilterChoice("aci", "linear", consider=("k",))
+            FixedRateFilter(
+                core_setup(considering, 1e-6, 1e-12, None, None, 0.0, None, None), np.zeros(4), np.eye(4), DT
+            )
 
 
 @pytest.mark.parametrize("kind", sorted(variants("SetupError")))
