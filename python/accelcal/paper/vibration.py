@@ -36,7 +36,7 @@ BIASED = 3.0
 """Growth of an error that is a bias: the scatter of an rms over five runs alone is 1.4."""
 REPLAY_WITHIN = 0.01
 """Relative rms error of K2 and K3 by the replay at any vibration."""
-REPLAYED = 2
+REPLAYED = 1
 """Fits of whole records at each amplitude in quick mode."""
 NEES_REGION = 0.999
 """Probability of the region of the normalised error."""
