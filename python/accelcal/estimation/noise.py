@@ -104,8 +104,7 @@ class NoiseSearch:
         """The noise whose crossover lies at `band`, Hz, with the process density kept; without a band the noise."""
         if band is None:
             return self.noise
-        r = self.noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step)
-        return self.noise.scaled(1.0, r / self.noise.r)
+        return replace(self.noise, r=self.noise.q / ((2.0 * np.pi * band) ** 4 * run.reading_step))
 
 
 def estimate_noise(

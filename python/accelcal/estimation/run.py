@@ -193,8 +193,7 @@ class PreparedRun:
 
     def crossover(self, noise: Noise) -> float:
         """Frequency at which both channels determine the acceleration equally well, Hz (derivations 3.4)."""
-        usual = noise.usual
-        return float((usual.q / (usual.r * self.reading_step)) ** 0.25 / (2.0 * np.pi))
+        return float((noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi))
 
     def wait(self, noise: Noise) -> float:
         """Time after a start during which innovations are not used, s: five time constants of the filter."""
