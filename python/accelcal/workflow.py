@@ -239,7 +239,7 @@ def fit(
     )
     found = result(solution)
     if reject_outliers:
-        found, solution = without_outliers(found, solution, several, start=start, end=end, band=band)
+        found, solution = fit_without_outliers(found, solution, several, start=start, end=end, band=band)
     found = with_noise_effects(found, several, solution.states)
     found = with_breaks(with_agreement(found, solution.states), broken)
     run = solution.states[0].run
@@ -262,7 +262,7 @@ def with_agreement(fit: Fit, states: Sequence[RunState]) -> Fit:
     return fit if found is None else replace(fit, remarks=(*fit.remarks, f"{found.sentence}."))
 
 
-def without_outliers(
+def fit_without_outliers(
     fit: Fit,
     solution: Solution,
     recordings: Sequence[Recording],
@@ -346,7 +346,7 @@ def add(
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
-    clean, solution = without_outliers(result(solution), solution, several)
+    clean, solution = fit_without_outliers(result(solution), solution, several)
     grown = with_noise_effects(clean, several, solution.states)
     require_noise_shown(grown, names)
     unsettled = [name for name in names if find(name).port == "noise" and not solution.converged]
@@ -371,7 +371,7 @@ def drop(
     several, broken = usable_recordings(runs_of(recordings))
     model = model_in_motion(fit).drop(*names)
     solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.9))
-    left, solution = without_outliers(result(solution), solution, several)
+    left, solution = fit_without_outliers(result(solution), solution, several)
     return with_breaks(with_noise_effects(left, several, solution.states), broken)
 
 

@@ -317,12 +317,17 @@ def estimate_dwells(model: Model, dwells: Dwells, origins: Origins | None = None
     )
 
 
+def settled_state(run: PreparedRun, values: Values, noise: Noise, band: float | None = None) -> RunState:
+    """State of a run at values and noise that stay, its signals and its nominal settled against each other."""
+    state = RunState.at(run, values, noise, band, search_noise=False)
+    for _ in range(0 if values.constant and not noise.growth else SETTLING - 1):
+        state.refresh(values, search_noise=False)
+    return state
+
+
 def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     """State of a run at the values and the noise that a fit has for its run `index`."""
-    values = fit.values(index)
-    state = RunState.at(run, values, fit.noise(index), fit.runs[index].noise.band, search_noise=False)
-    for _ in range(0 if values.constant and not state.noise.growth else SETTLING - 1):
-        state.refresh(values, search_noise=False)
+    state = settled_state(run, fit.values(index), fit.noise(index), fit.runs[index].noise.band)
     measure_noise(state, fit.model)
     settle_dwells(state, fit.model, DWELL_STEPS)
     return state

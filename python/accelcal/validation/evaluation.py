@@ -12,9 +12,8 @@ from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
 from accelcal.estimation.drive import DriveIntegrals, drive
-from accelcal.estimation.estimate import SETTLING, Fit, require_band
+from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
@@ -190,10 +189,7 @@ def smoothed_drive(ahead: Prediction) -> DriveIntegrals:
     """What drives the filter where effects are taken at the smoothed motion."""
     if ahead.causal is None:
         return ahead.drive
-    state = RunState.at(ahead.run, ahead.values, ahead.noise, search_noise=False)
-    for _ in range(SETTLING - 1):
-        state.refresh(ahead.values, search_noise=False)
-    return drive(ahead.run, ahead.values, state.signals)
+    return drive(ahead.run, ahead.values, settled_state(ahead.run, ahead.values, ahead.noise).signals)
 
 
 def without_steps(y: Array, run: PreparedRun) -> Array:

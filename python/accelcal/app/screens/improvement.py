@@ -123,29 +123,26 @@ def verdict(page: Page) -> None:
                 ui.label(experiment).classes("note")
 
 
+def heading(page: Page, effect: str, title: str, *, primary: bool = False) -> None:
+    """Title of a card, and the button that adds its effect."""
+    with ui.row().classes("line spread"):
+        ui.label(title).classes("strong large-name")
+        widgets.button(
+            "Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=f"Add {title}"
+        ).set_enabled(page.bench.job is None)
+
+
 def of_noise(page: Page, name: str, title: str, text: str) -> None:
     """An effect on noise that a test found, and its button."""
     with ui.element("article").classes("candidate"):
-        with ui.row().classes("line spread"):
-            ui.label(title).classes("strong large-name")
-            widgets.button("Add", "add", lambda: page.improve(page.bench.add, name), label=f"Add {title}").set_enabled(
-                page.bench.job is None
-            )
+        heading(page, name, title)
         ui.label(text)
 
 
 def candidate(page: Page, card: wording.Card) -> None:
     """One candidate with its card and its button."""
     with ui.element("article").classes("candidate").classes("first" if card.first else ""):
-        with ui.row().classes("line spread"):
-            ui.label(card.title).classes("strong large-name")
-            widgets.button(
-                "Add",
-                "add",
-                lambda: page.improve(page.bench.add, card.effect),
-                primary=card.first,
-                label=f"Add {card.title}",
-            ).set_enabled(page.bench.job is None)
+        heading(page, card.effect, card.title, primary=card.first)
         ui.label(card.about)
         widgets.lines(card.facts)
         if card.rivals:

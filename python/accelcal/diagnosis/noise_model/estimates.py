@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.noise_model.growing import growing_noise, score_of_growth
+from accelcal.diagnosis.noise_model.growing import BlockPowers, growing_noise, score_of_growth
 from accelcal.diagnosis.noise_model.heavy_tails import outlying_noise, reading_errors, score_of_tails
 from accelcal.diagnosis.noise_model.rounding import rounded_noise, score_of_rounding
 from accelcal.diagnosis.noise_tests.outliers import SampleErrors, output_errors
@@ -76,6 +76,7 @@ def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[
     """What each effect gains on a record that it was not estimated from; none where frequencies do not match."""
     effects = {one.name: find(one.name) for one in known}
     growing = [effect for effect in effects.values() if grows(effect)]
+    blocks = BlockPowers.of(record.clean, growing) if growing else None
     found: list[NoiseScore | None] = []
     for one in known:
         if one.value <= 0.0:  # the fit saw none
@@ -85,6 +86,6 @@ def noise_scores_of(known: Sequence[NoiseEffect], record: RecordNoise) -> tuple[
             found.append(score_of_tails(record.errors(channel), one))
         elif is_rounding(effects[one.name]):
             found.append(score_of_rounding(record.clean, one))
-        else:
-            found.append(score_of_growth(record.clean, one, growing))
+        elif blocks is not None:
+            found.append(score_of_growth(blocks, one))
     return tuple(score for score in found if score is not None)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of
+from accelcal.diagnosis.noise_model.estimates import RecordNoise, noise_estimates, noise_scores_of, rejected_channel
 from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.outlier_rejection import outliers_found, without_outliers
 from accelcal.diagnosis.policy import NOISE_EFFECT_ALPHA
-from accelcal.estimation.estimate import SETTLING, Fit, require_channels, state_at
+from accelcal.estimation.estimate import Fit, require_channels, settled_state, state_at
 from accelcal.estimation.noise_effects import NoiseScore
 from accelcal.estimation.run import prepare
 from accelcal.estimation.run_state import RunState
@@ -28,10 +28,11 @@ def with_noise_effects(fit: Fit, original: Sequence[Recording], states: Sequence
     """
     if not fit.model.noise_effects:
         return fit
+    outlying = any(rejected_channel(effect) == "accel" for effect in fit.model.noise_effects)
     records = []
     for index, (recording, state) in enumerate(zip(original, states, strict=True)):
         whole, clean, span = state, state.run.recording, fit.runs[index]
-        if (len(clean.accel), len(clean.position)) != (len(recording.accel), len(recording.position)):
+        if outlying and (len(clean.accel), len(clean.position)) != (len(recording.accel), len(recording.position)):
             whole = state_at(fit, index, prepare(recording, fit.origins, start=span.start, end=span.end))
         records.append(RecordNoise.of(state, whole, recording))
     return replace(fit, noise_effects=noise_estimates(fit.model, records))
@@ -84,11 +85,7 @@ def noise_scores(
     require_channels(fit, recording)
 
     def state_of(one: Recording) -> RunState:
-        run, values = prepare(one, fit.origins, start=start, end=end), values_on(fit, recording)
-        state = RunState.at(run, values, fit.noise(), None, search_noise=False)
-        for _ in range(SETTLING - 1):
-            state.refresh(values, search_noise=False)
-        return state
+        return settled_state(prepare(one, fit.origins, start=start, end=end), values_on(fit, recording), fit.noise())
 
     whole, clean = state_of(recording), recording
     for test in outliers_found(run_noise_tests(whole)):

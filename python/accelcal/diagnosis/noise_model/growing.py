@@ -13,23 +13,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.noise_tests.block_spectra import BlockSpectra
 from accelcal.diagnosis.noise_tests.residuals import Residuals
+from accelcal.diagnosis.policy import NOISE_TEST_LEAST_BLOCKS
 from accelcal.effects import Effect
 from accelcal.estimation.noise_effects import NoiseEffect, NoiseScore, NoiseSpectrum
+from accelcal.signals.unresolved import Places
 
-Places = NDArray[np.intp]
 BLOCK: Array = scipy.signal.windows.hann(128, sym=False)
 """Window of a block: lines leak little, and blocks that overlap by half are nearly independent."""
 ITERATIONS = 8
 """Of the weighted least squares."""
 LEAST_MEAN = 1e-3
 """Least mean of a block over the median, in the weights."""
-FEWEST_BLOCKS = 40
-"""Fewer blocks than this tell nothing of how power changes."""
 NEIGHBOURS = 3
 """Frequencies on either side that share the growth which weights are taken from."""
 IN_BAND = 2.0
@@ -206,7 +204,7 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
     effects : those of the model of this kind.
     """
     blocks = BlockPowers.joined([BlockPowers.of(residuals, effects) for residuals in several])
-    if len(blocks.power) < FEWEST_BLOCKS or len(blocks.f) == 0:
+    if len(blocks.power) < NOISE_TEST_LEAST_BLOCKS or len(blocks.f) == 0:
         return []
     spectrum, estimated = grown_spectrum(blocks, effects)
     gain = np.maximum(np.abs(several[0].gain(blocks.f)), several[0].least_gain)
@@ -251,18 +249,16 @@ def growing_noise(several: Sequence[Residuals], effects: Sequence[Effect]) -> li
     return found
 
 
-def score_of_growth(residuals: Residuals, known: NoiseEffect, effects: Sequence[Effect]) -> NoiseScore | None:
+def score_of_growth(blocks: BlockPowers, known: NoiseEffect) -> NoiseScore | None:
     """Gain of Whittle's log-likelihood on a record by an effect; None where the frequencies are not those of the fit.
 
     The level of either spectrum at each frequency is that of the record: what is scored is how the noise grows.
 
     Parameters
     ----------
-    residuals : of the record.
+    blocks : of the record, with the variance functions of all effects of the model of this kind.
     known : the effect, as it was estimated.
-    effects : all of the model of this kind.
     """
-    blocks = BlockPowers.of(residuals, effects)
     if known.spectrum is None or known.without is None or len(blocks.power) == 0:
         return None
     own, places = shared_frequencies(blocks.f, known.spectrum.f)
