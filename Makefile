@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long embedded check bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long test-hostile embedded check bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -26,6 +26,9 @@ test: $(STAMP) ## Run every test: Rust, then Python.
 test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
+
+test-hostile: $(STAMP) ## Mutated files and models, kills, full disks, many sessions: every case, hours.
+	ACCELCAL_HOSTILE=long ACCELCAL_REQUIRE_BROWSER=1 $(BIN)/python -m pytest -q -s tests/hostile
 
 embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, flash, stack. Installs Debian packages.
 	firmware/install.sh
