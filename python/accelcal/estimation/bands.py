@@ -54,9 +54,10 @@ def trial_bands(model: Model, state: RunState) -> tuple[BandTrial, ...]:
     if least >= top:
         return ()
     found: list[BandTrial] = []
+    model = model.drop(*(effect.name for effect in model.noise_effects))  # what blocks scatter is measured
     for band in np.geomspace(least, top, TRIAL_BANDS):
         try:
-            trial = estimated(model, initial_states(model, [run], [float(band)]))
+            trial = estimated(model, initial_states(model, [run], [float(band)]), trial=True)
         except (NotIdentifiable, ValueError):
             continue
         answer = answer_of(trial, float(band), span)

@@ -31,6 +31,9 @@ CONVERGED = 0.01
 """A round that moves every parameter by less than this share of its standard deviation is the last."""
 DWELL_STEPS = 3
 """Newton steps of the angle zeros of dwells at coefficients that stay."""
+ASTRAY = 1.0
+"""A trial whose steps grow when its noise is settled, and move a parameter by more standard deviations than this, is
+given up: it does not converge in the rounds that are left."""
 PER_RUN_OWNERS = ("timing",)
 """Owners whose coefficients belong to each run of a joint fit."""
 
@@ -128,6 +131,7 @@ def estimated(
     report: Callable[[float], None] = lambda share: None,
     *,
     least: int = LEAST_ROUNDS,
+    trial: bool = False,
 ) -> Solution:
     """Iterate without the last re-linearisation, when only estimates and covariance are needed.
 
@@ -137,6 +141,7 @@ def estimated(
     states : runs at which the first step is linearised; each moves with the steps that follow.
     report : called with the share of the work that is done, 0 to 1.
     least : rounds at least; two suffice where the states come from a fit of a smaller model.
+    trial : whether a solution that does not converge is of no use, so that it is given up early.
 
     Raises
     ------
@@ -144,15 +149,17 @@ def estimated(
         If the information matrix is singular.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # a step too far is told by an information that is not finite
-        return _estimated(model, states, report, least)
+        return _estimated(model, states, report, least, trial)
 
 
-def _estimated(model: Model, states: list[RunState], report: Callable[[float], None], least: int) -> Solution:
+def _estimated(
+    model: Model, states: list[RunState], report: Callable[[float], None], least: int, trial: bool
+) -> Solution:
     """The iteration of `estimated`."""
     layout = Layout.of(model, len(states))
     x = layout.gather([state.values for state in states])
     belief, mean = layout.prior_information(model), layout.prior_mean(model)
-    converged = False
+    converged, moved = False, math.inf
     for round_number in range(MAX_ROUNDS):
         information, score = np.diag(belief), belief * (mean - x)
         normals = []
@@ -174,8 +181,10 @@ def _estimated(model: Model, states: list[RunState], report: Callable[[float], N
         step, covariance = solve(information + drawn, score - drawn @ x, layout)
         x = x + step
         report(min(0.9, (round_number + 1) / USUAL_ROUNDS))
-        converged = bool(np.all(np.abs(step) <= CONVERGED * np.sqrt(np.diag(covariance))))
-        if round_number + 1 >= least and converged:
+        before, moved = moved, float(np.max(np.abs(step) / np.sqrt(np.diag(covariance)), initial=0.0))
+        converged = moved <= CONVERGED
+        astray = trial and round_number >= NOISE_ROUNDS and moved > max(ASTRAY, before)
+        if astray or (round_number + 1 >= least and converged):
             break
     if any(state.band is not None for state in states):
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)

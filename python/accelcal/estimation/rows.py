@@ -71,6 +71,8 @@ def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | No
         return None
     X = sums.whole(terms)
     size = np.sqrt(np.maximum(np.sum(X**2, axis=1), 1e-300))
+    if not np.all(np.isfinite(size)) or not np.isfinite(y @ y):
+        return None  # the solve says so
     basis = scipy.linalg.orth((X / size[:, None]).T)
     explained = np.minimum(np.sum(scipy.fft.dct(basis, norm="ortho", axis=0) ** 2, axis=1), 1.0)
     found = measured_spectrum(y - basis @ (basis.T @ y), sums.rate, crossover, explained)

@@ -34,12 +34,12 @@ BAND = 100.0
 """Width of the band of II-F, 200 to 300 Hz."""
 BIASED = 3.0
 """Growth of an error that is a bias: the scatter of an rms over five runs alone is 1.4."""
-REPLAY_WITHIN = 0.01
-"""Relative rms error of K2 and K3 by the replay at any vibration."""
+REPLAY_WITHIN = 0.02
+"""Relative standard deviation of K2 and K3 by the replay at any vibration: white noise alone leaves 0.6 % and 1.4 %."""
 REPLAYED = 1
 """Fits of whole records at each amplitude in quick mode."""
 NEES_REGION = 0.999
-"""Probability of the region of the normalised error."""
+"""Probability of the region of the normalised error, and of a smaller rms error."""
 VIBRATION = found_by("noise over speed").name
 _INSTANTS = np.arange(1.0, SECONDS + 0.5)
 """Where the rms error (15) is taken before it is averaged, s."""
@@ -121,6 +121,8 @@ class Replayed:
 
     relative: Array
     """Errors of K2 and K3 over their values, (runs, 2)."""
+    std: Array
+    """Their standard deviations over their values, (runs, 2)."""
     nees: float
     """Normalised error squared of K2 and K3, sum over the runs."""
 
@@ -130,28 +132,36 @@ def replayed(plan: Plan, amplitude: float, runs: int, *, width: float = 0.0, wit
     model = Model.cubic().add(VIBRATION) if with_noise else Model.cubic()
     truth = np.array([PAPER_SENSOR[name] for name in CURVED])
 
-    def once(rng: np.random.Generator) -> tuple[Array, float]:
+    def once(rng: np.random.Generator) -> tuple[Array, Array, float]:
         fit = estimate(model, shaken(amplitude, rng, width).recording)
         rows = [[e.name for e in fit.free].index(name) for name in CURVED]
         error = np.array([fit[name].value for name in CURVED]) - truth
-        return error / truth, float(error @ np.linalg.solve(fit.covariance[np.ix_(rows, rows)], error))
+        covariance = fit.covariance[np.ix_(rows, rows)]
+        return (
+            error / truth,
+            np.sqrt(np.diag(covariance)) / np.abs(truth),
+            float(error @ np.linalg.solve(covariance, error)),
+        )
 
-    found = plan.repeat("vibration", runs, once)
-    return Replayed(np.array([relative for relative, _ in found]), sum(nees for _, nees in found))
+    found = plan.repeat(f"replay, {amplitude:g} m/s²{_of_band(width)}", runs, once)
+    relative, std, nees = zip(*found, strict=True)
+    return Replayed(np.array(relative), np.array(std), sum(nees))
 
 
 def _replay_row(found: Replayed, amplitude: float, width: float = 0.0) -> Row:
     """The fit of the whole record on the same data, vibration in the noise of its model."""
-    K2, K3 = np.sqrt(np.mean(np.square(found.relative), axis=0)).tolist()
+    runs = len(found.relative)
+    error, std = (np.sqrt(np.mean(np.square(each), axis=0)) for each in (found.relative, found.std))
+    limit = np.sqrt(scipy.special.chdtri(runs, 1.0 - NEES_REGION) / runs) * std
     return Row(
         by="us",
         claim=f"replay, A = {amplitude:g} m/s²{_of_band(width)}: vibration in its noise leaves K2 and K3 alone",
-        expected=f"K2, K3 within {100.0 * REPLAY_WITHIN:g} %",
-        measured=f"K2 {K2:.4f}, K3 {K3:.4f}",
-        value=max(K2, K3),
-        n=len(found.relative),
-        threshold=f"{100.0 * REPLAY_WITHIN:g} % rms",
-        holds=max(K2, K3) < REPLAY_WITHIN,
+        expected=f"rms error below {limit[0]:.3f} and {limit[1]:.3f}",
+        measured=f"K2 {error[0]:.4f}, K3 {error[1]:.4f}; stated std {std[0]:.4f}, {std[1]:.4f}",
+        value=float(np.max(error)),
+        n=runs,
+        threshold=f"{100.0 * NEES_REGION:g} % of errors; std {100.0 * REPLAY_WITHIN:g} %",
+        holds=bool(np.all(error < limit) and np.all(std < REPLAY_WITHIN)),
         remark="at the end of the record, not averaged over it as (15)",
     )
 
