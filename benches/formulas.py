@@ -14,11 +14,14 @@ from scipy import stats
 
 import accelcal as ac
 from accelcal.data.recording import Recording
-from accelcal.effects import find
+from accelcal.effects import CATALOGUE, find
 from accelcal.estimation.estimate import solve_runs
 from accelcal.selection.curve_formulas import FormulaSet, HatGram, nodes_over, value_of
+from accelcal.validation.prediction import Prediction, rms
 
 Function = Callable[[np.ndarray], np.ndarray]
+HORIZON = 5.0
+"""Time without position, s."""
 V, P, A = "shape_of_velocity", "shape_of_position", "shape_of_acceleration"
 
 
@@ -114,10 +117,44 @@ def size_at(d: float, seed: int, one: World) -> float:
     return d / float(np.sqrt(y @ HatGram(state, ac.Model.linear(), find(one.curve), nodes).G @ y))
 
 
-def answer(seed: tuple[int, ...], one: World, size: float) -> FormulaSet:
-    """What the product says of one record."""
+def records(seed: tuple[int, ...], one: World, size: float) -> tuple[Recording, Recording]:
+    """A record to learn from, and one that is held out."""
     run, other = (record(np.random.default_rng([*seed, k]), one, size) for k in range(2))
+    return run, other
+
+
+def answer(one: World, runs: tuple[Recording, Recording]) -> FormulaSet:
+    """What the product says of one record."""
+    run, other = runs
     return ac.formulas(ac.fit(ac.Model.linear(), run), run, one.curve, holdout=other)
+
+
+def normalised(value: float, interval: tuple[float, float], truth: float) -> float:
+    """Error over the half of a 68 % interval that points to the truth."""
+    low, high = interval
+    return (value - truth) / (value - low if truth < value else high - value)
+
+
+def held_out_errors(one: World, runs: tuple[Recording, Recording], found: FormulaSet) -> tuple[float, float]:
+    """Drift after `HORIZON` on the record that is held out: with the first formula, and with the true function, m."""
+    run, other = runs
+    curve = find(one.curve)
+    true = replace(
+        curve,
+        name="true_function",
+        function=lambda s: one.function(value_of(s, curve)),
+        shapes={},
+        parts=("",),
+        traits=replace(curve.traits, memory=True),
+        family=None,
+    )
+    drifts = []
+    for effect in (found.formulas[0].effect("first_formula").effect, true):
+        CATALOGUE[effect.name] = effect
+        fit = ac.fit(ac.Model.linear().add(effect.name), run)
+        drifts.append(rms(Prediction.of(fit, other).at_horizon(HORIZON).rezeroed) or 0.0)
+        del CATALOGUE[effect.name]
+    return drifts[0], drifts[1]
 
 
 def main() -> None:
@@ -130,10 +167,12 @@ def main() -> None:
     inside = alone = wrong = total = 0
     sizes: list[int] = []
     z: list[float] = []
+    errors: list[tuple[float, float]] = []
     for number, (name, one) in enumerate(WORLDS.items()):
         size, hits, singles, bad, first = size_at(given.d, number, one), 0, 0, 0, len(z)
         for k in range(given.seeds):
-            found = answer((given.seed, number, k), one, size)
+            runs = records((given.seed, number, k), one, size)
+            found = answer(one, runs)
             forms = [frozenset(each.elements) for each in found.formulas]
             true = one.elements in forms
             hits, total = hits + true, total + 1
@@ -142,8 +181,10 @@ def main() -> None:
             sizes.append(len(forms))
             if true and one.inner is not None:
                 each = found.formulas[forms.index(one.elements)]
-                if each.inner is not None and each.inner_std:
-                    z.append((each.inner - one.inner) / each.inner_std)
+                if each.inner is not None and each.inner_interval is not None:
+                    z.append(normalised(each.inner, each.inner_interval, one.inner))
+            if found.formulas:
+                errors.append(held_out_errors(one, runs, found))
         own = f", inner parameter off by {np.round(z[first:], 1).tolist()} sigma" if z[first:] else ""
         counts = f"true form in the set {hits}, alone {singles}, wrong alone {bad} of {given.seeds}"
         print(f"{name}: {counts}{own}", flush=True)
@@ -153,9 +194,16 @@ def main() -> None:
     print(f"a wrong formula alone: {wrong} of {total} (1 %: at most {int(stats.binom.ppf(0.975, total, 0.01))})")
     print(f"formulas in a set: median {np.median(sizes):g} (3), 90 % quantile {np.quantile(sizes, 0.9):g} (8)")
     print(f"inner parameter: z rms {np.sqrt(np.mean(np.square(z))):.2f} of {len(z)} (0.8 to 1.2)")
+    formula, true = np.array(errors).T
+    ratio = float(np.sqrt(np.mean(formula**2) / np.mean(true**2)))
+    print(
+        f"held-out drift after {HORIZON:g} s, the first formula over the true function, rms over {len(errors)}: "
+        f"{ratio:.3f} (at most 1.05); each alone: median {np.median(formula / true):.3f}, within 5 % "
+        f"{int(np.sum(formula < 1.05 * true))} of {len(errors)}"
+    )
     for number, (name, one) in enumerate(NONE.items()):
         size = size_at(3.0 * given.d, number, one)
-        found = [answer((given.seed, 100 + number, k), one, size) for k in range(given.seeds)]
+        found = [answer(one, records((given.seed, 100 + number, k), one, size)) for k in range(given.seeds)]
         said = sum(not each.formulas for each in found)
         print(f"{name} at {3 * given.d:g}: no short formula in {said} of {given.seeds}", flush=True)
 

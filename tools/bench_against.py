@@ -1,6 +1,6 @@
 """Processor time and peak memory of fit and diagnose in two installations of accelcal, runs alternated.
 
-    python tools/bench_against.py THEN NOW [--rounds 3] [--hour] [--limit 1.05]
+    python tools/bench_against.py THEN NOW [--rounds 3] [--samples 1000200] [--limit 1.05]
 
 THEN and NOW are the interpreters of two virtual environments. Every run is a command in a fresh process; of each figure
 the least counts, since whatever else runs on the machine only adds. Exit code 1 where NOW needs more than --limit times
@@ -24,8 +24,8 @@ from benches.fit import record, write_sample
 write_sample(record(int(sys.argv[1])), Path(sys.argv[2]))
 """
 """In a process of its own: a child inherits the peak memory of the process that starts it."""
-MINUTES = 1_000_200
-HOUR = 6_001_200
+TEN_MINUTES = 1_000_200
+"""Samples of a record of ten minutes; an hour has 6 001 200, a minute 100 200."""
 
 
 def cost(command: list[str], folder: Path) -> tuple[float, float]:
@@ -52,23 +52,24 @@ def main() -> int:
     parser.add_argument("then")
     parser.add_argument("now")
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--hour", action="store_true", help="one hour (6 001 200 samples) instead of ten minutes")
+    parser.add_argument("--samples", type=int, default=TEN_MINUTES, help="of the accelerometer: 6001200 in an hour")
     parser.add_argument("--limit", type=float, default=1.05)
     given = parser.parse_args()
     missed = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        samples = HOUR if given.hour else MINUTES
+        samples = given.samples
         subprocess.run([sys.executable, "-c", RECORD, str(samples), str(folder / "run.parquet")], cwd=ROOT, check=True)
         jobs = {
-            "fit": ["fit", "run.parquet", "-o", "m.json"],
-            "diagnose": ["diagnose", "m.json", "run.parquet", "--json"],
+            "fit": ["fit", "run.parquet", "-o", "{which}.json"],  # each reads the models that it wrote
+            "diagnose": ["diagnose", "{which}.json", "run.parquet", "--json"],
         }
         for job, arguments in jobs.items():
             found: dict[str, list[tuple[float, float]]] = {"then": [], "now": []}
             for _ in range(given.rounds):
                 for which, python in (("then", given.then), ("now", given.now)):
-                    found[which].append(cost([python, "-m", "accelcal", *arguments], folder))
+                    own = [argument.format(which=which) for argument in arguments]
+                    found[which].append(cost([python, "-m", "accelcal", *own], folder))
             for index, (figure, unit) in enumerate((("processor time", "s"), ("peak memory", "MB"))):
                 then, now = (min(run[index] for run in found[which]) for which in ("then", "now"))
                 verdict = "ok" if now <= given.limit * then else "MISSED"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benches.formulas import NONE, WORLDS, answer, record, size_at
+from benches.formulas import NONE, WORLDS, answer, normalised, record, records, size_at
 from scipy.signal import lfilter
 from typer.testing import CliRunner
 
@@ -16,7 +16,7 @@ from accelcal.cli import app, write_recording
 from accelcal.data.rig import Rig
 from accelcal.effects import from_expression
 from accelcal.model import Model
-from accelcal.selection.curve_formulas import nodes_over, per
+from accelcal.selection.curve_formulas import Trial, nodes_over, per
 from accelcal.selection.grammar import GRAMMAR
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Signals
@@ -34,7 +34,7 @@ def breakaway():
 @pytest.mark.parametrize("name", ["v signed root", "v resonance", "p peak", "a tanh"])
 def test_a_function_outside_the_catalogue_is_in_the_set(name):
     one = WORLDS[name]
-    found = answer((3,), one, size_at(30.0, 1, one))
+    found = answer(one, records((3,), one, size_at(30.0, 1, one)))
     assert one.elements in [frozenset(each.elements) for each in found.formulas], found.sentence
     assert len(found.formulas) <= 8
     assert all(each.held_out > 0.5 * each.gain for each in found.formulas)
@@ -87,7 +87,7 @@ def test_a_holdout_of_another_range_is_scored_by_the_formula_itself():
 
 def test_a_curve_of_several_bumps_has_no_short_formula():
     one = NONE["v four bumps"]
-    found = answer((5,), one, size_at(60.0, 1, one))
+    found = answer(one, records((5,), one, size_at(60.0, 1, one)))
     assert not found.formulas
     assert found.rejected
     assert "no short formula" in found.sentence
@@ -170,3 +170,23 @@ def test_units_of_coefficients():
     assert per("m/s²", "m/s", 0.0) == "m/s²"
     assert per("m/s²", "m/s", 1.0) == "m/s²/(m/s)"
     assert per("m/s²", "m", 0.5) == "m/s²/(m)^0.5"
+
+
+def test_the_interval_of_a_length_ends_where_the_gain_is_one_less():
+    """A likelihood of known shape: g = -((log d - log 3)/0.2)² has its interval at 3 exp(±0.2), off its middle."""
+
+    class Hats:
+        """What `Trial.at` asks of a Gram matrix."""
+
+        nodes, blocks = np.linspace(0.0, 10.0, 11), 100.0
+
+        def gain(self, columns):
+            d = -10.0 / np.log(columns[-1, 0])
+            return 50.0 - (np.log(d / 3.0) / 0.2) ** 2, 1, np.ones(1), np.eye(1)
+
+    decay = next(element for element in GRAMMAR if element.name == "decay")
+    best = Trial.at((decay,), 3.0, Hats())
+    low, high = best.inner_interval(Hats())
+    assert (low, high) == pytest.approx((3.0 * np.exp(-0.2), 3.0 * np.exp(0.2)), rel=1e-3)
+    assert normalised(3.0, (low, high), low) == pytest.approx(1.0, rel=1e-3)
+    assert normalised(3.0, (low, high), 2.0 * high) < -1.0

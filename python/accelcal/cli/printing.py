@@ -121,8 +121,9 @@ def show_formulas(found: FormulaSet) -> None:
     for each in found.formulas:
         for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
             rows.append((text, short(c, std), unit))
-        if each.inner is not None and each.inner_std is not None:
-            rows.append(("  its length", short(each.inner, each.inner_std), each.inner_unit))
+        if each.inner is not None and each.inner_interval is not None:
+            low, high = each.inner_interval
+            rows.append(("  its length, 68 % interval", f"{each.inner:.3g} ({low:.3g} .. {high:.3g})", each.inner_unit))
         held = "" if each.held_out is None else f", held out {each.held_out:.1f}"
         rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", ""))
     if rows:

@@ -23,7 +23,7 @@ from accelcal.estimation.run import prepare
 from accelcal.model import Model
 from accelcal.paper.rows import SIGMAS, Item, Plan, Row, paired
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-from accelcal.validation.evaluation import compare
+from accelcal.validation.prediction import Prediction, rms
 from accelcal.workflow import improve
 
 SECONDS = 60.0
@@ -139,9 +139,9 @@ def windage(plan: Plan, runs: int) -> Drifts:
 
 def drift(found: Fit, recording: Recording) -> float:
     """rms coasting error over one recording, m."""
-    value = compare(found, recording, horizons=(HORIZON,)).coast_rms[HORIZON]
+    value = rms(Prediction.of(found, recording).at_horizon(HORIZON).rezeroed)
     assert value is not None  # the record is longer than the horizon
-    return float(value)
+    return value
 
 
 def snr(found: Fit) -> float:

@@ -37,6 +37,8 @@ DETERMINED = 2.0
 """Standard deviations that an inner parameter is at least; one of fewer is not in the data."""
 DIFFERENCE = 1e-3
 """Step of the derivative with respect to the inner parameter, over its value."""
+FARTHEST = 30.0
+"""Factor beyond which an interval of the inner parameter is open."""
 SCHEMA = "accelcal/formula/1"
 
 
@@ -52,7 +54,8 @@ class Formula:
     std: tuple[float, ...]
     inner: float | None
     """Its length or period, in the unit of the variable; None where it has none."""
-    inner_std: float | None
+    inner_interval: tuple[float, float] | None
+    """Its 68 % interval by likelihood, which need not lie evenly about it; 0 or infinite where it is open."""
     inner_unit: str
     gain: float
     """Twice the log-likelihood gained."""
@@ -94,7 +97,8 @@ class Formula:
             "std": list(self.std),
             "units": list(self.units),
             "inner": self.inner,
-            "inner_std": self.inner_std,
+            "inner_interval_68": self.inner_interval
+            and [x if 0.0 < x < math.inf else None for x in self.inner_interval],
             "inner_unit": self.inner_unit if self.inner is not None else None,
             "gain": self.gain,
             "log_evidence": self.log_evidence,
@@ -291,6 +295,23 @@ class Trial:
         inverse = np.linalg.pinv(information / np.outer(size, size), rcond=1e-10, hermitian=True)
         return np.append(c, self.d), np.sqrt(np.diag(inverse)) / size
 
+    def inner_interval(self, hats: HatGram) -> tuple[float, float]:
+        """The inner parameters at which the gain, all coefficients most likely, is by at most 1 less: 68 %."""
+
+        def lost(log_d: float) -> float:
+            return self.gain - Trial.at(self.elements, math.exp(log_d), hats).gain - 1.0
+
+        ends = []
+        for side, end in ((-1.0, 0.0), (1.0, math.inf)):
+            inner = math.log(self.d)
+            for outer in inner + side * np.geomspace(0.01, math.log(FARTHEST), 40):
+                if lost(float(outer)) >= 0.0:
+                    end = math.exp(scipy.optimize.brentq(lost, inner, float(outer), xtol=1e-4))
+                    break
+                inner = float(outer)
+            ends.append(end)
+        return ends[0], ends[1]
+
     def determined(self, hats: HatGram) -> bool:
         """Whether the record determines the inner parameter, inside the range of the trials."""
         trials = lengths(self.elements, hats.nodes)
@@ -319,7 +340,7 @@ class Trial:
             coefficients=tuple(values[:p].tolist()),
             std=tuple(std[:p].tolist()),
             inner=float(values[p]) if len(values) > p else None,
-            inner_std=float(std[p]) if len(values) > p else None,
+            inner_interval=self.inner_interval(hats) if len(values) > p else None,
             inner_unit=unit,
             gain=self.gain,
             log_evidence=self.log_evidence,

@@ -271,25 +271,25 @@ def best_pair(forms: Array, y: Array) -> tuple[Found, Array]:
     best, which = np.zeros(n), np.zeros(n, dtype=np.intp)
     at, sizes = np.zeros((n, 2), dtype=np.intp), np.zeros((n, 2))
     every = np.arange(n)
+    first, last = np.triu_indices(places, 1)
     for kind in sorted(range(kinds), key=lambda kind: kind % 2):  # steps first
         these = forms[:, :, kind]
         gram = np.matmul(these.transpose(0, 2, 1), these)
         dot = np.einsum("nkm,nk->nm", these, y)
         power = np.einsum("nmm->nm", gram)
-        volume = power[:, :, None] * power[:, None, :] - gram**2
-        crossed = dot[:, :, None] ** 2 * power[:, None, :] + dot[:, None, :] ** 2 * power[:, :, None]
-        crossed -= 2.0 * dot[:, :, None] * dot[:, None, :] * gram
-        distinct = volume > DISTINCT * power[:, :, None] * power[:, None, :]
-        gain = np.where(distinct, crossed / np.where(distinct, volume, 1.0), 0.0).reshape(n, -1)
+        shared, dots, powers = gram[:, first, last], (dot[:, first], dot[:, last]), (power[:, first], power[:, last])
+        together = powers[0] * powers[1]
+        volume = together - shared**2
+        distinct = volume > DISTINCT * together
+        volume = np.where(distinct, volume, 1.0)
+        own = dots[0] * powers[1] - dots[1] * shared, dots[1] * powers[0] - dots[0] * shared
+        gain = np.where(distinct, (dots[0] * own[0] + dots[1] * own[1]) / volume, 0.0)
         most = np.argmax(gain, axis=1)
         better = gain[every, most] > best + (STEPS_FIRST if kind % 2 else 0.0)
-        i, j = np.divmod(most, places)
-        i, j = np.minimum(i, j), np.maximum(i, j)
-        determinant = np.where(distinct[every, i, j], volume[every, i, j], 1.0)
-        first = (dot[every, i] * power[every, j] - dot[every, j] * gram[every, i, j]) / determinant
-        last = (dot[every, j] * power[every, i] - dot[every, i] * gram[every, i, j]) / determinant
-        best[better], which[better] = gain[every, most][better], kind
-        at[better], sizes[better] = np.column_stack([i, j])[better], np.column_stack([first, last])[better]
+        chosen = every[better], most[better]
+        best[better], which[better] = gain[chosen], kind
+        at[better] = np.column_stack([first, last])[most[better]]
+        sizes[better] = np.column_stack([each[chosen] / volume[chosen] for each in own])
     return Found(np.repeat(every, 2), np.repeat(which, 2), PAIR_PLACES[at].ravel(), sizes.ravel()), best
 
 
