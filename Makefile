@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-hostile embedded check bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long test-hostile embedded check wheel try-wheel constraints bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -45,6 +45,18 @@ check: $(STAMP) ## Format, lints, types, stubs.
 	$(BIN)/ruff check python tests benches docs tools
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest accelcal._core --ignore-disjoint-bases
+
+wheel: $(STAMP) ## Build the wheel (Python 3.11 and later) and the source distribution into dist/.
+	rm -rf dist
+	$(BIN)/maturin build --release --locked --strip --quiet --out dist
+	$(BIN)/maturin sdist --quiet --out dist
+
+try-wheel: wheel ## Install the wheel where there is no compiler, newest and lowest versions, and run the main commands.
+	tools/try_wheel.sh
+	tools/try_wheel.sh --lowest
+
+constraints: $(STAMP) ## Write down the versions of this environment, once `make test` has passed in it.
+	$(BIN)/python -m pip freeze --exclude-editable | grep -E '^[A-Za-z0-9._-]+==' > constraints.txt
 
 bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 	cargo bench --quiet -p ekf-simd --bench kernels

@@ -28,7 +28,7 @@ class Element:
     """As algebra, one for each coefficient, with {x} and {d}."""
     functions: tuple[Callable[[Array, float], Array], ...]
     power: float = 0.0
-    """Of the unit of x in its functions; 0 with an inner parameter, whose unit is that of x."""
+    """Of the unit of x in its functions; an inner parameter has the unit of x and divides it."""
     wave: bool = False
 
     @property
@@ -43,6 +43,11 @@ def _plain(name: str, text: str, power: float, function: Callable[[Array], Array
 
 def _scaled(name: str, text: str, function: Callable[[Array], Array]) -> Element:
     return Element(name, (text,), (lambda x, d: function(x / d),))
+
+
+def _product(name: str, text: str, function: Callable[[Array], Array]) -> Element:
+    """x times a function of x/d, from that function times x/d."""
+    return Element(name, (text,), (lambda x, d: d * function(x / d),), 1.0)
 
 
 TURN = 2.0 * math.pi
@@ -64,6 +69,8 @@ GRAMMAR: tuple[Element, ...] = (
     _scaled("signed peak", "sign({x})*exp(-abs({x})/{d})", lambda u: np.sign(u) * np.exp(-np.abs(u))),
     _scaled("resonance", "1/(1 + ({x}/{d})**2)", lambda u: 1.0 / (1.0 + u**2)),
     _scaled("signed resonance", "({x}/{d})/(1 + ({x}/{d})**2)", lambda u: u / (1.0 + u**2)),
+    _product("linear times peak", "{x}*exp(-abs({x})/{d})", lambda u: u * np.exp(-np.abs(u))),
+    _product("linear times change of sign", "{x}*tanh({x}/{d})", lambda u: u * np.tanh(u)),
     Element(
         "wave",
         (f"sin({TURN:.15g}*{{x}}/{{d}})", f"cos({TURN:.15g}*{{x}}/{{d}})"),
