@@ -49,7 +49,7 @@ check: $(STAMP) ## Format, lints, types, stubs.
 wheel: $(STAMP) ## Build the wheel (Python 3.11 and later) and the source distribution into dist/.
 	rm -rf dist
 	$(BIN)/maturin build --release --locked --strip --quiet --out dist
-	$(BIN)/maturin sdist --quiet --out dist
+	$(BIN)/maturin sdist --out dist >/dev/null 2>&1
 
 try-wheel: wheel ## Install the wheel where there is no compiler, newest and lowest versions, and run the main commands.
 	tools/try_wheel.sh
