@@ -156,7 +156,7 @@ def write_recording(recording: Recording, path: Path) -> Path:
     if write is None:
         raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
     path.parent.mkdir(parents=True, exist_ok=True)
-    columns = write(recording, path)
     sidecar = io.sidecar_of(path)
-    io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels)
+    with io.together():
+        io.write_sidecar(recording.rig, write(recording, path), sidecar, labels=recording.labels)
     return sidecar

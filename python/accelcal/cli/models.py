@@ -177,7 +177,7 @@ def compare(
 
     Example: [bold]accelcal compare m.json run13.csv[/bold]
     """
-    from accelcal.io import atomic_write
+    from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
     from accelcal.workflow import compare as compare_with
 
@@ -192,14 +192,17 @@ def compare(
         end=parse_quantity(end, "time", "--to"),
     )
     content = model_file.comparison_to_dict(seen)
-    if output is not None:
-        atomic_write(output, model_file.dumps(content))
-        print_status(f"wrote {output}")
-    if plots is not None:
-        from accelcal.plots.static.comparison import write
+    written: list[Path] = []
+    with together():
+        if output is not None:
+            atomic_write(output, model_file.dumps(content))
+            written.append(output)
+        if plots is not None:
+            from accelcal.plots.static.comparison import write
 
-        for path in write(fitted, seen, plots):
-            print_status(f"wrote {path}")
+            written += write(fitted, seen, plots)
+    for path in written:
+        print_status(f"wrote {path}")
     if json:
         print_json(content)
     else:
