@@ -180,7 +180,11 @@ def _line_of_user(traceback: TracebackType | None) -> str | None:
         name = frame.f_code.co_filename
         if _is_own(frame):
             return None
-        if not name.startswith("<") and not any(Path(name).is_relative_to(folder) for folder in _libraries()):
+        if (
+            Path(name).suffix not in (".pyx", ".pxd")
+            and os.path.isfile(name)
+            and not any(Path(name).is_relative_to(folder) for folder in _libraries())
+        ):
             return f"{name}, line {line}"
     return None
 

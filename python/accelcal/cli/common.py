@@ -37,7 +37,7 @@ Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything e
 Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to this frequency, e.g. "300 Hz".')]
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.", min=0)]
 
 
 def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
