@@ -12,10 +12,14 @@ Examples
 True
 """
 
-from _thread import get_ident
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
+from _thread import get_ident
+
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from accelcal._core import __version__
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Channel, Recording, RecordingError

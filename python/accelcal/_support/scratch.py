@@ -26,19 +26,21 @@ def scratch_folder() -> Iterator[Path]:
     """
     where = Path(tempfile.gettempdir())
     _sweep(where)
-    while True:
-        lock = where / f"accelcal-{locks.MACHINE}{os.urandom(8).hex()}.lock"
-        descriptor = locks.create(lock, 0o600)
-        if descriptor is not None:
-            break
-    folder = lock.with_suffix("")
+    lock, descriptor = _free_name(where), None
     try:
-        folder.mkdir(mode=0o700)
-        yield folder
+        while (descriptor := locks.create(lock, 0o600)) is None:
+            lock = _free_name(where)
+        lock.with_suffix("").mkdir(mode=0o700)
+        yield lock.with_suffix("")
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(lock.with_suffix(""), ignore_errors=True)
         lock.unlink(missing_ok=True)
-        os.close(descriptor)
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def _free_name(where: Path) -> Path:
+    return where / f"accelcal-{locks.MACHINE}{os.urandom(8).hex()}.lock"
 
 
 def _sweep(where: Path) -> None:

@@ -32,11 +32,11 @@ UNWRITABLE = 3
 """Exit code where the standard output takes nothing."""
 
 
-class Stopped(BaseException):
-    """A signal asks the command to end."""
+class Stopped(SystemExit):
+    """A signal asks the command to end; event loops and thread pools let the class pass."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(number)
+        super().__init__(128 + number)
         self.number = number
 
 
@@ -109,6 +109,8 @@ def _code_of(command: Callable[[], None]) -> int:
     try:
         command()
         code: object = 0
+    except Stopped:
+        raise
     except SystemExit as error:
         code = error.code
     try:

@@ -9,9 +9,10 @@ Nothing is imported before `main` runs: a Ctrl-C while the commands are being im
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NoReturn
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # typing itself takes as long to import as all the rest until `main` runs
+    from typing import Any, NoReturn
 
-if TYPE_CHECKING:
     from accelcal.cli.common import app
     from accelcal.cli.data import write_recording
 
@@ -20,8 +21,10 @@ __all__ = ["app", "main", "write_recording"]
 
 def main() -> NoReturn:
     """Run the command line and exit with its code."""
-    from accelcal._support import stopping
-
+    try:
+        from accelcal._support import stopping
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
     raise SystemExit(stopping.run(_command_line))
 
 

@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
-from click.exceptions import Abort, ClickException, Exit
 
 from accelcal._support import internal_error
-from accelcal._support.stopping import Stopped
 
 WRITTEN = ("output", "c", "rust", "dcc")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""
 USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
+USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
+"""What typer itself prints as a mistake in the use of a command."""
 app = typer.Typer(
     name="accelcal",
     no_args_is_help=True,
@@ -132,7 +132,7 @@ def speaks_for_itself(error: BaseException) -> bool:
     """Whether an exception ends the command in its own way: an exit, a signal, a pipe that nobody reads, a question
     that was declined.
     """
-    return isinstance(error, SystemExit | GeneratorExit | Stopped | BrokenPipeError | ClickException | Exit | Abort)
+    return isinstance(error, SystemExit | GeneratorExit | BrokenPipeError | typer.Exit | typer.Abort | USAGE_ERROR)
 
 
 def code_of(error: BaseException) -> int:

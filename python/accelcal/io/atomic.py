@@ -57,6 +57,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
         assert parts is not None
         parts.append(part)
         try:
+            part.create()
             yield part.path
         except BaseException:
             parts.remove(part)
@@ -97,7 +98,7 @@ def atomic_write(path: str | Path, content: str | bytes) -> None:
 
 
 class Part:
-    """One file that is being written.
+    """One file that is being written. Nothing is made before it is known where: an interrupt finds all that there is.
 
     Parameters
     ----------
@@ -115,14 +116,23 @@ class Part:
         self.straight = is_stream(name, there)
         """Whether the content goes into what is there, in place of a new file."""
         self.target = name if self.straight else Path(os.path.realpath(name))
-        folder = Path(tempfile.gettempdir()) if self.straight else self.target.parent
-        _sweep(folder)
-        self.path, self._descriptor = _create(folder)
-        self._old: Path | None = None
+        self._folder = Path(tempfile.gettempdir()) if self.straight else self.target.parent
+        self._mode = None if there is None or self.straight else stat.S_IMODE(there.st_mode) & 0o777
         self._new = there is None
-        if there is not None and not self.straight:
+        self._descriptor = -1
+        self._old: Path | None = None
+        self.path = _free_name(self._folder)
+        """The part; not there before `create`, and never after `discard`."""
+
+    def create(self) -> None:
+        """Make the part, empty, with the permissions of what it replaces."""
+        _sweep(self._folder)
+        while (descriptor := locks.create(self.path)) is None:
+            self.path = _free_name(self._folder)
+        self._descriptor = descriptor
+        if self._mode is not None:
             with suppress(OSError):  # a file system without permissions
-                os.chmod(self.path, stat.S_IMODE(there.st_mode) & 0o777)
+                os.chmod(self.path, self._mode)
 
     def settle(self) -> None:
         """See that the content is on the disk, so that no power failure leaves a name without it."""
@@ -132,10 +142,11 @@ class Part:
     def keep_old(self) -> None:
         """Keep what `publish` replaces within reach of `withdraw`, where the file system has hard links."""
         if not self.straight:
-            old = _free_name(self.target.parent)
-            with suppress(OSError):  # nothing there, or no hard links
-                os.link(self.target, old)
-                self._old = old
+            self._old = _free_name(self.target.parent)
+            try:
+                os.link(self.target, self._old)
+            except OSError:  # nothing there, or no hard links
+                self._old = None
 
     def publish(self) -> None:
         """Give the content its place."""
@@ -226,14 +237,6 @@ def _publish(parts: list[Part]) -> None:
         raise
     for folder in {part.target.parent for part in ordered if not part.straight}:
         _settle_folder(folder)
-
-
-def _create(folder: Path) -> tuple[Path, int]:
-    while True:
-        path = _free_name(folder)
-        descriptor = locks.create(path)
-        if descriptor is not None:
-            return path, descriptor
 
 
 def _free_name(folder: Path) -> Path:
