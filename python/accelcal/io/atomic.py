@@ -21,8 +21,8 @@ from pathlib import Path
 from accelcal._support import locks
 
 PART = re.compile(r"\.accelcal-[0-9a-f]{24}\.part")
-STREAMS = ("/dev/fd/", "/dev/stdout", "/dev/stderr", "/proc/")
-"""Names that mean an open stream, even if it leads to a regular file."""
+OPEN = re.compile(r"/dev/(?P<name>stdout|stderr)|/(?:dev|proc/self)/fd/(?P<number>\d+)")
+"""Names of streams that are open already, wherever they lead: a file, a pipe, a terminal."""
 _waiting: ContextVar[list[Part] | None] = ContextVar("waiting", default=None)
 """Parts that become files when the outermost block of `together` ends."""
 _swept: set[Path] = set()
@@ -185,6 +185,8 @@ def require_writable(name: Path) -> os.stat_result | None:
         there = os.stat(name)
     except FileNotFoundError:
         return None
+    if _open_stream(name) is not None:
+        return there
     if stat.S_ISDIR(there.st_mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     if stat.S_ISBLK(there.st_mode) or stat.S_ISSOCK(there.st_mode):
@@ -196,9 +198,15 @@ def require_writable(name: Path) -> os.stat_result | None:
 
 def is_stream(name: Path, there: os.stat_result | None) -> bool:
     """Whether what is there receives content and cannot be replaced: a device, a pipe, the standard output."""
-    if there is None:
-        return False
-    return not stat.S_ISREG(there.st_mode) or os.path.abspath(name).startswith(STREAMS)
+    return there is not None and (_open_stream(name) is not None or not stat.S_ISREG(there.st_mode))
+
+
+def _open_stream(name: Path) -> int | None:
+    """Descriptor of an open stream by its name in the file system; None for any other name."""
+    found = OPEN.fullmatch(os.path.abspath(name))
+    if found is None:
+        return None
+    return int(found["number"]) if found["number"] else {"stdout": 1, "stderr": 2}[found["name"]]
 
 
 @contextmanager
@@ -270,6 +278,14 @@ def _pour(part: Path, stream: Path) -> None:
     """Write a part to a device or a pipe that somebody reads."""
     if sys.stdout is not None:
         sys.stdout.flush()
+    number = _open_stream(stream)
+    descriptor = _open(stream) if number is None else os.dup(number)
+    with part.open("rb") as content, os.fdopen(descriptor, "wb") as out:
+        shutil.copyfileobj(content, out)
+
+
+def _open(stream: Path) -> int:
+    """Open a device or a pipe, without waiting for somebody to read it."""
     try:
         descriptor = os.open(stream, os.O_WRONLY | os.O_APPEND | getattr(os, "O_NONBLOCK", 0))
     except OSError as error:
@@ -277,5 +293,4 @@ def _pour(part: Path, stream: Path) -> None:
             raise OSError(errno.ENXIO, "nobody reads this pipe") from None
         raise
     os.set_blocking(descriptor, True)
-    with part.open("rb") as content, os.fdopen(descriptor, "wb") as out:
-        shutil.copyfileobj(content, out)
+    return descriptor
