@@ -40,6 +40,8 @@ LEAST_SECONDS = 5.0
 """Shorter motions are not planned."""
 MOST_PLANNED = 3600.0
 """Nor are longer ones, s."""
+LEAST_LIMIT = 1e-6
+"""Least limit of a stage, and reciprocal of the largest one, SI."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +159,11 @@ def plan(
             f"a motion of {seconds:g} s is too long to plan; take {MOST_PLANNED:g} s or less and repeat it"
         )
     limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
+    for name, value in (("stroke", stroke), ("speed", v_max), ("acceleration", a_max)):
+        if not LEAST_LIMIT <= value <= 1.0 / LEAST_LIMIT:
+            raise ValueError(
+                f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
+            )
 
     def trial_of(recipe: Recipe) -> Trial:
         return Trial.of(recipe, limits, seconds, rig, noise, wanted)
