@@ -31,6 +31,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Calibrate an accelerometer against position, see where the model fails, find the physical effect it lacks.",
+    epilog="Exit codes: 0 fine, 2 usage, 3 bad data, 4 not identifiable, 70 an error of accelcal, 129 terminal closed, "
+    "130 interrupted, 141 nobody reads the output, 143 terminated.",
 )
 Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
