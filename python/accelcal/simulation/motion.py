@@ -253,7 +253,7 @@ def motion(
         raise ValueError(f"motion {name!r} is not known. Choose one of: {', '.join(PROFILES)}.")
     if not 0.0 < seconds <= MOST_SECONDS:
         raise ValueError(
-            f"motion {name!r}: a length of {seconds:g} s; expected more than 0 and at most {MOST_SECONDS:g} s."
+            f"motion {name!r}: the length must be positive and at most {MOST_SECONDS:g} s, not {seconds:g} s."
         )
     planned = replace(PROFILES[name](seconds, rng), name=name)
     if a_rms is not None:
