@@ -86,7 +86,7 @@ def test_every_command_that_writes_is_among_them() -> None:
     assert writing | {"init"} == set(WRITERS)
 
 
-@pytest.mark.parametrize("number", cases(12, 200))
+@pytest.mark.parametrize("number", cases(8, 200))
 def test_a_kill_leaves_old_or_new_and_nothing_else(number, inputs, references, tmp_path):
     rng = case_rng("kills", number)
     # In the long run every eighth case is a command that takes longer than some seconds.
@@ -146,7 +146,7 @@ def test_a_kill_leaves_old_or_new_and_nothing_else(number, inputs, references, t
     print(f"{sum(counted[k] for k in counted if k.startswith('SIG'))} kills: {dict(counted)}; 0 half-written")
 
 
-@pytest.mark.parametrize("number", cases(5, 60))
+@pytest.mark.parametrize("number", cases(4, 60))
 def test_an_interrupt_while_modules_are_imported_is_one_sentence(number, inputs, tmp_path):
     rng = case_rng("imports", number)
     at = 1 if number == 0 else int(rng.integers(1, MOST_IMPORTS))
