@@ -12,32 +12,36 @@ Examples
 True
 """
 
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
-from accelcal._core import __version__
-from accelcal.data.dwells import Dwells
-from accelcal.data.recording import Channel, Recording, RecordingError
-from accelcal.data.rig import LowPass, Rig, Sensor
-from accelcal.effects import effect, load_effects
-from accelcal.estimation.estimate import Fit
-from accelcal.estimation.gauss_newton import NotIdentifiable
-from accelcal.estimation.recursive import fit_recursive
-from accelcal.filters.choice import FilterChoice
-from accelcal.filters.live_model import LiveModel
-from accelcal.filters.record import FilterRun
-from accelcal.filters.stream import LiveFilter
-from accelcal.io import load, load_dwells
-from accelcal.model import Estimate, Model, Prior
-from accelcal.serialization.model_file import load as load_model
-from accelcal.serialization.model_file import save as save_model
-from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
-from accelcal.validation.comparison import Coast, Comparison
+from _thread import get_ident
 
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
+    from accelcal._core import __version__
+    from accelcal.data.dwells import Dwells
+    from accelcal.data.recording import Channel, Recording, RecordingError
+    from accelcal.data.rig import LowPass, Rig, Sensor
     from accelcal.diagnosis.dwells import diagnose_dwells
     from accelcal.diagnosis.verdict import Diagnosis
+    from accelcal.effects import effect, load_effects
+    from accelcal.estimation.estimate import Fit
+    from accelcal.estimation.gauss_newton import NotIdentifiable
+    from accelcal.estimation.recursive import fit_recursive
     from accelcal.experiment import plan, power
+    from accelcal.filters.choice import FilterChoice
+    from accelcal.filters.live_model import LiveModel
+    from accelcal.filters.record import FilterRun
+    from accelcal.filters.stream import LiveFilter
+    from accelcal.io import load, load_dwells
+    from accelcal.model import Estimate, Model, Prior
     from accelcal.selection.improvement import History, Improvement
+    from accelcal.serialization.model_file import load as load_model
+    from accelcal.serialization.model_file import save as save_model
+    from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+    from accelcal.validation.comparison import Coast, Comparison
     from accelcal.workflow import add, coast, compare, diagnose, drop, fit, formulas, history, improve
 
 __all__ = [
@@ -86,10 +90,19 @@ __all__ = [
     "save_model",
     "simulate",
 ]
+_binding: set[int] = set()
+"""Threads that are importing the public names."""
 
 
 def __getattr__(name: str) -> Any:
-    """Import the verbs of the workflow and of experiment design on first use, since SciPy's statistics load slowly."""
+    """Import what a name needs on its first use: all but the workflow at once, and that when one of its verbs is used.
+
+    Nothing is imported before, so that a Ctrl-C finds the command line ready for it.
+    """
+    if name == "__version__" or not name.startswith("_"):
+        _bind()
+    if name in globals():
+        return globals()[name]
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
     from accelcal import experiment, workflow
@@ -97,6 +110,37 @@ def __getattr__(name: str) -> Any:
 
     home = {"plan": experiment, "power": experiment, "diagnose_dwells": dwells}.get(name, workflow)
     return globals().setdefault(name, getattr(home, name))
+
+
+def _bind() -> None:
+    """Bind the public names, and with them the submodules; but for the workflow: SciPy's statistics load slowly."""
+    thread = get_ident()
+    if thread in _binding:
+        return  # a module asks for a submodule: Python imports it
+    _binding.add(thread)
+    try:
+        from accelcal._core import __version__
+        from accelcal.data.dwells import Dwells
+        from accelcal.data.recording import Channel, Recording, RecordingError
+        from accelcal.data.rig import LowPass, Rig, Sensor
+        from accelcal.effects import effect, load_effects
+        from accelcal.estimation.estimate import Fit
+        from accelcal.estimation.gauss_newton import NotIdentifiable
+        from accelcal.estimation.recursive import fit_recursive
+        from accelcal.filters.choice import FilterChoice
+        from accelcal.filters.live_model import LiveModel
+        from accelcal.filters.record import FilterRun
+        from accelcal.filters.stream import LiveFilter
+        from accelcal.io import load, load_dwells
+        from accelcal.model import Estimate, Model, Prior
+        from accelcal.serialization.model_file import load as load_model
+        from accelcal.serialization.model_file import save as save_model
+        from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+        from accelcal.validation.comparison import Coast, Comparison
+
+        globals().update({name: value for name, value in locals().items() if name != "thread"})
+    finally:
+        _binding.discard(thread)
 
 
 def __dir__() -> list[str]:

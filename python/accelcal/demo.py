@@ -19,6 +19,7 @@ from accelcal.effects import CATALOGUE, Effect, find
 from accelcal.effects.building_blocks import lagged
 from accelcal.estimation.gauss_newton import iterate
 from accelcal.estimation.run import prepare
+from accelcal.io import atomic_write
 from accelcal.model import Model
 from accelcal.signals.signals import Origins, Signals
 from accelcal.simulation.motion import Motion
@@ -124,4 +125,4 @@ def seal(hidden: Hidden, path: Path) -> None:
     answer = {"effect": hidden.effect, "size": hidden.size, "shape": dict(hidden.shape), **TRUTH}
     text = base64.b64encode(json.dumps(answer).encode()).decode()
     content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    atomic_write(path, json.dumps(content, indent=2) + "\n")

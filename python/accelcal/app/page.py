@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from typing import Any, TypeAlias
 
 from nicegui import background_tasks, run, ui
 
+from accelcal._support import internal_error
 from accelcal.app import widgets
 from accelcal.app.figures import Picture
 from accelcal.app.workbench import Busy, Workbench
@@ -42,6 +44,8 @@ class Page:
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
         self._drawing: dict[tuple[Any, ...], asyncio.Task[list[Picture]]] = {}
+        self._failures: set[tuple[Any, ...]] = set()
+        """Class and place of each exception that was shown."""
         self.asking = False
         """Whether a diagnosis begins as soon as the figures are drawn."""
 
@@ -77,6 +81,7 @@ class Page:
         await ui.context.client.connected()
         dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
         self._set_theme("dark" if dark else "light")
+        ui.on_exception(self.failed)
         self.rebuild()
         ui.timer(TICK, self._tick)
 
@@ -110,6 +115,14 @@ class Page:
             self.rebuild()
             await self.act(self.bench.diagnose)
         self.asking = False
+
+    def failed(self, error: Exception) -> None:
+        """Show what a handler of this page raised; the same error once, since the page is redrawn all the time."""
+        frames = traceback.extract_tb(error.__traceback__)
+        place = (type(error), *((frame.filename, frame.lineno) for frame in frames[-1:]))
+        if not isinstance(error, Busy) and place not in self._failures:
+            self._failures.add(place)
+            self.bench.refuse(internal_error.sentence(error))
 
     def change(self, action: Callable[[], None]) -> None:
         """Run an action that ends at once."""
@@ -222,10 +235,10 @@ class Page:
         async def work() -> None:
             try:
                 several = await asyncio.shield(drawing)
-            except (ValueError, ImportError) as error:
+            except Exception as error:
                 if build == self._build_count:
                     with box:
-                        ui.label(self.bench.plain(str(error))).classes("note")
+                        ui.label(self.bench.plain(internal_error.sentence(error))).classes("note")
                 return
             if build == self._build_count and not box.is_deleted:
                 with box:

@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 
 from accelcal import io
+from accelcal._support import internal_error
 from accelcal.app import mapping
 from accelcal.app.state import Cancelled, Job, State, Step, Stretch
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
@@ -459,10 +460,11 @@ class Workbench:
             yield job
         except Cancelled:
             pass
-        except (ValueError, OSError, ImportError) as error:
+        except Exception as error:
+            text = internal_error.sentence(error)
             with self._lock:
                 if not job.cancelled:
-                    self.sentence = self.plain(str(error))
+                    self.sentence = self.plain(text)
         finally:
             with self._lock:
                 if self.job is job:

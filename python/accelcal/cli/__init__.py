@@ -1,11 +1,44 @@
 """The command line: it parses options, calls the public functions and prints; it holds no physics.
 
 Grammar everywhere: model first, recording second. Data go to stdout, messages to stderr.
-Exit codes: 0 success, 2 usage, 3 bad data, 4 not identifiable, 130 interrupted.
+Exit codes: 0 success, 2 usage, 3 bad data, 4 not identifiable, 70 an error of accelcal; 130 interrupted (Ctrl-C), 143
+terminated, 129 terminal closed, 141 nobody reads the output.
+
+Nothing is imported before `main` runs: a Ctrl-C while the commands are being imported is one of theirs.
 """
 
-from accelcal.cli import data, dwells, models, diagnosis, fleet, export, demo  # noqa: F401, I001  (importing a file registers its commands, in this order)
-from accelcal.cli.data import write_recording
-from accelcal.cli.common import app, main
+from __future__ import annotations
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # typing itself takes as long to import as all the rest until `main` runs
+    from typing import Any, NoReturn
+
+    from accelcal.cli.common import app
+    from accelcal.cli.data import write_recording
 
 __all__ = ["app", "main", "write_recording"]
+
+
+def main() -> NoReturn:
+    """Run the command line and exit with its code."""
+    try:
+        from accelcal._support import stopping
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    raise SystemExit(stopping.run(_command_line))
+
+
+def _command_line() -> None:
+    __getattr__("app")()
+
+
+def __getattr__(name: str) -> Any:
+    """Import the commands on first use; importing a file registers its commands, in this order."""
+    if name not in __all__:
+        raise AttributeError(f"module 'accelcal.cli' has no attribute {name!r}")
+    from accelcal.cli import data, dwells, models, diagnosis, fleet, export, demo  # noqa: F401, I001
+    from accelcal.cli.common import app
+    from accelcal.cli.data import write_recording
+
+    globals().update(app=app, write_recording=write_recording)
+    return globals()[name]

@@ -10,18 +10,19 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
-if TYPE_CHECKING:
-    pass
+from accelcal._support import internal_error
 
 WRITTEN = ("output", "c", "rust", "dcc")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""
-USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERRUPTED = 2, 3, 4, 130
+USAGE, BAD_DATA, NOT_IDENTIFIABLE, INTERNAL, INTERRUPTED = 2, 3, 4, 70, 130
+USAGE_ERROR: type[Exception] = typer.BadParameter.__mro__[1]
+"""What typer itself prints as a mistake in the use of a command."""
 app = typer.Typer(
     name="accelcal",
     no_args_is_help=True,
@@ -30,26 +31,35 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Calibrate an accelerometer against position, see where the model fails, find the physical effect it lacks.",
+    epilog="Exit codes: 0 fine, 2 usage, 3 bad data, 4 not identifiable, 70 an error of accelcal, 129 terminal closed, "
+    "130 interrupted, 141 nobody reads the output, 143 terminated.",
 )
 Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
 Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to this frequency, e.g. "300 Hz".')]
 From = Annotated[str | None, typer.Option("--from", help="Start time on the position clock, s.")]
 To = Annotated[str | None, typer.Option("--to", help="End time on the position clock, s.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.")]
+Seed = Annotated[int | None, typer.Option("--seed", help="Random seed; stored in the output file.", min=0)]
 
 
 def writable_file(option: typer.CallbackParam, path: Path | None) -> Path | None:
     """Refuse a path where no file can be written, before any work is done."""
     if path is None:
         return None
+    from accelcal.io.atomic import is_stream, require_writable
+
     name = f"--{option.name} {path}"
     if path.is_dir():
         exit_with(f"{name}: this is a folder; give a file name", USAGE)
-    if not path.parent.is_dir():
-        exit_with(f"{name}: there is no folder {path.parent}; create it first, or write elsewhere", USAGE)
-    if not os.access(path.parent, os.W_OK):
-        exit_with(f"{name}: no permission to write to the folder {path.parent.absolute()}; write elsewhere", USAGE)
+    folder = Path(os.path.realpath(path)).parent if path.is_symlink() else path.parent
+    if not folder.is_dir():
+        exit_with(f"{name}: there is no folder {folder}; create it first, or write elsewhere", USAGE)
+    try:
+        there = require_writable(path)
+    except OSError as error:
+        exit_with(f"{name}: cannot be written ({error.strerror}); write elsewhere", USAGE)
+    if not is_stream(path, there) and not os.access(folder, os.W_OK):
+        exit_with(f"{name}: no permission to write to the folder {folder.absolute()}; write elsewhere", USAGE)
     return path
 
 
@@ -72,23 +82,20 @@ RunFile = Annotated[Path, typer.Argument(help="Recording: CSV, Parquet, MAT, npz
 ModelFile = Annotated[Path, typer.Argument(help="Model file written by fit.", show_default=False)]
 
 
-def main() -> None:
-    """Run the command line."""
-    app()
-
-
 def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
-    """Turn exceptions of the library into one sentence and an exit code."""
+    """Turn every exception into one sentence and an exit code."""
 
     @functools.wraps(command)
     def run(*args: Any, **kwargs: Any) -> None:
         try:
             refuse_overwriting(kwargs)
             command(*args, **kwargs)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt:  # of a caller that catches no signals
             exit_with("interrupted; no file was left half-written", INTERRUPTED)
-        except (ValueError, OSError, ImportError) as error:
-            exit_with(error_text(error), code_of(error))
+        except BaseException as error:
+            if speaks_for_itself(error):
+                raise
+            exit_with(internal_error.sentence(error), code_of(error))
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
@@ -123,15 +130,17 @@ def refuse_overwriting(given: Mapping[str, Any]) -> None:
                 )
 
 
-def error_text(error: Exception) -> str:
-    """Message of an error; those of the operating system reordered to name the file first."""
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror.lower()}; check the path and its permissions"
-    return str(error)
+def speaks_for_itself(error: BaseException) -> bool:
+    """Whether an exception ends the command in its own way: an exit, a signal, a pipe that nobody reads, a question
+    that was declined.
+    """
+    return isinstance(error, SystemExit | GeneratorExit | BrokenPipeError | typer.Exit | typer.Abort | USAGE_ERROR)
 
 
-def code_of(error: Exception) -> int:
+def code_of(error: BaseException) -> int:
     """Exit code of an error."""
+    if not internal_error.is_for_user(error):
+        return BAD_DATA if internal_error.is_of_user_code(error) else INTERNAL
     from accelcal.estimation.gauss_newton import NotIdentifiable
 
     if isinstance(error, NotIdentifiable):

@@ -102,7 +102,7 @@ def simulate(
     quadratic: Annotated[float, typer.Option("--quadratic", help="K2, (m/s²)⁻¹.")] = 0.0,
     cubic: Annotated[float, typer.Option("--cubic", help="K3, (m/s²)⁻².")] = 0.0,
     missing: Annotated[float, typer.Option("--missing", help="Share of samples lost.")] = 0.0,
-    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 1,
     json: Json = False,
 ) -> None:
     """Simulate a recording of the paper's rig, with its sidecar.
@@ -156,7 +156,7 @@ def write_recording(recording: Recording, path: Path) -> Path:
     if write is None:
         raise UsageError(f"--output {path}: expected a name that ends in .csv or .parquet")
     path.parent.mkdir(parents=True, exist_ok=True)
-    columns = write(recording, path)
     sidecar = io.sidecar_of(path)
-    io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels)
+    with io.together():
+        io.write_sidecar(recording.rig, write(recording, path), sidecar, labels=recording.labels)
     return sidecar

@@ -19,7 +19,7 @@ def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder to write into.", callback=writable_folder)
     ] = Path("demo"),
-    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 1,
     effect: Annotated[
         str | None, typer.Option("--effect", help="Hide this effect (or random, or none) and let improve find it.")
     ] = None,
@@ -96,7 +96,7 @@ def paper(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Folder for the figures.", callback=writable_folder)
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="Random seed.")] = 2007,
+    seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 2007,
     json: Json = False,
 ) -> None:
     """Reproduce the paper and print measured next to expected values.

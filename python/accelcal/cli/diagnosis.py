@@ -330,7 +330,6 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     t, p = found.set_points()
     rows = "\n".join(f"{when:.6f},{where:.12f}" for when, where in zip(t, p, strict=True))
     path.parent.mkdir(parents=True, exist_ok=True)
-    io.atomic_write(path, f"t_s,position_m\n{rows}\n")
     sidecar = io.sidecar_of(path)
     # The output, still to be recorded, is declared too: otherwise its low-pass would be lost.
     columns: dict[str, Clock | Source] = {
@@ -338,5 +337,7 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
         "position": Source("position_m", "m"),
         "accel": Source("accel_m_per_s2", "m/s^2"),
     }
-    io.write_sidecar(rig, columns, sidecar)
+    with io.together():
+        io.atomic_write(path, f"t_s,position_m\n{rows}\n")
+        io.write_sidecar(rig, columns, sidecar)
     return path, sidecar

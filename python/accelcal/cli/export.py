@@ -49,6 +49,7 @@ def report(
     Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
     """
     from accelcal import report as page
+    from accelcal.io import together
     from accelcal.serialization import model_file
 
     target = output if output is not None else run.with_suffix(".html")
@@ -64,12 +65,15 @@ def report(
             command=shlex.join(["accelcal", *sys.argv[1:]]),
             report=share,
         )
-    if target.suffix == ".html":
-        page.write(page.light(content) if light else page.html(content), target)
-        print_status(f"wrote {target}")
-    if pdf or target.suffix == ".pdf":
-        page.pdf(content, target.with_suffix(".pdf"))
-        print_status(f"wrote {target.with_suffix('.pdf')}")
+    written = [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
+    with together():
+        for path in written:
+            if path.suffix == ".pdf":
+                page.pdf(content, path)
+            else:
+                page.write(page.light(content) if light else page.html(content), path)
+    for path in written:
+        print_status(f"wrote {path}")
 
 
 @app.command()
@@ -96,7 +100,7 @@ def export(
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
     """
     from accelcal.calibration import export as exports
-    from accelcal.io import atomic_write
+    from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
 
     if not (c or rust or dcc or json):
@@ -118,8 +122,9 @@ def export(
         if schema is not None:
             exports.require_valid(certificate.text, schema)
         files[dcc] = certificate.text
-    for path, text in files.items():
-        atomic_write(path, text)
+    with together():
+        for path, text in files.items():
+            atomic_write(path, text)
     if json:
         print_json(exports.to_dict(made))
     else:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from accelcal._support.workers import processes
 from accelcal.cli.common import Json, Output, UsageError, app, print_json, print_status, progress, with_exit_codes
 
+MOST_WORKERS = 256
 READABLE = (".csv", ".txt", ".tsv", ".parquet", ".npz", ".mat", ".h5", ".hdf5")
 
 
@@ -25,7 +26,7 @@ def fleet(
     store: Annotated[
         Path, typer.Option("--store", help="File that keeps what is done; a call goes on from it.")
     ] = Path("fleet.sqlite"),
-    workers: Annotated[int, typer.Option("--workers", help="Processes on this machine.", min=1)] = 1,
+    workers: Annotated[int, typer.Option("--workers", help="Processes on this machine.", min=1, max=MOST_WORKERS)] = 1,
     dask: Annotated[
         str | None, typer.Option("--dask", help="Address of a dask scheduler, in place of --workers.")
     ] = None,
@@ -119,4 +120,4 @@ def executor(workers: int, dask: str | None) -> AbstractContextManager[Executor 
             raise UsageError('--dask needs dask; install it with: pip install "accelcal[dask]"') from error
         client: Any = Client
         return nullcontext(client(dask).get_executor())
-    return ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+    return processes(workers)

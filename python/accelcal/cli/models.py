@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,6 +38,8 @@ if TYPE_CHECKING:
     from accelcal.model import Model
 
 
+MOST_HELD = 1e6
+"""Largest value at which a parameter is held, SI."""
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
 """Options of the recursive filters."""
 
@@ -177,7 +178,7 @@ def compare(
 
     Example: [bold]accelcal compare m.json run13.csv[/bold]
     """
-    from accelcal.io import atomic_write
+    from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
     from accelcal.workflow import compare as compare_with
 
@@ -192,14 +193,17 @@ def compare(
         end=parse_quantity(end, "time", "--to"),
     )
     content = model_file.comparison_to_dict(seen)
-    if output is not None:
-        atomic_write(output, model_file.dumps(content))
-        print_status(f"wrote {output}")
-    if plots is not None:
-        from accelcal.plots.static.comparison import write
+    written: list[Path] = []
+    with together():
+        if output is not None:
+            atomic_write(output, model_file.dumps(content))
+            written.append(output)
+        if plots is not None:
+            from accelcal.plots.static.comparison import write
 
-        for path in write(fitted, seen, plots):
-            print_status(f"wrote {path}")
+            written += write(fitted, seen, plots)
+    for path in written:
+        print_status(f"wrote {path}")
     if json:
         print_json(content)
     else:
@@ -310,10 +314,12 @@ def freeze(
         name, _, value = text.partition("=")
         try:
             held[name] = float(value)
-            if not math.isfinite(held[name]):
+            if not abs(held[name]) <= MOST_HELD:
                 raise ValueError
         except ValueError:
-            raise UsageError(f"--at {text!r}: expected NAME=VALUE with a number in SI, such as bias=0.05") from None
+            raise UsageError(
+                f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
+            ) from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
     finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.stopping import Stopped
 from accelcal.data.rig import Rig
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.signals.signals import Signals
@@ -82,6 +83,8 @@ def _run(path: Path, text: str) -> None:
         exec(compile(text, str(path), "exec"), {"__name__": path.stem, "__file__": str(path)})
     except SyntaxError as error:
         raise EffectsFileError(f"{path}, line {error.lineno}: {error.msg}") from None
+    except Stopped:
+        raise
     except (Exception, SystemExit) as error:  # a file that exits must not end the program that reads it
         raise EffectsFileError(f"{path}, line {_line(path, error)}: {_text_of(error)}") from None
 

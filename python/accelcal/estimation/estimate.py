@@ -548,7 +548,7 @@ def require_distinct(recordings: Sequence[Recording]) -> None:
 
 
 def require_band(run: PreparedRun, band: float | None) -> None:
-    """Refuse a band that is not positive, or beyond half the rate of the readings.
+    """Refuse a band that is not positive, below one period in the record, or beyond half the rate of the readings.
 
     Raises
     ------
@@ -560,6 +560,11 @@ def require_band(run: PreparedRun, band: float | None) -> None:
         raise ValueError(
             f"{name_of(run)}: a band of {band:g} Hz; expected more than 0 and less than half the rate of the encoder "
             f"readings, {most:.4g} Hz"
+        )
+    least = 1.0 / float(run.t[-1] - run.t[0])
+    if band is not None and band < least:
+        raise ValueError(
+            f"{name_of(run)}: a band of {band:g} Hz is less than one period of the record; take {least:.3g} Hz or more"
         )
 
 

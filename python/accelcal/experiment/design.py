@@ -38,6 +38,10 @@ SEEDS = 12
 """Random draws of tones that are tried for the best recipe."""
 LEAST_SECONDS = 5.0
 """Shorter motions are not planned."""
+MOST_PLANNED = 3600.0
+"""Nor are longer ones, s."""
+LEAST_LIMIT = 1e-6
+"""Least limit of a stage, and reciprocal of the largest one, SI."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,9 +152,18 @@ def plan(
     """
     wanted = tuple(dict.fromkeys(effects))
     require_plannable(wanted)
-    if seconds < LEAST_SECONDS:
+    if not seconds >= LEAST_SECONDS:
         raise ValueError(f"a motion of {seconds:g} s is too short to plan; take {LEAST_SECONDS:g} s or more")
+    if seconds > MOST_PLANNED:
+        raise ValueError(
+            f"a motion of {seconds:g} s is too long to plan; take {MOST_PLANNED:g} s or less and repeat it"
+        )
     limits, noise = Limits(stroke, v_max, a_max), planned_noise(rig, encoder_noise)
+    for name, value in (("stroke", stroke), ("speed", v_max), ("acceleration", a_max)):
+        if not LEAST_LIMIT <= value <= 1.0 / LEAST_LIMIT:
+            raise ValueError(
+                f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
+            )
 
     def trial_of(recipe: Recipe) -> Trial:
         return Trial.of(recipe, limits, seconds, rig, noise, wanted)

@@ -1,10 +1,11 @@
 """Files become recordings here and only here: nothing guessed, nothing repaired silently."""
 
+from accelcal.io.atomic import atomic, atomic_write, together
 from accelcal.io.dwells import declares_dwells, load_dwells
 from accelcal.io.loading import load
 from accelcal.io.sidecar import read_sidecar, sidecar_of
 from accelcal.io.template import init, template
-from accelcal.io.write import atomic, atomic_write, write_csv, write_parquet, write_sidecar
+from accelcal.io.write import write_csv, write_parquet, write_sidecar
 
 __all__ = [
     "atomic",
@@ -16,6 +17,7 @@ __all__ = [
     "read_sidecar",
     "sidecar_of",
     "template",
+    "together",
     "write_csv",
     "write_parquet",
     "write_sidecar",

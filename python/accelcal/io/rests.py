@@ -16,10 +16,11 @@ from accelcal.data.recording import RecordingError
 from accelcal.data.rests import rests
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 from accelcal.io.assign import fix
+from accelcal.io.atomic import atomic_write, together
 from accelcal.io.dwell_table import COLUMNS
 from accelcal.io.loading import load
 from accelcal.io.sidecar import Source, no_sidecar, read_sidecar, sidecar_of
-from accelcal.io.write import atomic_write, write_sidecar
+from accelcal.io.write import write_sidecar
 
 TRIAD = ("accel_x", "accel_y", "accel_z")
 """Channels of the three outputs of a triad."""
@@ -155,6 +156,7 @@ def write_table(found: Rests, degrees: list[float], path: Path) -> Path:
     writer.writerow(COLUMNS)
     for row in table_of(found, degrees):
         writer.writerow(["" if row[name] is None else repr(row[name]) for name in COLUMNS])
-    write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup)
-    atomic_write(path, text.getvalue())
+    with together():
+        write_sidecar(found.rig, {"accel": Source("mean", found.unit)}, sidecar, found.setup)
+        atomic_write(path, text.getvalue())
     return sidecar

@@ -11,11 +11,12 @@ from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io import naming
 from accelcal.io.assign import discover
+from accelcal.io.atomic import atomic_write
 from accelcal.io.convert import UNKNOWN
 from accelcal.io.formats import open_table
 from accelcal.io.sidecar import sidecar_of
 from accelcal.io.table import Table
-from accelcal.io.write import atomic_write, toml_key, toml_text
+from accelcal.io.write import toml_key, toml_text
 
 
 def init(path: str | Path) -> str:

@@ -1,13 +1,11 @@
-"""Recordings and rigs to files; a file appears whole or not at all."""
+"""Recordings and rigs to files, each whole or not at all."""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,44 +20,8 @@ from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
 from accelcal.io import naming, sidecar
+from accelcal.io.atomic import atomic, atomic_write
 from accelcal.io.sidecar import Clock, Source
-
-
-@contextmanager
-def atomic(path: str | Path) -> Iterator[Path]:
-    """Give a name to write to; it becomes `path` when the block ends well, and vanishes when it does not.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; the text names it and says why.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> target = Path(tempfile.mkdtemp(), "fit.json")
-    >>> with atomic(target) as part:
-    ...     _ = part.write_text("{}")
-    >>> target.read_text()
-    '{}'
-    """
-    path = Path(path)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        yield part
-        os.replace(part, path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise OSError(f"{path}: cannot be written ({reason}); write to a folder that exists and is yours") from None
-    finally:
-        with suppress(OSError):  # what could not be made cannot be removed
-            part.unlink(missing_ok=True)
-
-
-def atomic_write(path: str | Path, content: str | bytes) -> None:
-    """Write a whole file at once: text as UTF-8 with the line ends it has, or bytes."""
-    with atomic(path) as part:
-        part.write_bytes(content.encode() if isinstance(content, str) else content)
 
 
 def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Source]:

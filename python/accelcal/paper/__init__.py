@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from accelcal.io import together
 from accelcal.paper.alignment import alignment_item
 from accelcal.paper.consider import consider_item
 from accelcal.paper.convergence import convergence_item, robustness_item
@@ -127,7 +128,8 @@ def reproduce(
     if out is not None:
         from accelcal.paper.figures import draw_mapping, draw_tracks
 
-        figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
+        with together():
+            figures = (draw_mapping(fit, out), *draw_tracks(tracks, out))
     if progress is not None:
         progress(item.name, 1.0)
     return Reproduction(quick, seed, (*items, item), figures)

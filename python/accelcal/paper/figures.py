@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal.estimation.estimate import Fit
+from accelcal.io import atomic
 from accelcal.plots import nonlinearity, style
 
 if TYPE_CHECKING:
@@ -81,5 +82,6 @@ def _figure(tracks: Sequence[ParameterTrack], path: Path, title: str) -> Path:
     axes[-1].set_ylim(0.0, 1.05)
     axes[-1].set_xlabel("time  [s]")
     axes[-1].set_xlim(0.0, float(np.max(tracks[0].t)))
-    figure.savefig(path, dpi=120)
+    with atomic(path) as part:
+        figure.savefig(part, format=path.suffix.removeprefix("."), dpi=120)
     return path

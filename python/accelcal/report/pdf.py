@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from importlib import resources
 from pathlib import Path
 
 from accelcal._support.extras import MissingExtra
+from accelcal._support.scratch import scratch_folder
 from accelcal.io import atomic_write
 from accelcal.report.content import Content
 from accelcal.report.figures import entries
@@ -32,8 +32,7 @@ def pdf(content: Content, path: str | Path) -> None:
         import typst
     except ImportError as error:
         raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
+    with scratch_folder() as root:
         figures = []
         for e in entries(content):
             if e.static is not None:

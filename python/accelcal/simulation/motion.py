@@ -26,6 +26,8 @@ PAPER_TONES = (2.1, 3.3, 4.7, 6.1)
 REST = 20.0
 """Rest at either end of the profile "rests", s."""
 
+MOST_SECONDS = 20_000.0
+"""Longest motion, s."""
 _GRID = 4000.0
 """Rate at which a motion is searched for its peak speed and its rms acceleration, Hz."""
 
@@ -238,7 +240,8 @@ def motion(
     Raises
     ------
     ValueError
-        Unknown name; a length that is too short for the profile; a speed limit that `a_rms` exceeds.
+        Unknown name; a length that is too short for the profile, or above `MOST_SECONDS`; a speed limit that `a_rms`
+        exceeds.
 
     Examples
     --------
@@ -248,8 +251,10 @@ def motion(
     """
     if name not in PROFILES:
         raise ValueError(f"motion {name!r} is not known. Choose one of: {', '.join(PROFILES)}.")
-    if not seconds > 0.0:
-        raise ValueError(f"motion {name!r}: the length must be positive, not {seconds} s.")
+    if not 0.0 < seconds <= MOST_SECONDS:
+        raise ValueError(
+            f"motion {name!r}: the length must be positive and at most {MOST_SECONDS:g} s, not {seconds:g} s."
+        )
     planned = replace(PROFILES[name](seconds, rng), name=name)
     if a_rms is not None:
         return _within(_scaled(planned, planned.acceleration_rms, a_rms), v_max)

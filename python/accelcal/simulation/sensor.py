@@ -56,6 +56,8 @@ PARAMETERS: Mapping[str, str] = MappingProxyType(
 """What a simulated sensor may be given, with units: K0, k, delay (positive = output late), K2, K3, Kin of (7), and the
 angle by which the input axis leans towards the vertical."""
 
+MOST_SAMPLES = 20_000_000
+"""Largest number of samples of one channel."""
 _FINE_RATE = 1e4
 """Least rate at which the sensed acceleration is evaluated, Hz."""
 _LEAST_NODES = 5
@@ -168,7 +170,8 @@ def simulate(
     Raises
     ------
     ValueError
-        Unknown parameter, undeclared noise density, probability outside [0, 1), or what
+        Unknown parameter or one that is not finite, undeclared noise density, probability outside [0, 1), more than
+        `MOST_SAMPLES` samples, or what
         `accelcal.simulation.motion.motion` says.
 
     Examples
@@ -182,6 +185,8 @@ def simulate(
         raise ValueError("rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none).")
     if not 0.0 <= missing < 1.0:
         raise ValueError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
+    _require_clock("accel", seconds, accel_rate, accel_phase)
+    _require_clock("position", seconds, position_rate, position_phase)
     motion_rng, sensor_rng, encoder_rng, missing_rng = rng.spawn(4)
     if isinstance(motion, str):
         motion = planned(motion, seconds, motion_rng, a_rms=a_rms, v_max=v_max)
@@ -223,7 +228,23 @@ def _complete(parameters: Mapping[str, float]) -> dict[str, float]:
     unknown = sorted(set(parameters) - set(PARAMETERS))
     if unknown:
         raise ValueError(f"no sensor parameter is called {', '.join(unknown)}. Known: {', '.join(PARAMETERS)}.")
+    for name, value in parameters.items():
+        if not math.isfinite(value):
+            raise ValueError(f"{name} = {value}: expected a finite number.")
     return {name: float(parameters.get(name, 0.0)) for name in PARAMETERS}
+
+
+def _require_clock(name: str, seconds: float, rate: float, phase: float) -> None:
+    """Refuse a clock that is none, or that would give more samples than are simulated."""
+    if not (0.0 < seconds < math.inf and 0.0 < rate < math.inf and math.isfinite(phase)):
+        raise ValueError(
+            f"{name}: {seconds:g} s at {rate:g} Hz from {phase:g} s; expected a finite length and rate above 0."
+        )
+    if seconds * rate > MOST_SAMPLES:
+        raise ValueError(
+            f"{name}: {seconds:g} s at {rate:g} Hz are {seconds * rate:.3g} samples; at most {MOST_SAMPLES} are "
+            "simulated. Take a shorter length or a lower rate."
+        )
 
 
 def _clock(seconds: float, rate: float, phase: float) -> Array:
@@ -324,6 +345,14 @@ def _rounded(y: Array, step: float) -> Array:
 
 
 def _channel(name: str, t: Array, y: Array, unit: str, missing: float, rng: np.random.Generator) -> Channel:
-    """A channel without the samples that were lost."""
+    """A channel without the samples that were lost.
+
+    Raises
+    ------
+    ValueError
+        If a sample is beyond the range of a double.
+    """
+    if not np.all(np.isfinite(y)):
+        raise ValueError(f"the simulated {name} overflows; take a smaller motion or smaller parameters.")
     kept = rng.random(len(t)) >= missing
     return Channel(name, t[kept], y[kept], unit)

@@ -17,6 +17,7 @@ from accelcal.data.arrays import Array
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.formatting import concise, grouped, label, length, prefixed
+from accelcal.io import together
 from accelcal.model import Estimate
 from accelcal.plots import style
 from accelcal.plots.numbers import (
@@ -357,7 +358,7 @@ def overview(fit: Fit, comparison: Comparison, *, theme: ThemeName = "light") ->
 
 
 def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: ThemeName = "light") -> list[Path]:
-    """Write every figure as PNG and SVG; each file appears whole or not at all.
+    """Write every figure as PNG and SVG, all of them or none.
 
     Parameters
     ----------
@@ -390,13 +391,14 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     folder = Path(directory)
     ending = "-dark" if theme == "dark" else ""
     written: list[Path] = []
-    for name, draw in figures.items():
-        figure = draw()
-        folder.mkdir(parents=True, exist_ok=True)
-        for kind in ("png", "svg"):
-            path = folder / f"{name}{ending}.{kind}"
-            style.save(figure, path)
-            written.append(path)
+    with together():
+        for name, draw in figures.items():
+            figure = draw()
+            folder.mkdir(parents=True, exist_ok=True)
+            for kind in ("png", "svg"):
+                path = folder / f"{name}{ending}.{kind}"
+                style.save(figure, path)
+                written.append(path)
     return written
 
 

@@ -1,0 +1,197 @@
+"""One sentence for whatever was raised: the product's own words, or that accelcal has an error and where its report is.
+
+An exception speaks to the user if its class is of accelcal, if a `raise` statement of accelcal raised it, or if it
+tells of a file that the operating system refused. Anything else is an error of accelcal. Its report holds what the
+authors need and nothing of the user's data: no values, no texts of exceptions.
+"""
+
+from __future__ import annotations
+
+import opcode
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from types import FrameType, TracebackType
+
+PACKAGE = Path(__file__).parents[1]
+RAISE = opcode.opmap["RAISE_VARARGS"]
+SPEAKING = (ValueError, OSError, ImportError)
+"""Base classes of exceptions whose text is for users, if accelcal raised them."""
+PACKAGES = ("numpy", "scipy", "pyarrow", "pint", "typer", "rich", "nicegui", "matplotlib", "plotly", "h5py")
+MOST_FRAMES = 60
+"""Frames at either end of a traceback that a report lists."""
+
+
+def is_for_user(error: BaseException) -> bool:
+    """Whether the text of an exception was written for users; if not, the exception is an error of accelcal."""
+    if not isinstance(error, SPEAKING):
+        return False
+    if type(error).__module__.partition(".")[0] == PACKAGE.name:
+        return True
+    if isinstance(error, OSError) and error.errno is not None:
+        return True
+    if isinstance(error.__cause__, Exception) and hasattr(error.__cause__, "tb"):
+        return _was_raised_by_own(error.__cause__.tb)
+    frame, instruction = _innermost(error.__traceback__)
+    return frame is not None and _is_own(frame) and frame.f_code.co_code[instruction] == RAISE
+
+
+def sentence(error: BaseException, command: Sequence[str] | None = None) -> str:
+    """What to tell the user, on one line; an error of accelcal leaves a report, and the sentence says where.
+
+    Parameters
+    ----------
+    error : as it was caught, with its traceback.
+    command : with file names, for the report; by default the command of this process.
+    """
+    if is_for_user(error):
+        if isinstance(error, OSError) and error.filename and error.strerror:
+            return f"{error.filename}: {error.strerror.lower()}; check the path and its permissions"
+        return str(error)
+    line = _line_of_user(error.__traceback__)
+    if line is not None:
+        text = " ".join(str(error).split())
+        return f"{line}: {type(error).__name__}: {text}; change this line"
+    place = write_report(error, sys.argv if command is None else command)
+    cause = (
+        "it asked for more memory than there is; a shorter part of the recording may pass"
+        if isinstance(error, MemoryError)
+        else f"{type(error).__name__} in {_where(error.__traceback__)}"
+    )
+    sent = f"please send {place} to its authors; it holds no data" if place else "no folder accepts a report of it"
+    return f"this is an error of accelcal: {cause}; {sent}"
+
+
+def is_of_user_code(error: BaseException) -> bool:
+    """Whether code of the user raised an exception: an effect in a file of their own."""
+    return _line_of_user(error.__traceback__) is not None
+
+
+def write_report(error: BaseException, command: Sequence[str]) -> Path | None:
+    """Write a report to the first folder that takes one, over no other file; None where none does."""
+    import tempfile
+
+    text = "\n".join(_report(error, command)) + "\n"
+    for folder in _folders():
+        try:
+            descriptor, name = tempfile.mkstemp(prefix="accelcal-error-", suffix=".txt", dir=folder)
+        except OSError:
+            continue
+        try:
+            with os.fdopen(descriptor, "w", encoding="utf-8", errors="backslashreplace") as file:
+                file.write(text)
+        except OSError:  # no space
+            os.unlink(name)
+            continue
+        return Path(name)
+    return None
+
+
+def _folders() -> Iterator[str]:
+    """Where a report may go: the folder for temporary files, the current one, the user's own."""
+    import tempfile
+
+    with suppress(OSError):
+        yield tempfile.gettempdir()
+    yield os.curdir
+    yield os.path.expanduser("~")
+
+
+def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
+    import platform
+    import shlex
+    from importlib import metadata
+
+    yield "An error of accelcal. This file holds no recorded data and no text of exceptions."
+    yield ""
+    yield f"command: {shlex.join(command)}"
+    yield f"python: {platform.python_version()} ({platform.python_implementation()}), {platform.platform()}"
+    for name in (PACKAGE.name, *PACKAGES):
+        try:
+            yield f"{name}: {metadata.version(name)}"
+        except metadata.PackageNotFoundError:
+            yield f"{name}: not installed"
+    seen: BaseException | None = error
+    while seen is not None:
+        yield ""
+        yield f"{type(seen).__module__}.{type(seen).__qualname__}, raised through"
+        yield from _shortened([f"  {_place(frame, line)}" for frame, line in _frames(seen.__traceback__)])
+        seen = seen.__cause__ or (None if seen.__suppress_context__ else seen.__context__)
+
+
+def _shortened(lines: list[str]) -> list[str]:
+    """Both ends of a long list."""
+    if len(lines) <= 2 * MOST_FRAMES:
+        return lines
+    return [*lines[:MOST_FRAMES], f"  ... {len(lines) - 2 * MOST_FRAMES} more", *lines[-MOST_FRAMES:]]
+
+
+def _each(traceback: TracebackType | None) -> Iterator[TracebackType]:
+    while traceback is not None:
+        yield traceback
+        traceback = traceback.tb_next
+
+
+def _frames(traceback: TracebackType | None) -> Iterator[tuple[FrameType, int]]:
+    """Frames with their lines, the outermost first."""
+    return ((each.tb_frame, each.tb_lineno) for each in _each(traceback))
+
+
+def _innermost(traceback: TracebackType | None) -> tuple[FrameType | None, int]:
+    """The frame that raised, and the place of its instruction."""
+    found: tuple[FrameType | None, int] = (None, 0)
+    for each in _each(traceback):
+        found = (each.tb_frame, each.tb_lasti)
+    return found
+
+
+def _was_raised_by_own(text: str) -> bool:
+    """Whether the traceback that another process sent as text ends in a `raise` statement of accelcal."""
+    file, _, rest = text.rpartition('  File "')[2].partition('"')
+    lines = rest.splitlines()
+    return Path(file).is_relative_to(PACKAGE) and len(lines) > 1 and lines[1].strip().startswith("raise ")
+
+
+def _is_own(frame: FrameType) -> bool:
+    return Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
+
+
+def _place(frame: FrameType, line: int) -> str:
+    """File below the folder that holds it, line and function; paths of the user's machine are left out."""
+    path = Path(frame.f_code.co_filename)
+    for folder in (str(PACKAGE.parent), *_libraries()):
+        if path.is_relative_to(folder):
+            path = path.relative_to(folder)
+            break
+    return f"{path}:{line} in {frame.f_code.co_qualname}"
+
+
+def _where(traceback: TracebackType | None) -> str:
+    """The innermost line of accelcal."""
+    own = [_place(frame, line) for frame, line in _frames(traceback) if _is_own(frame)]
+    return own[-1].partition(" in ")[0] if own else "code that it calls"
+
+
+def _line_of_user(traceback: TracebackType | None) -> str | None:
+    """File and line of the user's own code that raised, such as an effect; None where all is accelcal and libraries."""
+    for frame, line in reversed(list(_frames(traceback))):
+        name = frame.f_code.co_filename
+        if _is_own(frame):
+            return None
+        if (
+            Path(name).suffix not in (".pyx", ".pxd")
+            and os.path.isfile(name)
+            and not any(Path(name).is_relative_to(folder) for folder in _libraries())
+        ):
+            return f"{name}, line {line}"
+    return None
+
+
+def _libraries() -> tuple[str, ...]:
+    """Folders of Python and of installed packages."""
+    import sysconfig
+
+    paths = sysconfig.get_paths()
+    return tuple(sorted({paths[key] for key in ("purelib", "platlib", "stdlib", "platstdlib")}, key=len, reverse=True))

@@ -1,0 +1,178 @@
+"""Absurd arguments: a stated exit code and one sentence, soon; a pipe that nobody reads: silence and the usual code."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.cli import app, write_recording
+from accelcal.estimation.estimate import estimate
+from accelcal.serialization import model_file
+from tests.hostile.case import LONG, case_rng
+
+ABSURD = ("1e400", "1e12", "nan", "-1", "inf", "-inf", "1e-320", "0", "9" * 400, "1_000", "٣", "")
+PATIENCE = 30
+"""Processor time that a command has, s; a fit of the recordings here takes 2."""
+PLAN = ["plan", "--seconds", "6", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "9 m/s^2"]
+NUMBERS = {
+    "simulate": ["--seconds", "--a-rms", "--bias", "--scale-factor", "--time-offset", "--cubic", "--missing", "--seed"],
+    "plan": ["--seconds", "--stroke", "--vmax", "--amax"],
+    "fit": ["--from", "--to", "--band", "--order", "--seed"],
+    "cut": ["--only", "--without"],
+    "dwells": ["--least", "--attitudes"],
+    "improve": ["--max-effects"],
+    "freeze": ["--at"],
+    "fleet": ["--workers"],
+    "app": ["--port"],
+}
+LASTING = {("plan", "--seconds", "1_000")}
+"""A thousand seconds are no absurd length, and take a while."""
+FEW = 2
+"""Values of each option in the slice."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    here = tmp_path_factory.mktemp("runs")
+    made = ac.simulate(
+        "tones", seconds=6.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+    )
+    write_recording(made.recording, here / "run.csv")
+    model_file.save(estimate(ac.Model.linear(), made.recording), here / "m.json")
+    return here
+
+
+@pytest.fixture
+def limited():
+    """End a test that computes on and on."""
+
+    def stop(number: int, frame: object) -> None:
+        raise AssertionError(f"no end after {PATIENCE} s of processor time")
+
+    before = signal.signal(signal.SIGVTALRM, stop)
+    signal.setitimer(signal.ITIMER_VIRTUAL, PATIENCE)
+    yield
+    signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    signal.signal(signal.SIGVTALRM, before)
+
+
+def command(name: str, option: str, value: str) -> list[str]:
+    words = {
+        "simulate": ["simulate", "-o", "made.csv", "--motion", "tones", "--seconds", "2"],
+        "plan": PLAN,
+        "fit": ["fit", "run.csv", *(["--method", "aci"] if option == "--order" else [])],
+        "cut": ["cut", "run.csv", "-o", "made.csv"],
+        "dwells": ["dwells", "run.csv", "--yes"],
+        "improve": ["improve", "run.csv", "--from", "1", "--to", "1.5"],
+        "freeze": ["freeze", "m.json", "run.csv"],
+        "fleet": ["fleet", "absent"],
+        "app": ["app", "absent.csv"],
+    }[name]
+    given = {"--only": f"{value}:2", "--without": f"1:{value}", "--at": f"bias={value}"}.get(option, value)
+    return [*words, f"{option}={given}"]
+
+
+@pytest.mark.parametrize(
+    "option", [(name, option) for name, options in NUMBERS.items() for option in options], ids=" ".join
+)
+@pytest.mark.usefixtures("limited")
+def test_absurd_numbers_end_in_one_sentence(folder, tmp_path, monkeypatch, capsys, option):
+    rng = case_rng(" ".join(option), 0)
+    values = [value for value in ABSURD if (*option, value) not in LASTING]
+    for value in values if LONG else rng.choice(values, FEW, replace=False).tolist():
+        monkeypatch.chdir(tmp_path)
+        for path in folder.iterdir():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+        with pytest.raises(SystemExit) as ended:
+            app(command(*option, value))
+        printed = capsys.readouterr()
+        assert ended.value.code in (0, 2, 3, 4), (value, printed.err)
+        assert "Traceback" not in printed.err
+        assert "error of accelcal" not in printed.err
+        written = tmp_path / "made.csv"
+        if ended.value.code:
+            assert printed.err.strip(), value
+            assert not written.exists(), value
+        elif written.exists():
+            assert not any(word in written.read_text() for word in ("nan", "inf")), value
+        written.unlink(missing_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"seconds": 1e6}, "at most 20000000 are simulated"),
+        ({"accel_rate": 1e9}, "at most 20000000 are simulated"),
+        ({"position_rate": 1e9}, "at most 20000000 are simulated"),
+        ({"accel_rate": 0.0}, "expected a finite length and rate above 0"),
+        ({"accel_rate": float("nan")}, "expected a finite length and rate above 0"),
+        ({"accel_phase": float("inf")}, "expected a finite length and rate above 0"),
+        ({"parameters": {"cubic": float("nan")}}, "expected a finite number"),
+        ({"parameters": {"cubic": 1e308}, "a_rms": 1e3}, "overflows"),
+    ],
+    ids=str,
+)
+def test_a_simulation_beyond_its_limits_is_refused(settings, said):
+    given = {"seconds": 2.0, "rig": ac.ADXL105_RIG, "parameters": {}, "rng": np.random.default_rng(1)} | settings
+    with pytest.raises(ValueError, match=said):
+        ac.simulate("tones", **given)
+
+
+def piped(words: list[str], folder: Path, reader: str) -> tuple[int, str]:
+    """Exit code and stderr of a command whose output goes to `reader`."""
+    child = subprocess.Popen(
+        [sys.executable, "-m", "accelcal", *words], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    assert child.stdout is not None
+    assert child.stderr is not None
+    if reader == "head":
+        child.stdout.read(1)
+    child.stdout.close()
+    said = child.stderr.read().decode()
+    return child.wait(timeout=300), said
+
+
+@pytest.mark.parametrize("reader", ["true", "head"])
+@pytest.mark.parametrize("words", [["effects"], ["check", "run.csv", "--json"], ["--help"]], ids=" ".join)
+def test_a_pipe_that_nobody_reads_ends_in_silence(folder, words, reader):
+    code, said = piped(words, folder, reader)
+    assert said == ""
+    assert code in ((141,) if reader == "true" else (141, 0))  # what fits into the pipe was written before it closed
+
+
+def test_a_standard_output_without_space_or_none_at_all_is_said(folder):
+    with Path("/dev/full").open("wb") as full:
+        words = [sys.executable, "-m", "accelcal", "check", "run.csv"]
+        done = subprocess.run(words, cwd=folder, stdout=full, stderr=subprocess.PIPE, text=True, timeout=300)
+    assert done.returncode == 3
+    assert done.stderr == "accelcal: the standard output cannot be written (No space left on device)\n"
+    closed = f"{sys.executable} -m accelcal check run.csv >&-"
+    done = subprocess.run(closed, shell=True, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_signal_that_is_ignored_stays_ignored(folder):
+    code = "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
+    code += "from accelcal._support import stopping\n"
+    code += "import os; sys.exit(stopping.run(lambda: os.kill(os.getpid(), signal.SIGHUP)))\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=dict(os.environ), timeout=60)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_that_a_library_swallows_still_ends_the_command(name):
+    code = "import os, signal, sys\nfrom accelcal._support import stopping\ndef work():\n    try:\n"
+    code += f"        os.kill(os.getpid(), signal.{name})\n"
+    code += "    except BaseException:\n        raise ImportError('a library could not be imported') from None\n"
+    code += "sys.exit(stopping.run(work))\n"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 128 + getattr(signal, name)
+    assert done.stderr.count("\n") == 1
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,132 @@
+"""Every command that writes, on small recordings: what it is called with, and which files it makes."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import accelcal as ac
+from accelcal.cli import write_recording
+from accelcal.estimation.estimate import estimate
+from accelcal.serialization import model_file
+
+PLOTS = tuple(
+    f"plots/{name}.{kind}"
+    for name in (
+        *("overview", "simulated", "coasting", "one_step", "regions", "accel_residual", "histogram"),
+        *("autocorrelation", "parameters", "nonlinearity"),
+    )
+    for kind in ("png", "svg")
+)
+
+
+@dataclass(frozen=True)
+class Writer:
+    """A command with its outputs, which appear together or, where that is not promised, each by itself."""
+
+    arguments: tuple[str, ...]
+    outputs: tuple[str, ...]
+    together: bool = True
+    heavy: bool = False
+    """Takes more than some seconds: not in the slice."""
+
+
+def _plan() -> tuple[str, ...]:
+    return ("plan", "--effects", "cubic", "--stroke", "0.2 m", "--vmax", "0.1 m/s", "--amax", "20 m/s^2")
+
+
+WRITERS: Mapping[str, Writer] = {
+    "simulate": Writer(("simulate", "--seconds", "5", "-o", "made.csv"), ("made.csv", "made.toml")),
+    "cut": Writer(("cut", "run.csv", "--only", "1:9", "-o", "part.parquet"), ("part.parquet", "part.toml")),
+    "init": Writer(("init", "bare.csv"), ("bare.toml",)),
+    "fit": Writer(("fit", "run.csv", "-o", "made.json"), ("made.json",)),
+    "freeze": Writer(("freeze", "m.json", "run.csv", "--at", "bias=0.05", "-o", "held.json"), ("held.json",)),
+    "export": Writer(("export", "m.json", "--c", "a.h", "--rust", "a.rs", "--dcc", "a.xml"), ("a.h", "a.rs", "a.xml")),
+    "dwells": Writer(
+        ("dwells", "tumble.csv", "--least", "1 s", "--yes", "-o", "rests.csv"), ("rests.csv", "rests.toml")
+    ),
+    "add": Writer(("add", "m.json", "run.csv", "--effect", "cubic", "-o", "cubic.json"), ("cubic.json",)),
+    "drop": Writer(("drop", "m2.json", "run.csv", "--effect", "cubic", "-o", "less.json"), ("less.json",), heavy=True),
+    "compare": Writer(
+        ("compare", "m.json", "other.csv", "-o", "seen.json", "--plots", "plots"), ("seen.json", *PLOTS), heavy=True
+    ),
+    "diagnose": Writer(("diagnose", "m.json", "run.csv", "-o", "found.json"), ("found.json",), heavy=True),
+    "improve": Writer(
+        ("improve", "run.csv", "--holdout", "other.csv", "--max-effects", "1", "-o", "best.json"),
+        ("best.json",),
+        heavy=True,
+    ),
+    "formula": Writer(
+        ("formula", "m3.json", "curved.csv", "--curve", "shape_of_acceleration", "-o", "own.py"),
+        ("own.py",),
+        heavy=True,
+    ),
+    "plan": Writer((*_plan(), "--seconds", "10", "-o", "motion.csv"), ("motion.csv", "motion.toml"), heavy=True),
+    "report": Writer(
+        ("report", "m.json", "run.csv", "--light", "--pdf", "-o", "run.html"), ("run.html", "run.pdf"), heavy=True
+    ),
+    "demo": Writer(
+        ("demo", "-o", "demo"),
+        tuple(f"demo/{name}" for name in ("run1.csv", "run1.toml", "run2.csv", "run2.toml", "m.json"))
+        + tuple(path.replace("plots/", "demo/") for path in PLOTS),
+        together=False,
+        heavy=True,
+    ),
+    "paper": Writer(
+        ("paper", "-o", "figures"),
+        tuple(f"figures/figure{n}.png" for n in (3, 4, 5)),
+        heavy=True,
+    ),
+    "fleet": Writer(("fleet", "sensors/a", "--workers", "2", "-o", "fleet.html"), ("fleet.html",), heavy=True),
+}
+"""By name of the command."""
+
+
+def make_inputs(folder: Path) -> None:
+    """Write what the commands read."""
+    for name, seed, cubic in (("run", 1, 0.0), ("other", 2, 0.0), ("curved", 3, 0.01)):
+        truth = {"bias": 0.05, "cubic": cubic}
+        rng = np.random.default_rng(seed)
+        made = ac.simulate("tones", seconds=10.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(made.recording, folder / f"{name}.csv")
+        if name == "run":
+            model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m.json")
+            model_file.save(estimate(ac.Model.cubic(), made.recording), folder / "m2.json")
+        if name == "curved":
+            model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m3.json")
+    (folder / "bare.csv").write_bytes((folder / "other.csv").read_bytes())
+    (folder / "sensors" / "a").mkdir(parents=True)
+    for seed in (1, 2):
+        made = ac.simulate(
+            "tones", seconds=5.0, rig=ac.ADXL105_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(seed)
+        )
+        write_recording(made.recording, folder / "sensors" / "a" / f"r{seed}.csv")
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 20.0, 0.01)
+    position = np.floor(t / 2.5)
+    moving = np.where(np.mod(t, 2.5) > 2.0, 3.0 * rng.standard_normal(len(t)), 0.0)
+    y = 9.8 * np.cos(0.8 * position) + 0.01 * rng.standard_normal(len(t)) + moving
+    rows = "\n".join(f"{when!r},{value!r}" for when, value in zip(t.tolist(), y.tolist(), strict=True))
+    (folder / "tumble.csv").write_text(f"t_s,accel_m_per_s2\n{rows}\n")
+
+
+def is_whole(path: Path, reference: bytes) -> bool:
+    """Whether a file is what the command writes when nothing interrupts it, but for dates."""
+    content = path.read_bytes()
+    try:
+        match path.suffix:
+            case ".json":
+                return bool(json.loads(content))
+            case ".toml":
+                return bool(tomllib.loads(content.decode()))
+    except ValueError:
+        return False
+    endings = {".html": b"</html>", ".pdf": b"%%EOF", ".png": b"IEND\xaeB`\x82", ".svg": b"</svg>"}
+    if path.suffix in endings:
+        return content.rstrip(b"\n").endswith(endings[path.suffix])
+    return content == reference
