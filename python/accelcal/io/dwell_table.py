@@ -15,7 +15,7 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.io.assign import Plan
 from accelcal.io.convert import in_si
 from accelcal.io.formats import open_table
-from accelcal.io.sidecar import Sidecar, Source, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
 
 COLUMNS = ("attitude_deg", "mean", "std", "duration_s", "temperature_degC", "samples", "group")
@@ -33,7 +33,7 @@ ASSUMED_ANGLE = "angle_std is not declared: the angles of the dwells are taken a
 def load_dwell_table(path: Path) -> Dwells:
     """Dwells of a table, with the sidecar beside it."""
     beside = sidecar_of(path)
-    return from_table(open_table(path), read_sidecar(beside) if beside.exists() else no_sidecar(), beside)
+    return from_table(open_table(path), read_sidecar(beside) if has_sidecar(path) else no_sidecar(), beside)
 
 
 def is_table(table: Table) -> bool:
