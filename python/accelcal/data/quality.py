@@ -27,6 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import PLACE
 from accelcal.data.recording import Channel, Finding, Recording, RecordingError
@@ -47,8 +48,6 @@ HIGHEST_SPEED = 1000.0
 
 LATEST = 1e13
 """s, of either sign; beyond 300 000 years a double does not tell samples of 1 kHz apart."""
-LARGEST = 1e100
-"""In the SI unit of the channel, of either sign."""
 SHORTEST = 1e-9
 """Usual interval between two stamps, s."""
 CLOSEST = 1e-18
@@ -177,7 +176,7 @@ def _require_finite(samples: Samples) -> None:
 
 def _require_plausible(samples: Samples) -> None:
     """Refuse numbers that no clock and no sensor gives: products of them would leave the range of a double."""
-    for what, values, most in (("time of ", samples.t, LATEST), ("", samples.y, LARGEST)):
+    for what, values, most in (("time of ", samples.t, LATEST), ("", samples.y, units.LARGEST)):
         bad = np.abs(values) > most
         if bad.any():
             i = int(np.argmax(bad))

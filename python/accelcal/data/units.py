@@ -115,7 +115,8 @@ class Conversion:
         """Return `values`, shape (n,), in the unit `si`; `values` itself when nothing changes."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
-        return values * self.factor + self.offset
+        with np.errstate(over="ignore"):  # what leaves the range of a double is found as not finite
+            return values * self.factor + self.offset
 
 
 def quantity(text: object, kind: str) -> float:
@@ -158,7 +159,20 @@ def quantity(text: object, kind: str) -> float:
     value = number * rule.factor + rule.offset
     if not math.isfinite(value):
         raise UnitError(f"{shown(text)} is not finite; expected {expected.name} such as {expected.example!r}")
+    if not is_measurable(value):
+        raise UnitError(
+            f"{shown(text)} is beyond all that is measured; expected {expected.name} such as {expected.example!r}"
+        )
     return value
+
+
+def is_measurable(value: float) -> bool:
+    """Whether a number in SI is 0 or of a size whose squares and ratios a double holds."""
+    return value == 0.0 or SMALLEST < abs(value) < LARGEST
+
+
+SMALLEST, LARGEST = 1e-100, 1e100
+"""In SI, of any unit."""
 
 
 def _float(number: float) -> float:

@@ -11,6 +11,7 @@ from accelcal.data.recording import RecordingError
 from accelcal.io.reader_process import ReaderProcess
 from accelcal.io.table import Column, Table
 
+
 class _Waiting:
     """The process that has opened the last container and was asked for no column yet: a file that is looked at and then
     read, or looked at twice, is opened once."""

@@ -94,15 +94,12 @@ def read_sidecar(path: Path) -> Sidecar:
     """
     text = sidecar_text(path)
     try:
-        _require_short_keys(text)
-        return _sidecar(tomllib.loads(text), path)
+        return _sidecar(_parsed(text), path)
     except RecursionError:
         raise RecordingError(
             f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
         ) from None
-    except RecordingError:
-        raise
-    except ValueError as error:  # TOMLDecodeError, and what Python says of an integer of thousands of digits
+    except tomllib.TOMLDecodeError as error:
         raise RecordingError(f"{path}: not valid TOML: {str(error)[:_MOST_SHOWN]}; correct that line.") from None
 
 
@@ -128,12 +125,23 @@ _MOST_SHOWN = 200
 """Characters of what the parser says."""
 
 
+def _parsed(text: str) -> dict[str, Any]:
+    """The tables of a sidecar."""
+    _require_short_keys(text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # of Python itself
+        raise tomllib.TOMLDecodeError("an integer has thousands of digits") from None
+
+
 def _require_short_keys(text: str) -> None:
     for number, line in enumerate(text.splitlines(), start=1):
         if line.count(".") > _MOST_DOTS and not line.lstrip().startswith("#"):
             dots = re.sub(r"[0-9]\.[0-9]", "", line).count(".")
             if dots > _MOST_DOTS:
-                raise ValueError(f"{dots} dots in line {number}, expected a short key")
+                raise tomllib.TOMLDecodeError(f"{dots} dots in line {number}, expected a short key")
 
 
 def has_sidecar(path: Path) -> bool:
@@ -208,8 +216,8 @@ def _numbers(found: object) -> tuple[float, ...]:
         numbers = tuple(float(x) for x in found)
     except OverflowError:
         numbers = (math.inf,)
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"found {units.shown(found)}, expected finite numbers")
+    if not all(map(units.is_measurable, numbers)):
+        raise ValueError(f"found {units.shown(found)}, expected finite numbers, none beyond {units.LARGEST:g}")
     return numbers
 
 
@@ -280,7 +288,9 @@ def _clock(found: object) -> Clock:
 
 def _four_columns(found: object) -> tuple[str, ...]:
     if not isinstance(found, list) or len(found) != 4 or not all(isinstance(name, str) for name in found):
-        raise ValueError(f"found {units.shown(found)}, expected four columns such as {list(QUATERNION)}".replace("'", '"'))
+        raise ValueError(
+            f"found {units.shown(found)}, expected four columns such as {list(QUATERNION)}".replace("'", '"')
+        )
     if len(set(found)) != 4:
         raise ValueError(f"found {units.shown(found)}, expected four different columns, w, x, y, z of the quaternion")
     return tuple(found)
