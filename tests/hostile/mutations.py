@@ -28,8 +28,9 @@ NUMBERS = (
 )  # fmt: skip
 UNITS = (
     "m**9**9**9", "m^9^9^9", "m^(9^9^9)", "m*10**10**10", "m**(-9**9**9)", "m" + "^2" * 25, "m" * 70, "delta_degC", "",
-    "degC*degC", "degC/s", "m/m/m/m", "h^12*h^12*h^12", "1/m^12", "g^-12", "(m", "m)", "()", "m.__class__", "__import__",
-    "m lambda", "1e5 m", "km^12*km^12", "sqrt(" * 12, "√√√", "m²²²²²", "%", "?", "m\x00", "ms", "mm/s²", "furlong", "T",
+    "degC*degC", "degC/s", "m/m/m/m", "h^12*h^12*h^12", "1/m^12", "g^-12", "(m", "m)", "()", "m.__class__",
+    "__import__", "m lambda", "1e5 m", "km^12*km^12", "sqrt(" * 12, "√√√", "m²²²²²", "%", "?", "m\x00", "ms", "mm/s²",
+    "furlong", "T",
 )  # fmt: skip
 SIDECAR_VALUES = (
     "1" + "0" * 400, "1" + "0" * 5000, "0x" + "f" * 400, "0x" + "f" * 5000, "-1", "nan", "inf", "1e308", "true", "[]",
@@ -120,7 +121,9 @@ def _table(rng: Rng) -> str:
         return "\r\n".join(lines + ["\t".join(row) for row in rows])
     if kind == 2:  # stamps
         stamps = [f"2026-11-03T14:30:{float(row[0]):09.6f}Z" for row in rows]
-        return "\n".join(["time,accel_g,position [mm]"] + [f"{s},{row[1]},{row[2]}" for s, row in zip(stamps, rows)])
+        return "\n".join(
+            ["time,accel_g,position [mm]"] + [f"{s},{row[1]},{row[2]}" for s, row in zip(stamps, rows, strict=True)]
+        )
     if kind == 3:  # dwells
         angles = [f"{10 * k},{np.sin(k):.5f},0.001,5,23.1,500,{k % 2}" for k in range(12)]
         names = ["attitude_deg,mean,std,duration_s,temperature_degC,samples,group", "deg,g,g,s,degC,1,1"]
@@ -230,7 +233,8 @@ def _long(rng: Rng, text: str) -> str:
 
 
 _TEXT_MUTATIONS = (
-    _number, _number, _number, _column, _column, _header, _header, _lines_moved, _fields_swapped, _separators, _inserted, _long,
+    _number, _number, _number, _column, _column, _header, _header, _lines_moved, _fields_swapped, _separators,
+    _inserted, _long,
 )  # fmt: skip
 
 
@@ -289,7 +293,8 @@ def _table_name(rng: Rng, text: str) -> str:
 
 def _added(rng: Rng, text: str) -> str:
     lines = (
-        '[dwell]\nattitude = "up"', '[dwell]\nangle = "1e300 deg"', '[dwell]\ntable = "/dev/zero"', "[dwell]\ntable = 'x'",
+        '[dwell]\nattitude = "up"', '[dwell]\nangle = "1e300 deg"', '[dwell]\ntable = "/dev/zero"',
+        "[dwell]\ntable = 1",
         '[channels.attitude]\ncolumns = ["a", "b", "c", "d"]\nmaps = "sensor to ENU"', "x = " + "[" * 2000,
         'position = { column = "position_mm", lowpass = { kind = "fir", taps = [1e308, 1e308] } }', "[run]\ndate = 1",
     )  # fmt: skip

@@ -84,29 +84,30 @@ class Forked:
 
 
 def read(path: Path, everything: bool) -> str:
-    """Read a recording as commands and the workbench do; what was refused, or "" where it was read.
+    """Read a recording as commands and the workbench do; the sentence of its refusal, or "" where it was read.
 
     Raises
     ------
     AssertionError
         If something that is no recording was accepted, or a refusal does not name the file.
     """
+    said = ""
     try:
         if everything:
             io.template(path)
-        if io.declares_dwells(path):
-            dwells = io.load_dwells(path)
-            assert all(np.isfinite(y).all() for y in (dwells.angle, dwells.mean, dwells.std, dwells.duration)), "dwells"
-            return ""
-        recording = io.load(path)
+        found = io.load_dwells(path) if io.declares_dwells(path) else io.load(path)
     except RecordingError as error:
-        assert str(path.parent) in str(error) or "/dev/zero" in str(error), f"a refusal without its file: {error}"
-        assert len(str(error)) < 20_000, f"a refusal of {len(str(error))} characters"
-        return str(error)
-    require_recording(recording)
-    summarise(recording)
-    json.dumps(describe(recording), allow_nan=False)
-    return ""
+        said = str(error)
+    if said:
+        assert str(path.parent) in said or "/dev/zero" in said, f"a refusal without its file: {said}"
+        assert len(said) < 20_000, f"a refusal of {len(said)} characters"
+    elif isinstance(found, Recording):
+        require_recording(found)
+        summarise(found)
+        json.dumps(describe(found), allow_nan=False)
+    else:
+        assert all(np.isfinite(y).all() for y in (found.angle, found.mean, found.std, found.duration)), "dwells"
+    return said
 
 
 def require_recording(recording: Recording) -> None:
@@ -121,8 +122,10 @@ def misbehave(section: str) -> None:
     """What the caller must notice, on request."""
     if section == "crash":
         os.kill(os.getpid(), signal.SIGSEGV)
-    while section == "hang":
+    if section == "hang":
         signal.setitimer(signal.ITIMER_PROF, 0.1)
+        while True:
+            pass
     if section == "memory":
         bytes(3 * MEMORY)
 
@@ -199,9 +202,9 @@ class Worker:
         self._process.communicate()
 
 
-def campaign(section: str, numbers: range) -> tuple[Counter[str], list[dict[str, Any]]]:
+def campaign(worker: Worker, section: str, numbers: range) -> tuple[Counter[str], list[dict[str, Any]]]:
     """Counts of outcomes and every failure of a range of cases; progress and hours are printed."""
-    worker, counts, failures, begin = Worker(), Counter[str](), [], time.monotonic()
+    counts, failures, begin = Counter[str](), [], time.monotonic()
     slowest = 0.0
     for done, number in enumerate(numbers, start=1):
         found = worker.run(section, number)
@@ -213,13 +216,12 @@ def campaign(section: str, numbers: range) -> tuple[Counter[str], list[dict[str,
         if done % 1000 == 0 or done == len(numbers):
             hours = (time.monotonic() - begin) / 3600.0
             print(f"{section} to {number}: {dict(counts)}, slowest {slowest:.2f} s, {hours:.3f} h", flush=True)
-    worker.close()
     return counts, failures
 
 
 if __name__ == "__main__":
     warnings.simplefilter("error")
     if len(sys.argv) == 4:
-        campaign(sys.argv[1], range(int(sys.argv[2]), int(sys.argv[3])))
+        campaign(Worker(), sys.argv[1], range(int(sys.argv[2]), int(sys.argv[3])))
     else:
         main()

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +54,15 @@ def seconds_of(act: Callable[[], object]) -> float:
     return used() - before
 
 
+def sentence_of(act: Callable[[], object]) -> str:
+    """What an act is refused with; "" where it is not."""
+    try:
+        act()
+    except (RecordingError, units.UnitError) as error:
+        return str(error)
+    return ""
+
+
 def refused(path: Path, match: str = ".", **options: object) -> str:
     """The sentence that refuses a file, within `SECONDS` of processor time."""
     said: list[str] = []
@@ -70,25 +79,32 @@ def refused(path: Path, match: str = ".", **options: object) -> str:
 # Mutated files.
 
 
+@pytest.fixture(scope="module")
+def worker() -> Iterator[Worker]:
+    """One process that reads mutated files."""
+    made = Worker()
+    yield made
+    made.close()
+
+
 @pytest.mark.parametrize("section", SECTIONS)
-def test_mutated_files_end_in_a_recording_or_a_sentence(section: str) -> None:
+def test_mutated_files_end_in_a_recording_or_a_sentence(worker: Worker, section: str) -> None:
     numbers = cases(FEW[section], MANY[section])
-    counts, failures = campaign(section, numbers[FIRST:] if LONG else numbers)
+    counts, failures = campaign(worker, section, numbers[FIRST:] if LONG else numbers)
     print(f"{section}: {dict(counts)}; failures {len(failures)} (at most 0)")
     assert not failures
     assert counts["read"] > 0.02 * len(numbers[FIRST:] if LONG else numbers)
     assert counts["refused"] > 0.1 * sum(counts.values())
 
 
-def test_a_worker_that_dies_is_replaced_and_told_of() -> None:
+def test_a_worker_that_dies_is_replaced_and_told_of(worker: Worker) -> None:
     # The sister that must fail: a case that ends its process as a crash would.
-    worker = Worker()
+    before = worker.deaths
     assert worker.run("crash", 1)["outcome"] == "died"
     assert worker.run("hang", 1)["outcome"] == "died"
     assert worker.run("memory", 1)["text"].startswith("MemoryError")
     assert worker.run("text", 1)["outcome"] in ("read", "refused")
-    assert worker.deaths == 2
-    worker.close()
+    assert worker.deaths == before + 2
 
 
 # Units.
@@ -100,19 +116,13 @@ def test_no_unit_is_long_to_compute(tmp_path: Path, unit: str) -> None:
         for text in (unit, f"1 {unit}", f"({unit})", unit * 3):
             assert isinstance(units.is_unit(text), bool)
             for kind in ("length", "frequency", "ratio"):
-                try:
-                    assert np.isfinite(units.quantity(f"1 {text}", kind))
-                except units.UnitError as error:
-                    assert len(str(error)) < 400
+                assert len(sentence_of(lambda t=text, k=kind: units.quantity(f"1 {t}", k))) < 400  # type: ignore[misc]
 
     assert seconds_of(act) < SECONDS / 2.0
     column = f'"position [{unit}]"' if '"' not in unit else "position"
     path = tmp_path / "run.csv"
     path.write_text(f"t_s,accel_m_per_s2,{column}\n{ROWS}")
-    try:
-        io.load(path)
-    except RecordingError as error:
-        assert str(path.with_suffix("")) in str(error)
+    assert str(path.with_suffix("")) in (sentence_of(lambda: io.load(path)) or str(path))
 
 
 @pytest.mark.parametrize("unit", ["m**9**9**9", "m^9^9^9", "m^(9^9^9)", "m*10**10**10", "m**(-9**9**9)", "delta_degC"])
@@ -188,11 +198,10 @@ def test_a_link_to_a_file_is_that_file(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["a\0b.csv", "n" * 5000 + ".csv", "名" * 120 + ".csv", "x/" * 3000, "\ud800.csv"])
 def test_a_name_that_no_file_can_have_is_a_sentence(tmp_path: Path, name: str) -> None:
-    for read in (io.load, io.load_dwells, io.template, io.declares_dwells, read_sidecar):
-        try:
-            assert read(Path(f"{tmp_path}/{name}")) is False  # type: ignore[operator]
-        except RecordingError as error:
-            assert len(str(error)) < 800
+    path = Path(f"{tmp_path}/{name}")
+    for read in (io.load, io.load_dwells, io.template, read_sidecar):
+        assert 0 < len(sentence_of(lambda r=read: r(path))) < 800  # type: ignore[misc]
+    assert not io.declares_dwells(path)
 
 
 def test_a_name_whose_sidecar_would_be_too_long_is_read(tmp_path: Path) -> None:
@@ -233,16 +242,11 @@ def test_a_hostile_value_is_refused_by_its_key(tmp_path: Path, place: str, value
     path = tmp_path / "run.csv"
     path.write_text(TABLE)
     path.with_suffix(".toml").write_text(place.format(value))
-
-    def act() -> None:
-        try:
-            io.load(path)
-        except RecordingError as error:
-            assert "run.toml" in str(error) or "run.csv" in str(error)
-            assert "integer string conversion: value has" not in str(error)
-            assert len(str(error)) < 1000
-
-    assert seconds_of(act) < SECONDS
+    said: list[str] = []
+    assert seconds_of(lambda: said.append(sentence_of(lambda: io.load(path)))) < SECONDS
+    assert not said[0] or str(path.with_suffix("")) in said[0]
+    assert "integer string conversion" not in said[0]
+    assert len(said[0]) < 1000
 
 
 @pytest.mark.parametrize(
@@ -290,13 +294,9 @@ def test_a_filter_of_many_taps_is_no_long_key(tmp_path: Path) -> None:
 def test_a_hostile_cell_is_refused_with_its_row(tmp_path: Path, number: str) -> None:
     path = tmp_path / "run.csv"
     path.write_text(TABLE.replace("0.30,", f"{number},", 1))
-    try:
-        recording = io.load(path)
-    except RecordingError as error:
-        assert str(path) in str(error)
-        assert len(str(error)) < 2000
-    else:
-        assert np.isfinite(recording.accel.t).all()
+    said = sentence_of(lambda: io.load(path))
+    assert len(said) < 2000
+    assert str(path) in said or np.isfinite(io.load(path).accel.t).all()
 
 
 TEXTS = {
@@ -331,14 +331,11 @@ def test_a_hostile_table_is_refused_soon(tmp_path: Path, text: str) -> None:
     assert len(refused(path)) < 20_000
 
 
-@pytest.mark.parametrize(
-    "text", [TABLE + "1e12,0,0\n", "#\n" * 400_000 + TABLE], ids=["a jump of the clock", "comments"]
-)
-def test_an_odd_table_is_read_soon(tmp_path: Path, text: str) -> None:
+def test_a_jump_of_the_clock_is_read_soon(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
-    path.write_text(text)
+    path.write_text(TABLE + "1e12,0,0\n")
     assert seconds_of(lambda: summarise(io.load(path))) < SECONDS
-    assert io.load(path).accel.t[0] == 0.0
+    assert io.load(path).accel.t[-1] == 1e12
 
 
 # Containers.
@@ -402,7 +399,8 @@ def test_numbers_that_stand_in_another_file_are_not_read(tmp_path: Path) -> None
         file["accel_g"] = np.sin(T)
 
     def external(file: object, name: str, target: Path) -> None:
-        file.create_dataset(name, shape=T.shape, dtype="f8", external=[(str(target), 0, 8 * len(T))])  # type: ignore[attr-defined]
+        places = [(str(target), 0, 8 * len(T))]
+        file.create_dataset(name, shape=T.shape, dtype="f8", external=places)  # type: ignore[attr-defined]
 
     def virtual(file: object, name: str, target: Path) -> None:
         layout = h5py.VirtualLayout(shape=T.shape, dtype="f8")
@@ -514,8 +512,9 @@ def in_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
             "takes more than 512 MB, far beyond its size",
         ),
         ("import accelcal.io.decoding.npz as m\nm.opened = lambda path: [].x", "truncated or damaged"),
-        ("sys.stdout.write('[' * 10**6)", "its reader ended"),
-        ("sys.stdout.write('{}\\n')", "its reader ended"),
+        ("sys.stdout.buffer.write(b'[' * 10**5 + b'\\n'); sys.stdout.flush()", "does not answer as it should"),
+        ("sys.stdout.buffer.write(b'{}\\n'); sys.stdout.flush()", "does not answer as it should"),
+        ("sys.stdout.buffer.write(b'[1, 2'); sys.stdout.flush(); sys.exit()", "its reader ended with code 0"),
     ],
 )
 def test_whatever_becomes_of_the_process_is_one_sentence(
@@ -600,7 +599,7 @@ def test_containers_are_read_wherever_python_runs(tmp_path: Path, script: str) -
 def test_threads_read_at_once(tmp_path: Path) -> None:
     paths = [container(tmp_path / f"run{k % 3}.npz") for k in range(3)] * 2
     found: list[int] = []
-    threads = [threading.Thread(target=lambda p=path: found.append(len(io.load(p).accel))) for path in paths]  # type: ignore[misc]
+    threads = [threading.Thread(target=lambda p: found.append(len(io.load(p).accel)), args=(path,)) for path in paths]
     for thread in threads:
         thread.start()
     for thread in threads:

@@ -131,7 +131,8 @@ def require_usable(recording: Recording) -> None:
         if np.any(t[1:] <= t[:-1]):
             i = int(np.argmax(t[1:] <= t[:-1])) + 1
             raise RecordingError(
-                f"{file}: time of {channel.name} does not rise at {samples.row(i)}: {t[i]:.9g} s after {t[i - 1]:.9g} s; "
+                f"{file}: time of {channel.name} does not rise at {samples.row(i)}: {t[i]:.9g} s after "
+                f"{t[i - 1]:.9g} s; "
                 "expected each stamp after the one before. Sort the samples, and keep one of those at the same time."
             )
         require_pace(file, channel.name, t)
@@ -198,13 +199,13 @@ def require_pace(file: str, name: str, t: Array) -> None:
     if len(t) > 1 and (closest := float(np.min(np.diff(t)))) < CLOSEST:
         i = int(np.argmin(np.diff(t)))
         raise RecordingError(
-            f"{file}: {name}: two stamps at t = {t[i]:.6g} s are {closest:.3g} s apart, expected at least {CLOSEST:g} s. "
-            "Delete one of the two samples."
+            f"{file}: {name}: two stamps at t = {t[i]:.6g} s are {closest:.3g} s apart, expected at least "
+            f"{CLOSEST:g} s. Delete one of the two samples."
         )
     if len(t) > 1 and (usual := float(np.median(np.diff(t)))) < SHORTEST:
         raise RecordingError(
-            f"{file}: {name}: the usual interval between two stamps is {usual:.3g} s, expected at least {SHORTEST:g} s. "
-            "Check the unit of the time column."
+            f"{file}: {name}: the usual interval between two stamps is {usual:.3g} s, expected at least "
+            f"{SHORTEST:g} s. Check the unit of the time column."
         )
 
 

@@ -15,7 +15,7 @@ import weakref
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Timer
+from threading import Event, Timer
 from typing import IO, Any
 
 import numpy as np
@@ -51,7 +51,7 @@ class ReaderProcess:
         self.path = path
         self.kind = kind
         self.size = path.stat().st_size
-        self._late = False
+        self._late = Event()
         self._process = start()
         self._close = weakref.finalize(self, _end, self._process, os.getpid())
         with self._ended_in_words():
@@ -123,26 +123,25 @@ class ReaderProcess:
     @contextmanager
     def _ended_in_words(self) -> Iterator[None]:
         """Wait no longer than is allowed; a process that is gone without an answer is a fault of the file."""
-        timer = Timer(PATIENCE * (SECONDS + self.size / 10_000_000), self._stop)
+        timer = Timer(PATIENCE * (SECONDS + self.size / 10_000_000), _stop, (self._process, self._late))
         timer.daemon = True
         timer.start()
         try:
             yield
         except (EOFError, BrokenPipeError, ConnectionResetError):
             code = self._process.wait()
-            raise RecordingError(f"{self.path}: {self._end_in_words(code)}") from None
-        except BaseException:
             self._close()
-            raise
+            raise RecordingError(f"{self.path}: {self._end_in_words(code)}") from None
+        except BaseException as error:
+            self._close()
+            if isinstance(error, RecordingError | MemoryError) or not isinstance(error, Exception):
+                raise
+            raise RecordingError(f"{self.path}: {self._damage('its reader does not answer as it should')}") from None
         finally:
             timer.cancel()
 
-    def _stop(self) -> None:
-        self._late = True
-        self._process.kill()
-
     def _end_in_words(self, code: int) -> str:
-        if self._late or code == -int(getattr(signal, "SIGXCPU", 0)):
+        if self._late.is_set() or code == -int(getattr(signal, "SIGXCPU", 0)):
             return (
                 f"reading this {self.kind} file takes longer than its size explains, so it was stopped; export it "
                 "again, as CSV or Parquet with one column per channel."
@@ -199,6 +198,11 @@ _ENVIRONMENT = {
     "HDF5_PLUGIN_PRELOAD": "::",
 }
 """One thread, memory that is given back, and no filters that a file may ask HDF5 to load."""
+
+
+def _stop(process: subprocess.Popen[bytes], late: Event) -> None:
+    late.set()
+    process.kill()
 
 
 def _end(process: subprocess.Popen[bytes], owner: int) -> None:

@@ -205,6 +205,8 @@ def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
 def _whole(found: object) -> int:
     if not isinstance(found, int) or isinstance(found, bool):
         raise ValueError(f"found {units.shown(found)}, expected a whole number")
+    if abs(found) > MOST_WHOLE:
+        raise ValueError(f"found {units.shown(found)}, expected a whole number of at most {MOST_WHOLE}")
     return found
 
 
@@ -238,6 +240,8 @@ def _input_axis(found: object) -> tuple[float, float, float]:
     return x / length, y / length, z / length
 
 
+MOST_WHOLE = 1_000_000
+"""Largest whole number: samples of a moving average."""
 UNIT_LENGTH = 1e-3
 """Difference of the length of a unit vector from 1 that rounding explains."""
 _ANY_OTHER = "*"

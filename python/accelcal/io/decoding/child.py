@@ -12,7 +12,7 @@ import json
 import os
 import select
 import signal
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -46,25 +46,30 @@ def main(requests: IO[bytes], replies: IO[bytes]) -> None:
 
 
 def _opened(kind: str, path: str) -> Source:
-    library = LIBRARIES[kind]
-    if importlib.util.find_spec(library) is None:
-        raise ModuleNotFoundError(library, name=library)
+    if importlib.util.find_spec(LIBRARIES[kind]) is None:
+        raise ModuleNotFoundError(LIBRARIES[kind], name=LIBRARIES[kind])
+    opened = _reader(kind)
+    limit(os.stat(path).st_size)  # for the file, not for its library
+    return opened(path)
+
+
+def _reader(kind: str) -> Callable[[str], Source]:
+    """The reader of a format, and its library."""
     if kind == "npz":
-        from accelcal.io.decoding import npz as reader
-    elif kind == "MAT":
-        from scipy.io import matlab  # noqa: F401  the limits are for the file, not for its library
+        from accelcal.io.decoding import npz
 
-        from accelcal.io.decoding import mat as reader
-    elif kind == "HDF5":
-        import h5py  # noqa: F401
+        return npz.opened
+    if kind == "MAT":
+        from accelcal.io.decoding import mat
 
-        from accelcal.io.decoding import hdf5 as reader
-    else:
-        from pyarrow import parquet  # noqa: F401
+        return mat.opened
+    if kind == "HDF5":
+        from accelcal.io.decoding import hdf5
 
-        from accelcal.io.decoding import parquet as reader
-    limit(os.stat(path).st_size)
-    return reader.opened(path)
+        return hdf5.opened
+    from accelcal.io.decoding import parquet
+
+    return parquet.opened
 
 
 def limit(size: int) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import h5py
+
 from accelcal.io.decoding.source import Entry, RefusedError, Source, is_vector, limited, numbers
 from accelcal.io.limits import MOST_DEPTH, MOST_NAME
 from accelcal.io.table import Column
@@ -12,8 +14,6 @@ from accelcal.io.table import Column
 
 def opened(path: str) -> Source:
     """Open a file: each numeric data set that is a vector is a column, named by its path (``run/accel``)."""
-    import h5py
-
     file = h5py.File(path, "r")
 
     def column(name: str) -> Column:
@@ -25,10 +25,11 @@ def opened(path: str) -> Source:
             )
         return numbers(item[()].ravel())
 
-    return Source(limited(_entries(h5py, file, "", 0, set())), column)
+    seen = {_address(file)}
+    return Source(limited(_entries(file, "", 0, seen)), column)
 
 
-def _entries(h5py: Any, group: Any, prefix: str, depth: int, seen: set[int]) -> Iterator[Entry]:
+def _entries(group: Any, prefix: str, depth: int, seen: set[int]) -> Iterator[Entry]:
     """Vectors below a group, each object once; links that are soft or lead to another file are not followed."""
     if depth > MOST_DEPTH:
         raise RefusedError(f"groups lie more than {MOST_DEPTH} deep; expected data sets, one per channel")
@@ -36,14 +37,19 @@ def _entries(h5py: Any, group: Any, prefix: str, depth: int, seen: set[int]) -> 
         if not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         item = group[name]
-        address = h5py.h5o.get_info(item.id).addr
+        address = _address(item)
         if address in seen:
             continue
         seen.add(address)
         if isinstance(item, h5py.Group):
-            yield from _entries(h5py, item, f"{prefix}{name}/", depth + 1, seen)
+            yield from _entries(item, f"{prefix}{name}/", depth + 1, seen)
         elif isinstance(item, h5py.Dataset) and item.shape is not None and is_vector(item.shape, item.dtype.kind):
             yield Entry(f"{prefix}{name}", int(max(item.shape)), _unit(item))
+
+
+def _address(item: Any) -> int:
+    """Where an object lies in its file, by which links to one object are known."""
+    return int(h5py.h5o.get_info(item.id).addr)
 
 
 def _unit(item: Any) -> str | None:

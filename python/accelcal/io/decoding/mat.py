@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from scipy.io import matlab
+
 from accelcal.io.decoding.source import Entry, Source, is_vector, limited, numbers, vectors
 from accelcal.io.table import Column
 
@@ -14,8 +16,6 @@ _NESTED = {"struct", "cell"}
 
 def opened(path: str) -> Source:
     """Open a MAT file: each numeric vector is a column, named by its path (``run.X.Data``)."""
-    from scipy.io import matlab
-
     declared = [(name, shape, kind) for name, shape, kind in matlab.whosmat(path) if not name.startswith("__")]
     inside = [name for name, _, kind in declared if kind in _NESTED]
     content = matlab.loadmat(path, variable_names=inside, simplify_cells=True) if inside else {}

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+import pyarrow as pa
+from pyarrow import parquet
+
 from accelcal.io import arrow
 from accelcal.io.decoding.source import Entry, RefusedError, Source, limited
 from accelcal.io.limits import MOST_NAME
@@ -13,9 +16,6 @@ from accelcal.io.table import Column
 
 def opened(path: str) -> Source:
     """Open a file: the ``unit`` entry of a column's metadata is its unit, null means not sampled."""
-    import pyarrow as pa
-    from pyarrow import parquet
-
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
     file = parquet.ParquetFile(path, page_checksum_verification=True)
