@@ -52,6 +52,7 @@ class Forked:
             os.close(0)
             with os.fdopen(asked, "rb") as requests, os.fdopen(answered, "wb") as replies:
                 try:
+                    warnings.simplefilter("ignore")  # of files that the end of the process closes
                     child.main(requests, replies)
                 finally:
                     os._exit(0)

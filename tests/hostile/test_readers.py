@@ -97,7 +97,7 @@ def test_mutated_files_end_in_a_recording_or_a_sentence(worker: Worker, section:
     assert counts["refused"] > 0.1 * sum(counts.values())
 
 
-def test_a_worker_that_dies_is_replaced_and_told_of(worker: Worker) -> None:
+def test_a_worker_that_dies_is_replaced_and_counted(worker: Worker) -> None:
     # The sister that must fail: a case that ends its process as a crash would.
     before = worker.deaths
     assert worker.run("crash", 1)["outcome"] == "died"

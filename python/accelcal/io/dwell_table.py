@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.recording import RecordingError
@@ -101,13 +102,15 @@ def complete(table: Table, name: str, column: Column) -> Array:
     Raises
     ------
     RecordingError
-        Naming the row of the first that is empty or not finite.
+        Naming the row of the first that is empty, not finite or beyond all that is measured.
     """
-    good = np.isfinite(column.values) if column.present is None else column.present & np.isfinite(column.values)
+    good = np.abs(column.values) <= units.LARGEST  # and so is no NaN
+    if column.present is not None:
+        good &= column.present
     if not good.all():
         raise RecordingError(
-            f'{table.path}: {table.row(int(np.argmin(good)))}, column "{name}": expected a finite number; complete or '
-            "delete this row"
+            f'{table.path}: {table.row(int(np.argmin(good)))}, column "{name}": expected a finite number of at most '
+            f"{units.LARGEST:g}; complete or delete this row"
         )
     return column.values
 
