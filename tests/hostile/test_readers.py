@@ -658,3 +658,10 @@ def test_readings_and_stamps_must_pair() -> None:
         accelcal.fit(accelcal.Model.linear(), made(U, U[:-1], U, U))
     with pytest.raises(RecordingError, match="share no stretch"):
         accelcal.fit(accelcal.Model.linear(), made(U, U, U + 100.0, U))
+
+
+@pytest.mark.parametrize("jump", [1e7, 1e12])
+def test_a_jump_of_the_clock_is_refused_by_a_fit(jump: float) -> None:
+    t = np.where(U > 1.0, U + jump, U)
+    with pytest.raises(RecordingError, match="the clock jumps"):
+        accelcal.fit(accelcal.Model.linear(), made(t, np.sin(U), t, np.cos(U)))

@@ -50,6 +50,8 @@ LATEST = 1e13
 """s, of either sign; beyond 300 000 years a double does not tell samples of 1 kHz apart."""
 SHORTEST = 1e-9
 """Usual interval between two stamps, s."""
+EVEN_TIMES = 20_000_000
+"""Even times that a stretch may have beyond four for each sample."""
 CLOSEST = 1e-18
 """Smallest interval between two stamps, s: below it speeds leave the range of a double when they are squared."""
 
@@ -137,6 +139,23 @@ def require_usable(recording: Recording) -> None:
             )
         require_pace(file, channel.name, t)
     require_overlap(file, recording.accel, recording.position)
+
+
+def require_few_holes(recording: Recording, seconds: float, step: float) -> None:
+    """Check that a stretch of so many seconds can be put on even times, a step (s) apart: most of it may be a hole.
+
+    Raises
+    ------
+    RecordingError
+        If there would be far more even times than samples, as where a clock jumps.
+    """
+    count = len(recording.accel) + len(recording.position)
+    if seconds > step * (EVEN_TIMES + 4 * count):
+        raise RecordingError(
+            f"{recording.name or 'recording'}: {count} samples and readings, usually {step:.3g} s apart, are spread "
+            f"over {seconds:.3g} s: the clock jumps, or the recording is mostly gaps. Correct the time column, or use a "
+            "part without the jump (--from, --to)."
+        )
 
 
 def _too_few(file: str, name: str, count: int) -> str:

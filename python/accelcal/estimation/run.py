@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, holes
-from accelcal.data.quality import require_pace, require_usable
+from accelcal.data.quality import require_few_holes, require_pace, require_usable
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
@@ -245,6 +245,7 @@ def prepare(
     for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
         require_pace(recording.name or "recording", name, stamps)
     step = float(np.median(np.diff(accel.t[:4096])))
+    require_few_holes(recording, last - first, step)
     filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / float(np.median(np.diff(t))))
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
