@@ -153,8 +153,8 @@ def require_few_holes(recording: Recording, seconds: float, step: float) -> None
     if seconds > step * (EVEN_TIMES + 4 * count):
         raise RecordingError(
             f"{recording.name or 'recording'}: {count} samples and readings, usually {step:.3g} s apart, are spread "
-            f"over {seconds:.3g} s: the clock jumps, or the recording is mostly gaps. Correct the time column, or use a "
-            "part without the jump (--from, --to)."
+            f"over {seconds:.3g} s: the clock jumps, or the recording is mostly gaps. Correct the time column, or use "
+            "a part without the jump (--from, --to)."
         )
 
 
