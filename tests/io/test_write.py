@@ -119,9 +119,7 @@ def test_clocks_and_odd_names_survive_in_a_sidecar(tmp_path):
 
 
 @settings(max_examples=50, deadline=None)
-@given(
-    st.floats(-units.LARGEST, units.LARGEST).filter(lambda x: abs(x) > 1e-300), st.sampled_from(list(WRITERS))
-)
+@given(st.floats(-units.LARGEST, units.LARGEST).filter(lambda x: abs(x) > 1e-300), st.sampled_from(list(WRITERS)))
 def test_every_double_survives(tmp_path_factory, value, kind):
     pair = np.array([0.0, 1.0])
     run = Recording(
