@@ -1,6 +1,7 @@
 """Binary containers, each written by its own library."""
 
-import builtins
+import sys
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -95,14 +96,13 @@ def test_mat_7_3_is_read_as_hdf5(tmp_path):
 def test_missing_h5py_is_named_with_the_cure(tmp_path, monkeypatch):
     path = tmp_path / "run.h5"
     path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    real = builtins.__import__
-
-    def without(name, *rest):
-        if name == "h5py":
-            raise ImportError(name)
-        return real(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    installed = Path(np.__file__).parents[1]  # with NumPy alone, in place of the folder with everything
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    for name in ("numpy", "numpy.libs"):
+        if (installed / name).exists():
+            (alone / name).symlink_to(installed / name)
+    monkeypatch.setattr("sys.path", [str(alone) if Path(p) == installed else p for p in sys.path])
     with pytest.raises(RecordingError, match=r"needs h5py; install it with: pip install 'accelcal\[hdf5\]'"):
         io.load(path)
 
@@ -211,7 +211,7 @@ def test_flipped_bits_end_in_a_recording_error_or_not_at_all(tmp_path, suffix):
     whole = path.read_bytes()
     rng = np.random.default_rng(0)
     refused = 0
-    for _ in range(100):
+    for _ in range(8):  # thousands are tried by tests/hostile/test_readers.py
         damaged = bytearray(whole)
         for place in rng.integers(8, len(whole), 5):
             damaged[place] = int(rng.integers(256))
@@ -220,7 +220,7 @@ def test_flipped_bits_end_in_a_recording_error_or_not_at_all(tmp_path, suffix):
             io.load(path)
         except RecordingError:
             refused += 1
-    assert refused > 20
+    assert refused > 1
 
 
 def test_flipped_bit_in_our_own_parquet_is_noticed(tmp_path):

@@ -334,14 +334,12 @@ def test_empty_file_missing_file_and_directory_are_refused(write, tmp_path):
 
 
 def test_unreadable_file_is_refused(write, monkeypatch):
-    from pathlib import Path
-
     path = write("t_s,accel_g,position_m\n" + ROWS)
 
     def denied(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr(Path, "open", denied)
+    monkeypatch.setattr("os.open", denied)
     refused(path, "cannot be read (Permission denied)")
 
 

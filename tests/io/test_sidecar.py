@@ -164,7 +164,7 @@ def test_sidecar_that_cannot_be_opened_is_named(tmp_path, monkeypatch):
     def denied(*_, **__):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("pathlib.Path.read_text", denied)
+    monkeypatch.setattr("os.open", denied)
     with pytest.raises(RecordingError, match=r"cannot be read \(Permission denied\)"):
         read_sidecar(tmp_path / "latin.toml")
 

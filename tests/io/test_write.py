@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal import io
+from accelcal.data import units
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.io.sidecar import Clock, Source, read_sidecar
@@ -118,9 +119,7 @@ def test_clocks_and_odd_names_survive_in_a_sidecar(tmp_path):
 
 
 @settings(max_examples=50, deadline=None)
-@given(
-    st.floats(allow_nan=False, allow_infinity=False).filter(lambda x: abs(x) > 1e-300), st.sampled_from(list(WRITERS))
-)
+@given(st.floats(-units.LARGEST, units.LARGEST).filter(lambda x: abs(x) > 1e-300), st.sampled_from(list(WRITERS)))
 def test_every_double_survives(tmp_path_factory, value, kind):
     pair = np.array([0.0, 1.0])
     run = Recording(

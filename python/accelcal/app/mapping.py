@@ -13,6 +13,7 @@ from accelcal import io
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
 from accelcal.data.recording import RecordingError
 from accelcal.io.formats import open_table
+from accelcal.io.sidecar import has_sidecar, sidecar_text
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")
@@ -47,10 +48,7 @@ def text_of(path: Path, sidecar: str | None) -> str:
     """Current text of the sidecar: the user's, else the file next to the recording, else a commented template."""
     if sidecar is not None:
         return sidecar
-    beside = io.sidecar_of(path)
-    if beside.exists():
-        return beside.read_text(encoding="utf-8-sig")
-    return io.template(path)
+    return sidecar_text(io.sidecar_of(path)) if has_sidecar(path) else io.template(path)
 
 
 def choices(path: Path, text: str) -> list[Choice]:

@@ -2,6 +2,7 @@
 
 ==================== ===================================================================================================
 not finite           error: an infinite or undefined reading is not a measurement
+not plausible        error: stamps beyond 1e13 s or closer than 1 ns, readings beyond 1e100
 backward stamps      error: there is no telling which of the samples are in the wrong place
 duplicate stamps     equal values: one is kept. Different values: their mean, while fewer than 1 % of the stamps are
                      concerned; beyond that the stamps are coarser than the sampling, which is an error
@@ -26,9 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import PLACE
-from accelcal.data.recording import Channel, Finding, RecordingError
+from accelcal.data.recording import Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import FEWEST, rounding_std, stamp_grid, uniform_clock
 
@@ -42,6 +44,16 @@ LONGEST_TRAVEL = 100.0
 """m"""
 HIGHEST_SPEED = 1000.0
 """m/s"""
+
+
+LATEST = 1e13
+"""s, of either sign; beyond 300 000 years a double does not tell samples of 1 kHz apart."""
+SHORTEST = 1e-9
+"""Usual interval between two stamps, s."""
+EVEN_TIMES = 20_000_000
+"""Even times that a stretch may have beyond four for each sample."""
+CLOSEST = 1e-18
+"""Smallest interval between two stamps, s: below it speeds leave the range of a double when they are squared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +89,15 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
         If samples are missing altogether, not finite, or not in order of time.
     """
     _require_finite(samples)
+    _require_plausible(samples)
     _require_order(samples)
     t, y, findings = _without_duplicates(samples)
     name, unit = samples.name, samples.unit
     t, noticed = _unrounded(name, t) if name in ("accel", "position", *PLACE) else (t, [])
     findings += noticed
     if len(t) < 2 and name in ("accel", "position"):
-        found = "1 sample" if len(t) else "no sample"
-        raise RecordingError(f"{samples.file}: {name}: {found}; at least 2 are needed to have a rate.")
+        raise RecordingError(_too_few(samples.file, name, len(t)))
+    require_pace(samples.file, name, t)
     if unit == "m/s^2":
         t, y, noticed = _without_held(name, t, y)
         findings += noticed
@@ -93,6 +106,61 @@ def clean(samples: Samples, rig: Rig) -> tuple[Channel, list[Finding]]:
         findings += _position_repeats(t, y) + _travel(t, y)
     findings += _constant(name, t, y) + _gaps(name, t)
     return Channel(name, np.ascontiguousarray(t), np.ascontiguousarray(y), unit), findings
+
+
+def require_usable(recording: Recording) -> None:
+    """Check what `clean` promises of the two channels: a recording that Python code made may hold anything.
+
+    Raises
+    ------
+    RecordingError
+        If a channel has fewer than 2 samples, stamps and readings that do not pair, numbers that are not finite or not
+        plausible, stamps that do not rise, or a rate that no sensor has; or if the channels share no stretch of time.
+    """
+    file = recording.name or "recording"
+    for channel in (recording.accel, recording.position, *recording.side.values()):
+        t, y = np.asarray(channel.t), np.asarray(channel.y)
+        if t.ndim != 1 or t.shape != y.shape or t.dtype.kind not in "fiu" or y.dtype.kind not in "fiu":
+            raise RecordingError(
+                f"{file}: {channel.name}: {t.shape} stamps and {y.shape} readings, expected as many real numbers of "
+                "each, in one dimension."
+            )
+        if len(t) < 2 and channel.name in ("accel", "position"):
+            raise RecordingError(_too_few(file, channel.name, len(t)))
+        samples = Samples(file, channel.name, t, y, channel.unit, lambda i: f"sample {i + 1}")
+        _require_finite(samples)
+        _require_plausible(samples)
+        if np.any(t[1:] <= t[:-1]):
+            i = int(np.argmax(t[1:] <= t[:-1])) + 1
+            raise RecordingError(
+                f"{file}: time of {channel.name} does not rise at {samples.row(i)}: {t[i]:.9g} s after "
+                f"{t[i - 1]:.9g} s; "
+                "expected each stamp after the one before. Sort the samples, and keep one of those at the same time."
+            )
+        require_pace(file, channel.name, t)
+    require_overlap(file, recording.accel, recording.position)
+
+
+def require_few_holes(recording: Recording, seconds: float, step: float) -> None:
+    """Check that a stretch of so many seconds can be put on even times, a step (s) apart: most of it may be a hole.
+
+    Raises
+    ------
+    RecordingError
+        If there would be far more even times than samples, as where a clock jumps.
+    """
+    count = len(recording.accel) + len(recording.position)
+    if seconds > step * (EVEN_TIMES + 4 * count):
+        raise RecordingError(
+            f"{recording.name or 'recording'}: {count} samples and readings, usually {step:.3g} s apart, are spread "
+            f"over {seconds:.3g} s: the clock jumps, or the recording is mostly gaps. Correct the time column, or use "
+            "a part without the jump (--from, --to)."
+        )
+
+
+def _too_few(file: str, name: str, count: int) -> str:
+    found = "1 sample" if count else "no sample"
+    return f"{file}: {name}: {found}; at least 2 are needed to have a rate."
 
 
 def require_overlap(file: str, accel: Channel, position: Channel) -> None:
@@ -124,6 +192,40 @@ def _require_finite(samples: Samples) -> None:
                 f"{samples.file}: {what}{samples.name}: {_counted(count, 'sample')} not finite (first at {place}). "
                 "Drop them or mark them missing with an empty cell."
             )
+
+
+def _require_plausible(samples: Samples) -> None:
+    """Refuse numbers that no clock and no sensor gives: products of them would leave the range of a double."""
+    for what, values, most in (("time of ", samples.t, LATEST), ("", samples.y, units.LARGEST)):
+        bad = np.abs(values) > most
+        if bad.any():
+            i = int(np.argmax(bad))
+            unit = "s" if what else samples.unit
+            raise RecordingError(
+                f"{samples.file}: {what}{samples.name}: {values[i]:.6g} {unit} at {samples.row(i)}, expected at most "
+                f"{most:g} {unit}. Check the unit of the column, or leave the cell empty."
+            )
+
+
+def require_pace(file: str, name: str, t: Array) -> None:
+    """Check that stamps, strictly rising, come at a rate that a sensor can have.
+
+    Raises
+    ------
+    RecordingError
+        If half of their spacings are shorter than `SHORTEST`, or one is shorter than `CLOSEST`.
+    """
+    if len(t) > 1 and (closest := float(np.min(np.diff(t)))) < CLOSEST:
+        i = int(np.argmin(np.diff(t)))
+        raise RecordingError(
+            f"{file}: {name}: two stamps at t = {t[i]:.6g} s are {closest:.3g} s apart, expected at least "
+            f"{CLOSEST:g} s. Delete one of the two samples."
+        )
+    if len(t) > 1 and (usual := float(np.median(np.diff(t)))) < SHORTEST:
+        raise RecordingError(
+            f"{file}: {name}: the usual interval between two stamps is {usual:.3g} s, expected at least "
+            f"{SHORTEST:g} s. Check the unit of the time column."
+        )
 
 
 def _counted(count: int, noun: str) -> str:
@@ -311,7 +413,8 @@ def _travel(t: Array, y: Array) -> list[Finding]:
     if travel > LONGEST_TRAVEL:
         text = f"position spans {travel:.4g} m, more than {LONGEST_TRAVEL:g} m: check its unit (mm read as m?)"
         findings.append(Finding("implausible_travel", "position", 1, float(t[0]), text, "warning"))
-    speed = np.abs(np.diff(y) / np.diff(t))
+    with np.errstate(over="ignore"):  # two stamps may lie as close as they can
+        speed = np.abs(np.diff(y) / np.diff(t))
     fast = speed > HIGHEST_SPEED
     if fast.any():
         i = int(np.argmax(fast))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
+
+from accelcal.data.units import shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +34,12 @@ def days_of(found: object) -> float:
         try:
             found = datetime.fromisoformat(found)
         except ValueError:
-            raise ValueError(f"found {found!r}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00") from None
+            raise ValueError(
+                f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00"
+            ) from None
     if isinstance(found, datetime):
         at = found if found.tzinfo else found.replace(tzinfo=UTC)
-        return at.timestamp() / 86400.0
+        return (at - datetime(1970, 1, 1, tzinfo=UTC)) / timedelta(days=1)
     if isinstance(found, date):
         return float((found - date(1970, 1, 1)).days)
-    raise ValueError(f"found {found!r}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")
+    raise ValueError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")

@@ -112,7 +112,12 @@ def rest(recording: Recording) -> list[tuple[float, float]]:
 def _edges(t: Array) -> NDArray[np.intp]:
     """Return the index at which each judged span begins; spans without samples do not appear."""
     span = max(STILL_SPAN, 20 * float(np.median(np.diff(t))))
-    return np.unique(np.searchsorted(t, np.arange(t[0], t[-1], span)))
+    step = float(t[0] + span) - float(t[0])
+    if step <= 0.0:  # stamps so large that a span is lost beside them
+        return np.array([0])
+    near = np.unique(np.floor((t - t[0]) / step))  # spans that hold samples: there may be far fewer than the time has
+    begins = t[0] + np.unique(np.concatenate([near - 1.0, near, near + 1.0])) * step
+    return np.unique(np.searchsorted(t, begins[(begins >= t[0]) & (begins < t[-1])]))
 
 
 def _channel(channel: Channel) -> dict[str, Any]:

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal.data.unit_grammar import LONGEST, is_legal
+
 _DEFINITIONS = """
 n- = 1e-9
 u- = 1e-6 = µ- = μ-
@@ -95,6 +97,8 @@ KINDS = {
 }
 """Every kind of quantity that a sidecar or a known channel may hold."""
 
+_REMEMBERED = 4096
+"""Units that are not parsed anew; a file may bring any number of them."""
 _KIND_OF_SI = {kind.si: name for name, kind in KINDS.items()}
 
 
@@ -111,7 +115,8 @@ class Conversion:
         """Return `values`, shape (n,), in the unit `si`; `values` itself when nothing changes."""
         if self.factor == 1.0 and self.offset == 0.0:
             return values
-        return values * self.factor + self.offset
+        with np.errstate(over="ignore"):  # what leaves the range of a double is found as not finite
+            return values * self.factor + self.offset
 
 
 def quantity(text: object, kind: str) -> float:
@@ -141,28 +146,66 @@ def quantity(text: object, kind: str) -> float:
     expected = KINDS[kind]
     if isinstance(text, int | float) and not isinstance(text, bool):
         if kind != "ratio":
-            raise UnitError(f'{text!r} has no unit; expected {expected.name} such as "{expected.example}"')
-        number, unit = float(text), ""
+            raise UnitError(f'{shown(text)} has no unit; expected {expected.name} such as "{expected.example}"')
+        number, unit = _float(text), ""
     else:
-        match = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+        match = _QUANTITY.fullmatch(text) if isinstance(text, str) and len(text) <= _LONGEST_QUANTITY else None
         if match is None:
-            raise UnitError(f'{text!r} is not a quantity; expected {expected.name} such as "{expected.example}"')
+            raise UnitError(f'{shown(text)} is not a quantity; expected {expected.name} such as "{expected.example}"')
         number, unit = float(match["number"]), match["unit"]
         if not unit and kind != "ratio":
             raise UnitError(f'"{text}" has no unit; expected {expected.name} such as "{expected.example}"')
-    if not math.isfinite(number):
-        raise UnitError(f"{text!r} is not finite; expected {expected.name} such as {expected.example!r}")
     rule = conversion(unit or "1", kind)
-    return number * rule.factor + rule.offset
+    value = number * rule.factor + rule.offset
+    if not math.isfinite(value):
+        raise UnitError(f"{shown(text)} is not finite; expected {expected.name} such as {expected.example!r}")
+    if not is_measurable(value):
+        raise UnitError(
+            f"{shown(text)} is beyond all that is measured; expected {expected.name} such as {expected.example!r}"
+        )
+    return value
 
 
-@functools.cache
+def is_measurable(value: float) -> bool:
+    """Whether a number in SI is 0 or of a size whose squares and ratios a double holds."""
+    return value == 0.0 or SMALLEST < abs(value) < LARGEST
+
+
+SMALLEST, LARGEST = 1e-100, 1e100
+"""In SI, of any unit."""
+
+
+def _float(number: float) -> float:
+    """A number of a file; infinite where an integer has too many digits for a float."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf
+
+
+def shown(value: object) -> str:
+    """A value of a file as messages show it: cut where it is long; Python writes no integer of thousands of digits."""
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+
+
+_SHOWN = 80
+"""Characters of a value in a message."""
+_LONGEST_QUANTITY = 1000
+"""Characters of a number with its unit."""
+
+
+@functools.lru_cache(_REMEMBERED)
 def conversion(unit: str, kind: str | None = None) -> Conversion:
     """Find how `unit` converts to SI.
 
     Parameters
     ----------
-    unit : as people write it: ``m/s^2``, ``m/s²``, ``mm/s**2``, ``m_per_s2``, ``ug/sqrt(Hz)``, ``µm`` (either µ).
+    unit : as people write it: ``m/s^2``, ``m/s²``, ``mm/s**2``, ``m_per_s2``, ``ug/sqrt(Hz)``, ``µm`` (either µ); see
+        `accelcal.data.unit_grammar` for what a unit may be.
     kind : a key of `KINDS`; None accepts every dimension and converts to its SI base units.
 
     Raises
@@ -178,16 +221,30 @@ def conversion(unit: str, kind: str | None = None) -> Conversion:
     if text in _TEMPERATURES and kind in (None, "temperature"):
         return _TEMPERATURES[text]
 
-    registry = _registry()
-    parsed = _parse(unit, text)
+    parsed = _parsed(text)
+    if parsed is None:
+        close = difflib.get_close_matches(text[:LONGEST], _known_names(), n=1, cutoff=0.5)
+        hint = f' (nearest known: "{close[0]}")' if close else ""
+        raise UnitError(f'unknown unit "{unit[:LONGEST]}"{hint}')
     if kind is None:
         kind = _kind_of(parsed)
     si = _si_text(parsed) if kind is None else KINDS[kind].si
-    target = _parse(si, si)
-    if parsed.dimensionality != target.dimensionality:
+    target = _parsed(si)
+    if target is None or parsed.dimensionality != target.dimensionality:
         expected = KINDS[kind or "ratio"]
         raise UnitError(f'"{unit}" does not measure {expected.name}; expected a unit as in "{expected.example}"')
-    return Conversion(float(registry.Quantity(1.0, parsed).to(target).magnitude), 0.0, si)
+    return Conversion(_factor(unit, parsed, target), 0.0, si)
+
+
+def _factor(unit: str, parsed: Any, target: Any) -> float:
+    """How much of one pint unit the other is."""
+    try:
+        factor = float(_registry().Quantity(1.0, parsed).to(target).magnitude)
+    except Exception:  # pint's own, where a temperature with a zero of its own is part of a product
+        factor = 0.0
+    if not math.isfinite(factor) or factor == 0.0:
+        raise UnitError(f'"{unit}" converts by no finite factor; expected a unit such as "m/s^2"')
+    return factor
 
 
 def same_unit(a: str, b: str) -> bool:
@@ -200,6 +257,9 @@ def same_unit(a: str, b: str) -> bool:
 
 def is_unit(text: str) -> bool:
     """Whether `text` names a known unit."""
+    name = normalise(text)
+    if name not in _KIND_OF_SI and name not in _TEMPERATURES and _parsed(name) is None:
+        return False  # without the search for a similar name, which a wide header of prose would pay for
     try:
         conversion(text)
     except UnitError:
@@ -209,6 +269,8 @@ def is_unit(text: str) -> bool:
 
 def normalise(unit: str) -> str:
     """Write a unit in one spelling: ASCII ``^`` powers, ``u`` for micro, ``/`` for per, no spaces at the ends."""
+    if len(unit) > LONGEST:
+        return unit  # which is no unit
     text = _SUPERSCRIPT.sub(lambda run: "^" + run[0].translate(_DIGITS), unit.strip().translate(_SYMBOLS))
     text = text.replace("_per_", "/").replace("**", "^")
     text = re.sub(r"√\(?([A-Za-z]+)\)?|sqrt\(([^()]*)\)|\brt([A-Z][a-z]*)", _root, text)
@@ -226,8 +288,6 @@ _TEMPERATURES = {
     "kelvin": Conversion(1.0, -273.15, "degC"),
     "degF": Conversion(5.0 / 9.0, -160.0 / 9.0, "degC"),
 }
-_LONGEST = 60  # characters; no unit of this field is longer, and a wrong column of prose fails fast
-_LEGAL = re.compile(r"[A-Za-z0-9_ ()*/^.+-]*")
 
 
 def _root(match: re.Match[str]) -> str:
@@ -238,23 +298,22 @@ def _algebra(text: str) -> str:
     return text.replace("^", "**")
 
 
-def _parse(unit: str, text: str) -> Any:
-    """Return pint's unit for the normalised `text`; `unit` is what the user wrote."""
+@functools.lru_cache(_REMEMBERED)
+def _parsed(text: str) -> Any:
+    """Return pint's unit for a normalised text; None where it is no unit."""
     if text == "1":
         return _registry().parse_units("")
-    if len(text) <= _LONGEST and _LEGAL.fullmatch(text) and re.search("[A-Za-z]", text):
-        try:
-            return _registry().parse_units(_algebra(text))
-        except Exception:  # pint raises its own, tokenize's, and ArithmeticError, depending on the text
-            pass
-    close = difflib.get_close_matches(text, _known_names(), n=1, cutoff=0.5)
-    hint = f' (nearest known: "{close[0]}")' if close else ""
-    raise UnitError(f'unknown unit "{unit[:_LONGEST]}"{hint}')
+    if not is_legal(text):
+        return None
+    try:
+        return _registry().parse_units(_algebra(text))
+    except Exception:  # pint raises its own, tokenize's, and ArithmeticError, depending on the text
+        return None
 
 
 def _kind_of(parsed: Any) -> str | None:
     for name, kind in KINDS.items():
-        if _parse(kind.si, kind.si).dimensionality == parsed.dimensionality:
+        if _parsed(kind.si).dimensionality == parsed.dimensionality:
             return name
     return None
 

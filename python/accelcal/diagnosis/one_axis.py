@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import fft, special
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.quality import require_few_holes
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.stamps import usual_step
 from accelcal.diagnosis.policy import (
@@ -208,6 +209,7 @@ class Pair:
         last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
         periods = usual_step(accel.t), usual_step(position.t)
         step = max(periods)
+        require_few_holes(recording, last - first, min(periods))
         count = int((last - first) / step) - 1
         segment = max(count // SEGMENTS, SHORTEST)
         if count < 4 * segment:

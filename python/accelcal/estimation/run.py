@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, holes
+from accelcal.data.quality import require_few_holes, require_pace, require_usable
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
@@ -223,8 +224,9 @@ def prepare(
     Raises
     ------
     RecordingError
-        If the channels do not overlap or fewer than 16 readings remain.
+        If the channels are not usable, do not overlap, or fewer than 16 readings remain.
     """
+    require_usable(recording)
     accel, position = recording.accel, recording.position
     first = max(accel.t[0], position.t[0], -np.inf if start is None else start)
     last = min(accel.t[-1], position.t[-1], np.inf if end is None else end)
@@ -240,7 +242,10 @@ def prepare(
             f"{recording.name or 'recording'}: {len(t)} encoder readings between {first:.6g} s and "
             f"{last:.6g} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
         )
+    for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
+        require_pace(recording.name or "recording", name, stamps)
     step = float(np.median(np.diff(accel.t[:4096])))
+    require_few_holes(recording, last - first, step)
     filters = ChannelFilters(recording.rig, 1.0 / step, 1.0 / float(np.median(np.diff(t))))
     margin = 64 * step + 2.0 * filters.kernel
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from accelcal.data import units
 from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import Finding, RecordingError
 from accelcal.io import naming
+from accelcal.io.limits import MOST_NAME
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import Table
 
@@ -57,12 +59,13 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
     clock = declared.time or _common_clock(table, sidecar)
+    times = Counter(table.columns)
     for name, source in sources.items():
         stamps = source.time or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
         for column in (source.column, stamps.column):
-            if column is not None and table.columns.count(column) != 1:
+            if column is not None and times[column] != 1:
                 raise RecordingError(_wrong_column(table, name, column, sidecar))
         sources[name] = replace(source, time=stamps)
     return Plan(sources, sidecar), notes
@@ -88,7 +91,7 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
             sources[channel] = Source(column, time=own_clock)
         elif not declared.channels:
             unused.append(column)
-    text = f"columns without a known unit are not used: {', '.join(unused)}; declare them in [channels] to use them"
+    text = f"columns without a known unit are not used: {_listed(unused)}; declare them in [channels] to use them"
     return sources, [Finding("unused_columns", "", len(unused), 0.0, text)] if unused else []
 
 
@@ -103,13 +106,17 @@ def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
     Clocks, common or own, are called "time".
     """
     named = {column: naming.take_apart(column).base for column in table.columns}
+    places = {column: place for place, column in enumerate(named)}
+    by_base: dict[str, str] = {}
+    for column, base in named.items():
+        by_base.setdefault(base.lower(), column)
     clocks = {}
     for column, base in named.items():
         aliases = naming.ROLES.get(naming.role(base) or "", (base.lower(),))
-        stamps = {f"{alias}_{stamp}" for alias in aliases for stamp in naming.ROLES["time"]}
-        own = next((other for other, other_base in named.items() if other_base.lower() in stamps), None)
-        if own is not None:
-            clocks[column] = Clock(column=own)
+        stamps = [f"{alias}_{stamp}" for alias in aliases for stamp in naming.ROLES["time"]]
+        found = [by_base[stamp] for stamp in stamps if stamp in by_base]
+        if found:
+            clocks[column] = Clock(column=min(found, key=places.__getitem__))
     owned = {clock.column for clock in clocks.values()}
     return {
         column: ("time" if column in owned else naming.role(base) or base, clocks.get(column))
@@ -152,6 +159,15 @@ def fix(sidecar: Path, lines: str) -> str:
     return f"write in {sidecar}:\n{indented}"
 
 
+def _listed(columns: Sequence[str]) -> str:
+    """Names of columns in a sentence, cut where there are many or long ones."""
+    text = ", ".join(name[:MOST_NAME] for name in columns[:_MOST_LISTED])
+    return text if len(columns) <= _MOST_LISTED else f"{text} and {len(columns) - _MOST_LISTED} more"
+
+
+_MOST_LISTED = 50
+
+
 def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) -> str:
     close = difflib.get_close_matches(channel, list(declared), n=1)
     hint = f' (the sidecar has "{close[0]}"; did you mean "{channel}"?)' if close else ""
@@ -159,7 +175,7 @@ def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) 
     if channel == "time":
         lines += '\n# or, without a time column: rate = "1667 Hz"'
     return (
-        f"{table.path}: no column for {channel}{hint}; columns are: {', '.join(table.columns)}. "
+        f"{table.path}: no column for {channel}{hint}; columns are: {_listed(table.columns)}. "
         f"Name it like {'t_s' if channel == 'time' else naming.column_name(channel, USUAL_UNIT[channel])}, or "
         + fix(sidecar, lines)
     )
@@ -172,7 +188,7 @@ def _wrong_column(table: Table, channel: str, column: str, sidecar: Path) -> str
     hint = f'did you mean "{close[0]}"? ' if close else ""
     return (
         f'{table.path}: there is no column "{column}", which {sidecar.name} names for {channel}; '
-        f"{hint}columns are: {', '.join(table.columns)}"
+        f"{hint}columns are: {_listed(table.columns)}"
     )
 
 

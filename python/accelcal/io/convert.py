@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.recording import RecordingError
@@ -65,7 +67,8 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
             f'{table.path}: column "{source.column}" is in {unit}, but {declared}; '
             + fix(plan.sidecar, f'[sensor]\nscale = "{zero[0]}"\nzero  = "{zero[1]}"')
         )
-    return (rule.apply(values) - (sensor.zero or 0.0)) / sensor.scale, "m/s^2"
+    with np.errstate(over="ignore"):  # found as not finite
+        return (rule.apply(values) - (sensor.zero or 0.0)) / sensor.scale, "m/s^2"
 
 
 def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:

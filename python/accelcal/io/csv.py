@@ -15,6 +15,7 @@ from typing import Any
 from accelcal.data import units
 from accelcal.data.recording import RecordingError
 from accelcal.io import arrow
+from accelcal.io.limits import MOST_COLUMNS
 from accelcal.io.table import Column, Table
 
 
@@ -69,6 +70,7 @@ def open_csv(path: Path) -> Table:
 
 _HEAD = 1 << 18  # bytes; a preamble and some hundred rows fit in
 _LONGEST_LINE = 1 << 16  # bytes; a row of numbers is far shorter, a file without line ends is longer
+_LONGEST_NUMBER = 40  # characters of a cell; a longer one is no number and no stamp
 _NOTHING = " \t,;|"
 _COMMENT = ("#", "%", "//")
 _NUMBER = {
@@ -124,10 +126,12 @@ def _cells(text: str, delimiter: str) -> list[str]:
 
 
 def _is_number(cell: str, decimal: str) -> bool:
-    return _NUMBER[decimal].fullmatch(cell) is not None
+    return len(cell) <= _LONGEST_NUMBER and _NUMBER[decimal].fullmatch(cell) is not None
 
 
 def _is_stamp(cell: str) -> bool:
+    if len(cell) > _LONGEST_NUMBER:
+        return False
     try:
         datetime.fromisoformat(cell.replace(",", "."))
     except ValueError:
@@ -136,7 +140,7 @@ def _is_stamp(cell: str) -> bool:
 
 
 def _is_value(cell: str, decimal: str) -> bool:
-    return _is_number(cell, decimal) or _STAMP.fullmatch(cell) is not None
+    return len(cell) <= _LONGEST_NUMBER and (_is_number(cell, decimal) or _STAMP.fullmatch(cell) is not None)
 
 
 def _recognise(path: Path, head: bytes, whole: bool) -> _Dialect:
@@ -150,6 +154,10 @@ def _recognise(path: Path, head: bytes, whole: bool) -> _Dialect:
     content = [(i, text) for i, (_, text) in enumerate(lines) if text.strip(_NOTHING) and not text.startswith(_COMMENT)]
     tail = [text for _, text in content[-50:]]
     delimiter, decimal, width = _separators(tail)
+    if width > MOST_COLUMNS:
+        raise RecordingError(
+            f"{path}: {width} columns, expected at most {MOST_COLUMNS}; export those that are needed, one per channel."
+        )
     numeric = _value_columns(tail, delimiter, decimal, width)
     first = next((k for k, (_, text) in enumerate(content) if _is_data(text, delimiter, decimal, width, numeric)), None)
     if first is None:
@@ -248,7 +256,7 @@ def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, C
 
     data = _as_text_bytes(path, path.read_bytes())
     rows = _without_comments(data, dialect.start)
-    index = {name: str(dialect.columns.index(name)) for name in names}
+    index = {name: str(place) for name, place in _places(dialect, names).items()}
     types = {index[name]: pa.string() if name in dialect.stamps else pa.float64() for name in names}
     try:
         table = arrow_csv.read_csv(
@@ -271,6 +279,12 @@ def _read(path: Path, dialect: _Dialect, names: Sequence[str]) -> Mapping[str, C
         return columns
     except pa.ArrowInvalid as error:
         raise RecordingError(f"{path}: {_fault(data, dialect, names) or error}") from None
+
+
+def _places(dialect: _Dialect, names: Sequence[str]) -> dict[str, int]:
+    """Where each of the named columns stands, from 0."""
+    every = {name: place for place, name in enumerate(dialect.columns)}
+    return {name: every[name] for name in names}
 
 
 _BLANK = [" " * k for k in range(17)]
@@ -301,6 +315,7 @@ def _too_long(number: int) -> str:
 
 def _fault(data: bytes, dialect: _Dialect, names: Sequence[str]) -> str | None:
     """Find the first row that cannot be read, slowly, and say what is wrong with it."""
+    places = _places(dialect, names)
     for number, text in _rows(data, dialect):
         if len(text) > _LONGEST_LINE:
             return _too_long(number)
@@ -310,8 +325,8 @@ def _fault(data: bytes, dialect: _Dialect, names: Sequence[str]) -> str | None:
                 f"row {number} has {len(cells)} cells where the rows before have {dialect.width}; "
                 "complete or delete this row."
             )
-        for name in names:
-            cell = cells[dialect.columns.index(name)]
+        for name, place in places.items():
+            cell = cells[place]
             stamp = name in dialect.stamps
             if cell and not (_is_stamp(cell) if stamp else _is_number(cell, dialect.decimal)):
                 expected = "an ISO 8601 date and time" if stamp else "a number"

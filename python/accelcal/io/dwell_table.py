@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells, DwellSetup
 from accelcal.data.recording import RecordingError
@@ -15,7 +16,7 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.io.assign import Plan
 from accelcal.io.convert import in_si
 from accelcal.io.formats import open_table
-from accelcal.io.sidecar import Sidecar, Source, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.sidecar import Sidecar, Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
 
 COLUMNS = ("attitude_deg", "mean", "std", "duration_s", "temperature_degC", "samples", "group")
@@ -33,7 +34,7 @@ ASSUMED_ANGLE = "angle_std is not declared: the angles of the dwells are taken a
 def load_dwell_table(path: Path) -> Dwells:
     """Dwells of a table, with the sidecar beside it."""
     beside = sidecar_of(path)
-    return from_table(open_table(path), read_sidecar(beside) if beside.exists() else no_sidecar(), beside)
+    return from_table(open_table(path), read_sidecar(beside) if has_sidecar(path) else no_sidecar(), beside)
 
 
 def is_table(table: Table) -> bool:
@@ -101,13 +102,15 @@ def complete(table: Table, name: str, column: Column) -> Array:
     Raises
     ------
     RecordingError
-        Naming the row of the first that is empty or not finite.
+        Naming the row of the first that is empty, not finite or beyond all that is measured.
     """
-    good = np.isfinite(column.values) if column.present is None else column.present & np.isfinite(column.values)
+    good = np.abs(column.values) <= units.LARGEST  # and so is no NaN
+    if column.present is not None:
+        good &= column.present
     if not good.all():
         raise RecordingError(
-            f'{table.path}: {table.row(int(np.argmin(good)))}, column "{name}": expected a finite number; complete or '
-            "delete this row"
+            f'{table.path}: {table.row(int(np.argmin(good)))}, column "{name}": expected a finite number of at most '
+            f"{units.LARGEST:g}; complete or delete this row"
         )
     return column.values
 

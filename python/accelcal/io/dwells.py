@@ -11,19 +11,20 @@ from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.io.assign import fix
 from accelcal.io.dwell_table import assumed, from_table, is_table
+from accelcal.io.files import is_there
 from accelcal.io.formats import open_table
 from accelcal.io.loading import load
-from accelcal.io.sidecar import Sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.sidecar import Sidecar, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 
 
 def declares_dwells(path: Path, rig: Path | None = None) -> bool:
     """Whether a file is a table of dwells, or its sidecar declares the attitude of a dwell."""
-    if not path.is_file():
+    if not is_there(path):
         return False
     if is_table(open_table(path)):
         return True
-    sidecar = rig or sidecar_of(path)
-    setup = read_sidecar(sidecar).dwell if sidecar.exists() else None
+    declared = rig is not None or has_sidecar(path)
+    setup = read_sidecar(rig or sidecar_of(path)).dwell if declared else None
     return setup is not None and setup.angle is not None
 
 
@@ -43,7 +44,7 @@ def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     """
     path = Path(path)
     beside = Path(rig) if rig is not None else sidecar_of(path)
-    declared = read_sidecar(beside) if rig is not None or beside.exists() else no_sidecar()
+    declared = read_sidecar(beside) if rig is not None or has_sidecar(path) else no_sidecar()
     table = open_table(path)
     if is_table(table):
         return from_table(table, declared, beside)

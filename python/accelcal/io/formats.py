@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from accelcal.data.recording import RecordingError
+from accelcal.io.files import open_regular, shown
 from accelcal.io.table import Table
 
 
@@ -14,7 +15,7 @@ def open_table(path: Path) -> Table:
     Raises
     ------
     RecordingError
-        If the file is missing, a directory, empty, of no known format, or of another format than its name says.
+        If the file is missing, no regular file, empty, of no known format, or of another format than its name says.
     """
     head = _first_bytes(path)
     found = _format_of(head)
@@ -24,17 +25,9 @@ def open_table(path: Path) -> Table:
 
     from accelcal.io import containers, csv
 
-    match found:
-        case "Parquet":
-            return containers.open_parquet(path)
-        case "npz":
-            return containers.open_npz(path)
-        case "HDF5":
-            return containers.open_hdf5(path)
-        case "MAT v5":
-            return containers.open_mat(path)
-        case _:
-            return containers.open_mat(path) if suffix == ".mat" else csv.open_csv(path)
+    if found is None and suffix != ".mat":
+        return csv.open_csv(path)
+    return containers.open_container(path, found or "MAT")
 
 
 _FORMATS: dict[str, tuple[str | None, ...]] = {
@@ -45,7 +38,7 @@ _FORMATS: dict[str, tuple[str | None, ...]] = {
     ".npz": ("npz",),
     ".h5": ("HDF5",),
     ".hdf5": ("HDF5",),
-    ".mat": ("MAT v5", "HDF5", None),  # v7.3 is HDF5; v4 has no mark of its own
+    ".mat": ("MAT", "HDF5", None),  # v7.3 is HDF5; v4 has no mark of its own
 }
 """The marks that a file of each suffix may begin with; None = no mark."""
 _HEAD = 1024
@@ -53,15 +46,11 @@ _HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 
 
 def _first_bytes(path: Path) -> bytes:
-    if path.is_dir():
-        raise RecordingError(f"{path}: this is a directory; give one recording file (CSV, Parquet, MAT, npz or HDF5).")
     try:
-        with path.open("rb") as file:
+        with open_regular(path, "one recording file (CSV, Parquet, MAT, npz or HDF5)") as file:
             head = file.read(_HEAD)
     except FileNotFoundError:
-        raise RecordingError(f"{path}: there is no such file; check the path.") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise RecordingError(f"{shown(path)}: there is no such file; check the path.") from None
     if not head:
         raise RecordingError(f"{path}: the file is empty (0 bytes); record or copy it again.")
     return head
@@ -76,7 +65,7 @@ def _format_of(head: bytes) -> str | None:
     if head.startswith(_HDF5_MARK) or head[512:].startswith(_HDF5_MARK):  # MAT v7.3 puts a text of 512 bytes in front
         return "HDF5"
     if head.startswith(b"MATLAB 5.0 MAT-file"):
-        return "MAT v5"
+        return "MAT"
     return None
 
 

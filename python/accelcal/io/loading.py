@@ -16,7 +16,7 @@ from accelcal.io.convert import in_seconds, in_si
 from accelcal.io.dwell_table import digest_of, load_dwell_table
 from accelcal.io.formats import open_table
 from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
-from accelcal.io.sidecar import Clock, Sidecar, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.sidecar import Clock, Sidecar, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
 
 
@@ -95,9 +95,9 @@ def load(
 def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:
     beside = sidecar_of(path)
     if rig is None:
-        return (read_sidecar(beside) if beside.exists() else no_sidecar()), []
+        return (read_sidecar(beside) if has_sidecar(path) else no_sidecar()), []
     declared = Sidecar(rig=rig) if isinstance(rig, Rig) else read_sidecar(Path(rig))
-    if not beside.exists() or (declared.path is not None and declared.path.resolve() == beside.resolve()):
+    if not has_sidecar(path) or (declared.path is not None and declared.path.resolve() == beside.resolve()):
         return declared, []
     given = declared.path.name if declared.path is not None else "a rig"
     text = f"{beside.name} beside the recording is not read, because {given} was given in its place"

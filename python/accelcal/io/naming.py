@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass
 
 from accelcal.data import units
+from accelcal.io.limits import MOST_NAME
 
 ROLES = {
     "time": ("t", "time", "timestamp"),
@@ -72,6 +73,8 @@ def take_apart(column: str) -> Named:
     >>> take_apart("Position [µm]")
     Named(base='Position', suffix=None, brackets='µm')
     """
+    if len(column) > MOST_NAME:
+        return Named(column, None, None)
     base, brackets = column.strip(), None
     match = _BRACKETS.fullmatch(base)
     if match and (match["square"] is not None or units.is_unit(match["round"])):
@@ -97,6 +100,8 @@ def orientation_role(base: str) -> str | None:
     >>> orientation_role("quat_w"), orientation_role("gyro_x"), orientation_role("pos_u"), orientation_role("speed")
     ('q_w', 'gyr_x', 'position_u', None)
     """
+    if len(base) > MOST_NAME:
+        return None
     for pattern, name in _ORIENTATION:
         match = pattern.fullmatch(base.lower())
         if match:

@@ -19,7 +19,7 @@ from accelcal.io.assign import fix
 from accelcal.io.atomic import atomic_write, together
 from accelcal.io.dwell_table import COLUMNS
 from accelcal.io.loading import load
-from accelcal.io.sidecar import Source, no_sidecar, read_sidecar, sidecar_of
+from accelcal.io.sidecar import Source, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.write import write_sidecar
 
 TRIAD = ("accel_x", "accel_y", "accel_z")
@@ -78,7 +78,7 @@ def load_rests(path: Path, rig: Path | None, least: float) -> Rests:
         If there is none, or the outputs of a triad are sampled at different times.
     """
     sidecar = rig or sidecar_of(path)
-    declared = read_sidecar(sidecar) if rig is not None or sidecar.exists() else no_sidecar()
+    declared = read_sidecar(sidecar) if rig is not None or has_sidecar(path) else no_sidecar()
     triad = [name for name in TRIAD if name in declared.channels]
     if triad and len(triad) < len(TRIAD):
         lost = next(name for name in TRIAD if name not in triad)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -17,6 +18,8 @@ from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sen
 from accelcal.data.recording import RecordingError
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
+from accelcal.io.files import content_of, is_there, shown
+from accelcal.io.limits import SIDECAR_BYTES
 
 ASSUMED_AXIS = 'axis is not declared: "level" is assumed, so gravity along the stage axis is taken as 0 m/s^2'
 ASSUMED_MOUNT = 'mount is not declared: "normal" is assumed, so the input axis points along the stage axis'
@@ -89,24 +92,66 @@ def read_sidecar(path: Path) -> Sidecar:
     RecordingError
         Naming file, key, what was found, what was expected and, for an unknown key, the nearest known one.
     """
+    text = sidecar_text(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return _sidecar(_parsed(text), path)
+    except RecursionError:
+        raise RecordingError(
+            f"{path}: brackets lie too deep inside one another; expected tables as in the template, accelcal init"
+        ) from None
+    except tomllib.TOMLDecodeError as error:
+        raise RecordingError(f"{path}: not valid TOML: {str(error)[:_MOST_SHOWN]}; correct that line.") from None
+
+
+def sidecar_text(path: Path) -> str:
+    """The text of a sidecar.
+
+    Raises
+    ------
+    RecordingError
+        If there is none, it is no regular file, larger than `SIDECAR_BYTES`, or not UTF-8.
+    """
+    try:
+        return content_of(path, "the sidecar file itself", SIDECAR_BYTES).decode("utf-8-sig")
     except FileNotFoundError:
-        raise RecordingError(f"{path}: there is no such sidecar; check the path.") from None
-    except IsADirectoryError:
-        raise RecordingError(f"{path}: this is a directory; give the sidecar file itself.") from None
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}).") from None
+        raise RecordingError(f"{shown(path)}: there is no such sidecar; check the path.") from None
     except UnicodeDecodeError as error:
         raise RecordingError(f"{path}: not UTF-8 at byte {error.start}; save the sidecar as UTF-8.") from None
-    except tomllib.TOMLDecodeError as error:
-        raise RecordingError(f"{path}: not valid TOML: {error}; correct that line.") from None
-    return _sidecar(content, path)
+
+
+_MOST_DOTS = 100
+"""Dots of a line outside decimal numbers: the parser takes the square of the parts of a dotted key."""
+_MOST_SHOWN = 200
+"""Characters of what the parser says."""
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """The tables of a sidecar."""
+    _require_short_keys(text)
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError:  # of Python itself
+        raise tomllib.TOMLDecodeError("an integer has thousands of digits") from None
+
+
+def _require_short_keys(text: str) -> None:
+    for number, line in enumerate(text.splitlines(), start=1):
+        if line.count(".") > _MOST_DOTS and not line.lstrip().startswith("#"):
+            dots = re.sub(r"[0-9]\.[0-9]", "", line).count(".")
+            if dots > _MOST_DOTS:
+                raise tomllib.TOMLDecodeError(f"{dots} dots in line {number}, expected a short key")
+
+
+def has_sidecar(path: Path) -> bool:
+    """Whether there is a sidecar beside a recording file."""
+    return is_there(sidecar_of(path))
 
 
 def sidecar_of(path: Path) -> Path:
     """Return where the sidecar of a recording file is looked for."""
-    return path.with_suffix(".toml")
+    return path.parent / f"{path.stem}.toml"
 
 
 def no_sidecar() -> Sidecar:
@@ -121,14 +166,14 @@ _Sign = Literal["any", "not negative", "positive", "not zero"]
 
 def _text(found: object) -> str:
     if not isinstance(found, str):
-        raise ValueError(f"found {found!r}, expected a text in quotes")
+        raise ValueError(f"found {units.shown(found)}, expected a text in quotes")
     return found
 
 
 def _one_of(*words: str) -> _Check:
     def check(found: object) -> str:
         if found not in words:
-            raise ValueError(f"found {found!r}, expected " + " or ".join(f'"{word}"' for word in words))
+            raise ValueError(f"found {units.shown(found)}, expected " + " or ".join(f'"{word}"' for word in words))
         return str(found)
 
     return check
@@ -139,7 +184,7 @@ def _amount(kind: str, sign: _Sign = "any") -> _Check:
         value = units.quantity(found, kind)
         kept = {"any": True, "not negative": value >= 0, "positive": value > 0, "not zero": value != 0}
         if not kept[sign]:
-            raise ValueError(f"found {found!r}, expected {units.KINDS[kind].name} that is {sign}")
+            raise ValueError(f"found {units.shown(found)}, expected {units.KINDS[kind].name} that is {sign}")
         return value
 
     return check
@@ -159,15 +204,23 @@ def _electrical(volts: str, counts: str, sign: _Sign) -> _Check:
 
 def _whole(found: object) -> int:
     if not isinstance(found, int) or isinstance(found, bool):
-        raise ValueError(f"found {found!r}, expected a whole number")
+        raise ValueError(f"found {units.shown(found)}, expected a whole number")
+    if abs(found) > MOST_WHOLE:
+        raise ValueError(f"found {units.shown(found)}, expected a whole number of at most {MOST_WHOLE}")
     return found
 
 
 def _numbers(found: object) -> tuple[float, ...]:
     plain = isinstance(found, list) and all(isinstance(x, int | float) and not isinstance(x, bool) for x in found)
     if not plain or not isinstance(found, list):
-        raise ValueError(f"found {found!r}, expected a list of numbers such as [0.25, 0.5, 0.25]")
-    return tuple(float(x) for x in found)
+        raise ValueError(f"found {units.shown(found)}, expected a list of numbers such as [0.25, 0.5, 0.25]")
+    try:
+        numbers = tuple(float(x) for x in found)
+    except OverflowError:
+        numbers = (math.inf,)
+    if not all(map(units.is_measurable, numbers)):
+        raise ValueError(f"found {units.shown(found)}, expected finite numbers, none beyond {units.LARGEST:g}")
+    return numbers
 
 
 def _input_axis(found: object) -> tuple[float, float, float]:
@@ -176,17 +229,19 @@ def _input_axis(found: object) -> tuple[float, float, float]:
     if isinstance(found, str) and found in letters:
         return letters[found]
     if not isinstance(found, list) or len(found) != 3:
-        raise ValueError(f'found {found!r}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]')
+        raise ValueError(f'found {units.shown(found)}, expected "x", "y", "z" or a unit vector such as [0.0, 0.6, 0.8]')
     x, y, z = _numbers(found)
-    length = math.sqrt(x**2 + y**2 + z**2)
+    length = math.hypot(x, y, z)
     if not abs(length - 1.0) < UNIT_LENGTH:
         raise ValueError(
-            f"found {found!r}, of length {length:.4g}, expected a unit vector"
+            f"found {units.shown(found)}, of length {length:.4g}, expected a unit vector"
             + (f"; the same direction is [{x / length:.6g}, {y / length:.6g}, {z / length:.6g}]" if length else "")
         )
     return x / length, y / length, z / length
 
 
+MOST_WHOLE = 1_000_000
+"""Largest whole number: samples of a moving average."""
 UNIT_LENGTH = 1e-3
 """Difference of the length of a unit vector from 1 that rounding explains."""
 _ANY_OTHER = "*"
@@ -195,7 +250,7 @@ _ANY_OTHER = "*"
 def _table(found: object, where: str, checks: Mapping[str, _Check]) -> dict[str, Any]:
     """Check one table against its keys; the values come back in SI."""
     if not isinstance(found, Mapping):
-        raise _KeyError(where, f"found {found!r}, expected a table")
+        raise _KeyError(where, f"found {units.shown(found)}, expected a table")
     values = {}
     for key, value in found.items():
         check = checks.get(key) or checks.get(_ANY_OTHER)
@@ -237,9 +292,11 @@ def _clock(found: object) -> Clock:
 
 def _four_columns(found: object) -> tuple[str, ...]:
     if not isinstance(found, list) or len(found) != 4 or not all(isinstance(name, str) for name in found):
-        raise ValueError(f"found {found!r}, expected four columns such as {list(QUATERNION)}".replace("'", '"'))
+        raise ValueError(
+            f"found {units.shown(found)}, expected four columns such as {list(QUATERNION)}".replace("'", '"')
+        )
     if len(set(found)) != 4:
-        raise ValueError(f"found {found!r}, expected four different columns, w, x, y, z of the quaternion")
+        raise ValueError(f"found {units.shown(found)}, expected four different columns, w, x, y, z of the quaternion")
     return tuple(found)
 
 

@@ -139,7 +139,8 @@ def _required(table: Table, name: str, column: str | None) -> str:
     line = f"{name} = {{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)} }}"
     notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
     if name == "time":
-        notes.append(_clock_note(table, column, unit))
+        with np.errstate(all="ignore"):  # stamps that are not finite are shown as they are
+            notes.append(_clock_note(table, column, unit))
     return f"{line}  # {'; '.join(notes)}" if notes else line
 
 
@@ -155,7 +156,7 @@ def _clock_note(table: Table, column: str, unit: str | None) -> str:
     t = read.values if read.present is None else read.values[read.present]
     if len(t) < 2:
         return f"{len(t)} rows"
-    if unit is None:
+    if unit is None or units.conversion(unit).si != "s":
         return f"{len(t)} rows from {t[0]:g} to {t[-1]:g}, median step {np.median(np.diff(t)):.4g}"
     t = units.conversion(unit, "time").apply(t)
     step = float(np.median(np.diff(t)))

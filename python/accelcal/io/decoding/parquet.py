@@ -1,0 +1,41 @@
+"""Parquet: the schema first, then one column at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pyarrow as pa
+from pyarrow import parquet
+
+from accelcal.io import arrow
+from accelcal.io.decoding.source import Entry, RefusedError, Source, limited
+from accelcal.io.limits import MOST_NAME
+from accelcal.io.table import Column
+
+
+def opened(path: str) -> Source:
+    """Open a file: the ``unit`` entry of a column's metadata is its unit, null means not sampled."""
+    pa.set_cpu_count(1)
+    pa.set_io_thread_count(1)
+    file = parquet.ParquetFile(path, page_checksum_verification=True)
+    schema, rows = file.schema_arrow, file.metadata.num_rows
+
+    def entries() -> Iterator[Entry]:
+        for entry in schema:
+            stamps = pa.types.is_timestamp(entry.type) or pa.types.is_duration(entry.type)
+            yield Entry(entry.name, rows, _declared(entry) or ("s" if stamps else None))
+
+    def column(name: str) -> Column:
+        read = file.read(columns=[name], use_threads=False)
+        try:
+            return arrow.column(read.column(name).combine_chunks())
+        except pa.ArrowNotImplementedError:
+            raise RefusedError(f"holds {schema.field(name).type}, expected numbers; convert it first") from None
+
+    return Source(limited(entries()), column)
+
+
+def _declared(entry: Any) -> str | None:
+    unit = (entry.metadata or {}).get(b"unit")
+    return unit.decode("utf-8", errors="replace")[:MOST_NAME] if unit else None

@@ -1,0 +1,227 @@
+"""The other side of `accelcal.io.decoding.child`: start it, ask it, and turn whatever becomes of it into one sentence.
+
+A fresh interpreter and two pipes: this works from scripts, notebooks, threads and daemons alike, on every system.
+Nothing that comes back is executed; it is JSON and numbers, whose count is known before.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from threading import Event, Timer
+from typing import IO, Any
+
+import numpy as np
+
+import accelcal
+from accelcal.data.recording import RecordingError
+from accelcal.io.decoding.child import LIBRARIES, MEMORY, SECONDS
+from accelcal.io.decoding.source import Entry
+from accelcal.io.limits import MOST_SAMPLES, most_numbers
+from accelcal.io.table import Column
+
+PATIENCE = 20.0
+"""Times the allowed processor time that an answer may take: a machine that is busy is waited for."""
+_LINE = 64_000_000
+"""Bytes of the longest answer that is no number."""
+_START = """
+import json, sys, types
+begin = json.loads(sys.stdin.buffer.readline())
+sys.path[:] = begin["path"]
+for name, folder in begin["packages"].items():
+    sys.modules[name] = package = types.ModuleType(name)
+    package.__path__ = [folder]
+from accelcal.io.decoding.child import main
+main(sys.stdin.buffer, sys.stdout.buffer)
+"""
+"""The packages are bound by hand, since what they import at their start is not needed here and takes half a second."""
+
+
+class ReaderProcess:
+    """One process with one file open; it ends when it has served its columns, is dropped, or is idle for long."""
+
+    def __init__(self, path: Path, kind: str) -> None:
+        self.path = path
+        self.kind = kind
+        self.size = path.stat().st_size
+        self._late = Event()
+        self._process = start()
+        self._close = weakref.finalize(self, _end, self._process, os.getpid())
+        with self._ended_in_words():
+            self._ask({"kind": kind, "file": str(path)})
+            found = self._answer()["entries"]
+            self.entries = tuple(Entry(str(name), int(length), unit) for name, length, unit in found)
+
+    def columns(self, names: Sequence[str]) -> dict[str, Column]:
+        """Read columns by name, and end.
+
+        Raises
+        ------
+        RecordingError
+            If they hold more numbers than is allowed, or cannot be read.
+        """
+        lengths = {entry.name: entry.length for entry in self.entries}
+        self._require_room(names, lengths)
+        with self._ended_in_words():
+            self._ask(list(names))
+            columns = {name: self._column(lengths[name]) for name in names}
+        self._close()
+        return columns
+
+    @property
+    def waits(self) -> bool:
+        """Whether it can still be asked for columns."""
+        return self._process.poll() is None
+
+    def _require_room(self, names: Sequence[str], lengths: dict[str, int]) -> None:
+        for name in names:
+            if lengths[name] > MOST_SAMPLES:
+                raise RecordingError(
+                    f'{self.path}: column "{name}" holds {lengths[name]} samples, expected at most {MOST_SAMPLES}; '
+                    "cut the recording into parts."
+                )
+        total, most = sum(lengths[name] for name in names), most_numbers(self.size)
+        if total > most:
+            raise RecordingError(
+                f"{self.path}: its columns hold {total} numbers in {self.size} bytes, expected at most {most}; export "
+                "the recording again, or cut it into parts."
+            )
+
+    def _ask(self, content: Any) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(content).encode() + b"\n")
+        self._process.stdin.flush()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline(_LINE)
+        if not line.endswith(b"\n"):
+            raise EOFError
+        answer: dict[str, Any] = json.loads(line)
+        if "fault" in answer:
+            raise RecordingError(f"{self.path}: {self._fault(answer['fault'], str(answer['text']))}")
+        return answer
+
+    def _column(self, length: int) -> Column:
+        answer = self._answer()
+        if answer["length"] != length:
+            found = f"{answer['length']} numbers where {length} are declared"
+            raise RecordingError(f"{self.path}: {self._damage(found)}")
+        assert self._process.stdout is not None
+        values = _filled(self._process.stdout, np.empty(length, dtype="<f8")).astype(np.float64, copy=False)
+        if not answer["missing"]:
+            return Column(values)
+        return Column(values, _filled(self._process.stdout, np.empty(length, dtype=np.uint8)) != 0)
+
+    @contextmanager
+    def _ended_in_words(self) -> Iterator[None]:
+        """Wait no longer than is allowed; a process that is gone without an answer is a fault of the file."""
+        timer = Timer(PATIENCE * (SECONDS + self.size / 10_000_000), _stop, (self._process, self._late))
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        except (EOFError, BrokenPipeError, ConnectionResetError):
+            code = self._process.wait()
+            self._close()
+            raise RecordingError(f"{self.path}: {self._end_in_words(code)}") from None
+        except BaseException as error:
+            self._close()
+            if isinstance(error, RecordingError | MemoryError) or not isinstance(error, Exception):
+                raise
+            raise RecordingError(f"{self.path}: {self._damage('its reader does not answer as it should')}") from None
+        finally:
+            timer.cancel()
+
+    def _end_in_words(self, code: int) -> str:
+        if self._late.is_set() or code == -int(getattr(signal, "SIGXCPU", 0)):
+            return (
+                f"reading this {self.kind} file takes longer than its size explains, so it was stopped; export it "
+                "again, as CSV or Parquet with one column per channel."
+            )
+        name = signal.Signals(-code).name if code < 0 else f"code {code}"
+        return self._damage(f"its reader ended with {name}")
+
+    def _damage(self, reason: str) -> str:
+        return f"this {self.kind} file is truncated or damaged ({reason}); copy or export it again."
+
+    def _fault(self, fault: str, text: str) -> str:
+        """The sentence of a fault that the process found."""
+        if fault == "refused":
+            return f"{text}."
+        if fault == "memory":
+            return (
+                f"reading this {self.kind} file takes more than {(MEMORY + 4 * self.size) // 1_000_000} MB, far beyond "
+                "its size; export it again, as CSV or Parquet with one column per channel."
+            )
+        if fault == "library":
+            return library_missing(self.kind, text)
+        return self._damage(text)
+
+
+def library_missing(kind: str, library: str) -> str:
+    """Say what is to be installed for a format."""
+    if library == LIBRARIES["HDF5"]:
+        return "this is HDF5 (or MATLAB 7.3), which needs h5py; install it with: pip install 'accelcal[hdf5]'"
+    return f"this is {kind}, which needs {library}; install it with: pip install {library}"
+
+
+def start() -> subprocess.Popen[bytes]:
+    """Start a process that waits for the name of a file."""
+    packages = {"accelcal": accelcal.__path__[0], "accelcal.io": str(Path(__file__).parent)}
+    process = subprocess.Popen(
+        [sys.executable, "-I", "-S", "-c", _START],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **_ENVIRONMENT},
+    )
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # found when it does not answer
+        process.stdin.write(json.dumps({"path": [p for p in sys.path if p], "packages": packages}).encode() + b"\n")
+        process.stdin.flush()
+    return process
+
+
+_ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",
+    "OMP_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "HDF5_PLUGIN_PRELOAD": "::",
+}
+"""One thread, memory that is given back, and no filters that a file may ask HDF5 to load."""
+
+
+def _stop(process: subprocess.Popen[bytes], late: Event) -> None:
+    late.set()
+    process.kill()
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    if os.getpid() != owner:  # a fork of the process that started it
+        return
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            with suppress(OSError):
+                pipe.close()
+    process.wait()
+
+
+def _filled(pipe: IO[bytes], values: Any) -> Any:
+    """An array filled with the bytes that come next."""
+    left = memoryview(values).cast("B") if len(values) else memoryview(b"")
+    while left:
+        count = pipe.readinto(left)  # type: ignore[attr-defined]
+        if not count:
+            raise EOFError
+        left = left[count:]
+    return values
