@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from accelcal._support.plain_text import visible
+
 if TYPE_CHECKING:
     pass
 
@@ -145,13 +147,13 @@ class UsageError(ValueError):
 
 def exit_with(text: str, code: int) -> NoReturn:
     """Print an error on stderr and exit."""
-    print(f"accelcal: {text}", file=sys.stderr)
+    print(visible(f"accelcal: {text}"), file=sys.stderr)
     raise SystemExit(code)
 
 
 def print_status(text: str) -> None:
     """Print a line on stderr, which keeps stdout free for data."""
-    print(text, file=sys.stderr)
+    print(visible(text), file=sys.stderr)
 
 
 def print_json(content: dict[str, Any]) -> None:

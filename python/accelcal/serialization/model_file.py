@@ -35,6 +35,18 @@ from accelcal.validation.comparison import Comparison
 
 COMPARE_SCHEMA = "accelcal/compare/1"
 
+__all__ = [
+    "MODEL_SCHEMA",
+    "ModelFileError",
+    "comparison_to_dict",
+    "dumps",
+    "estimate_to_dict",
+    "from_dict",
+    "load",
+    "save",
+    "to_dict",
+]
+
 
 def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dict[str, Any]:
     """Return a fit as the content of a model file.
