@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from accelcal.effects.user_file import probe
-from accelcal.estimation.estimate import DWELLS_ALONE, Fit
+from accelcal.estimation.estimate import Fit
 from accelcal.model import Term
 from accelcal.serialization.errors import ModelFileError
 
@@ -31,6 +31,7 @@ def require_consistent(fit: Fit, content: Mapping[str, Any]) -> None:
         Naming the path to the leaf that contradicts the others, and what they demand.
     """
     for check in (
+        _once,
         _runs,
         _parameters,
         _fixed,
@@ -50,11 +51,22 @@ def require_consistent(fit: Fit, content: Mapping[str, Any]) -> None:
 Found = Iterator[tuple[str, str]]
 
 
+def _once(fit: Fit, content: Mapping[str, Any]) -> Found:
+    lists = {
+        "model.per_run": fit.model.per_run,
+        "shapes": [e.name for e in fit.shapes],
+        "run_to_run": [spread.name for spread in fit.spreads],
+        "noise_effects": [one.name for one in fit.noise_effects],
+        **{f"noise[{i}].growth": [g.effect.name for g in run.noise.noise.growth] for i, run in enumerate(fit.runs)},
+    }
+    for where, names in lists.items():
+        if len(set(names)) < len(names):
+            yield where, f"found {', '.join(names)}, expected each name once"
+
+
 def _runs(fit: Fit, content: Mapping[str, Any]) -> Found:
     if len(content["noise"]) != len(content["data"]):
         yield "noise", f"found {len(content['noise'])} entries, expected one for each of {len(content['data'])} in data"
-    if not fit.runs and (fit.dwells is None or fit.method != DWELLS_ALONE):
-        yield "data", "found no recording, expected one, unless the fit is to dwells alone"
 
 
 def _parameters(fit: Fit, content: Mapping[str, Any]) -> Found:
@@ -134,7 +146,7 @@ def _spans(fit: Fit, content: Mapping[str, Any]) -> Found:
     for where, (low, high) in spans:
         if low > high:
             yield where, f"found {low:.10g} to {high:.10g}, expected the smaller number first"
-    for key in ("a", "v", "p", "frequency") if fit.runs else ("frequency",):
+    for key in ("a", "v", "p", "frequency") if fit.runs else ():
         if key not in fit.validity:
             yield f"validity.{key}", "it is missing; expected the range of the fit"
     if fit.runs and not fit.validity["frequency"][1] > 0.0:

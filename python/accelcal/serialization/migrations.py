@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from accelcal._core import __version__
+from accelcal._support.plain_text import visible
 from accelcal.serialization.errors import ModelFileError
 
 NAME = "accelcal/model/"
@@ -27,10 +28,10 @@ def migrated(content: Any) -> dict[str, Any]:
     schema = content.get("schema") if isinstance(content, dict) else None
     number = re.fullmatch(rf"{NAME}([1-9]\d{{0,3}})", schema) if isinstance(schema, str) else None
     if number is None:
-        found = "none" if schema is None else f'"{schema[:40]}"' if isinstance(schema, str) else "no text"
+        found = "none" if schema is None else f'"{visible(schema[:40])}"' if isinstance(schema, str) else "no text"
         raise ModelFileError(f'expected a model file with the schema "{MODEL_SCHEMA}", found {found}; {MAKE}')
     version = content.get("version")
-    written = f"accelcal {version}" if isinstance(version, str) and len(version) < 30 else "a version that is not named"
+    written = f"accelcal {visible(version[:20])}" if isinstance(version, str) else "a version that is not named"
     if int(number[1]) > PRESENT or _is_newer(version):
         raise ModelFileError(
             f'{written} wrote this model file with the schema "{schema}"; this is accelcal {__version__}, which reads '
