@@ -147,9 +147,7 @@ def change(content: dict[str, Any], rng: np.random.Generator) -> None:
     elif isinstance(value, float | int) and not isinstance(value, bool) and kind > 3:
         factors = (-1.0, 0.5, 2.0, 1e3, 1e-3, 1e6, 1e-6, 1e12)
         parent[key] = (
-            value * factors[int(rng.integers(len(factors)))]
-            if kind == 7
-            else NUMBERS[int(rng.integers(len(NUMBERS)))]
+            value * factors[int(rng.integers(len(factors)))] if kind == 7 else NUMBERS[int(rng.integers(len(NUMBERS)))]
         )
     elif isinstance(value, str):
         parent[key] = TEXTS[int(rng.integers(len(TEXTS)))]
