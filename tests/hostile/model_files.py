@@ -17,15 +17,13 @@ from typing import Any
 import numpy as np
 
 import accelcal as ac
-from accelcal import calibration, report, workflow
+from accelcal import report, workflow
 from accelcal._support.plain_text import OBEYED
 from accelcal.calibration import apply, export
+from accelcal.calibration.characteristic import characteristic
 from accelcal.cli.printing import show_comparison, show_diagnosis, show_export, show_fit, show_formulas, show_steps
 from accelcal.effects import from_expression
-from accelcal.formatting import short
 from accelcal.serialization import diagnosis_json, model_file
-
-assert calibration and short
 
 PACKAGE = str(Path(ac.__file__).parent)
 FOREIGN = (np.linalg.LinAlgError, UnicodeError, json.JSONDecodeError)
@@ -166,7 +164,7 @@ def exported(fit: ac.Fit) -> Iterator[str]:
     try:
         made = export.calibrate(fit)
     except export.NotExportable:
-        left = calibration.characteristic.characteristic(fit).left_out
+        left = characteristic(fit).left_out
         made = export.calibrate(fit, without=[one.effect for one in left if one.needed])
     content = export.to_dict(made)
     yield export.header(made, "x.h")

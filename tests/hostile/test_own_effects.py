@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from accelcal.effects import CATALOGUE, EffectsFileError, ExpressionError, from_expression, load_effects
+from accelcal.data.arrays import Array
+from accelcal.effects import CATALOGUE, Effect, EffectsFileError, ExpressionError, from_expression, load_effects
 from accelcal.effects.formula import FUNCTIONS, MOTION, TAKEN
 from accelcal.effects.user_file import probe
+from accelcal.signals.signals import Signals
 
 from .case import LONG, case_rng, cases
 
@@ -219,6 +221,14 @@ TREES = st.recursive(
 )
 
 
+def values(effect: Effect, s: Signals) -> Array:
+    """Column of an effect; empty where it is refused at these times."""
+    try:
+        return effect.column(s)
+    except EffectsFileError:
+        return np.empty(0)
+
+
 def agree(text: str, path) -> bool:
     """Whether an expression is refused with a sentence, or its effect and its file have the same values."""
     CATALOGUE.pop("own_one", None)
@@ -230,8 +240,9 @@ def agree(text: str, path) -> bool:
     path.write_text(own.file)
     (loaded,) = load_effects(path)
     s = probe(("supply", "a_y"), 257)
-    expected = own.effect.column(s)
-    np.testing.assert_allclose(loaded.column(s), expected, rtol=1e-12, atol=1e-12 * float(np.max(np.abs(expected))))
+    expected, found = values(own.effect, s), values(loaded, s)
+    size = float(np.max(np.abs(expected), initial=0.0))
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * size)
     assert loaded.digest == own.effect.digest
     return True
 
@@ -268,7 +279,5 @@ def test_formulas_of_any_characters_end_in_a_sentence_or_in_an_effect(tmp_path):
             text = text.replace("(", "").replace(")", "")
         accepted += agree(text, tmp_path / "own_one.py")
     seconds = time.process_time() - began
-    print(
-        f"expressions: {len(numbers)} of any characters, {accepted} accepted, each agrees with its file; {seconds:.0f} s"
-    )
+    print(f"expressions: {len(numbers)}, {accepted} accepted, each agrees with its file; {seconds:.0f} s")
     assert accepted > 0

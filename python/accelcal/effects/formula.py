@@ -8,6 +8,7 @@ import keyword
 import math
 import re
 import unicodedata
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -18,7 +19,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.effects.guard import guarded
 from accelcal.effects.registry import CATALOGUE, Effect
-from accelcal.effects.user_file import PROBE, probe
+from accelcal.effects.user_file import MANY, PROBE, probe
 from accelcal.signals.signals import Signals
 
 LONGEST = 200
@@ -133,8 +134,7 @@ def from_expression(
 
     def function(s: Signals) -> Array:
         known = {each: s.side[each] for each in needs} | {each: getattr(s, each) for each in MOTION}
-        with np.errstate(all="ignore"):  # what is not finite is refused by the guard
-            return _value(tree, known)
+        return _value(tree, known)
 
     function.__doc__ = f"Own effect: {understood}."
     file = _file(name, tree, understood, unit, port, owner, needs)
@@ -181,7 +181,9 @@ def parse(text: str, names: tuple[str, ...]) -> ast.expr:
     if len(text) > LONGEST:
         raise ExpressionError(f"the expression has {len(text)} characters; at most {LONGEST} are read")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise ExpressionError(f"{text[:40]!r} is not a formula; write one like v * abs(v)") from None
     _check(tree, names, 0)
@@ -256,17 +258,15 @@ def _value(node: ast.expr, known: Mapping[str, Array]) -> Array:
 
 
 def _try(made: Effect, understood: str) -> None:
-    """Evaluate an effect on an ordinary motion, which passes through zero."""
-    moving = probe(made.needs)
-    nothing = np.zeros(PROBE)
+    """Evaluate an effect on an ordinary motion, which passes through zero, as its file will be."""
+    moving, fine, nothing = probe(made.needs), probe(made.needs, MANY), np.zeros(PROBE)
     still = replace(moving, p=nothing, v=nothing, a=nothing, jerk=nothing)
     with np.errstate(all="ignore"):
-        y = np.concatenate([made.column(moving), made.column(still)])
+        y = np.concatenate([made.column(motion) for motion in (moving, still, fine)])
     if not np.all(np.isfinite(y)):
         raise ExpressionError(
-            f"{understood}: not finite at {2 * PROBE - int(np.isfinite(y).sum())} of {2 * PROBE} instants of an "
-            "ordinary motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs "
-            "and a constant"
+            f"{understood}: not finite at {len(y) - int(np.isfinite(y).sum())} of {len(y)} instants of an ordinary "
+            "motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs and a constant"
         )
     if not _varies(made, moving) and not _varies(made, _wide(moving)):
         raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")

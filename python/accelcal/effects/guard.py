@@ -74,7 +74,8 @@ def guarded(effect: Effect, sentence: Sentence, failure: Failure) -> Effect:
 def timed(function: Callable[..., Any], s: Signals, shape: Mapping[str, float]) -> tuple[Any, float]:
     """What a function returns, and the processor time of this thread that it took, s."""
     began = time.thread_time()
-    found = function(s, **shape)
+    with np.errstate(all="ignore"):  # what is not finite is refused afterwards
+        found = function(s, **shape)
     return found, time.thread_time() - began
 
 
