@@ -50,10 +50,15 @@ def record() -> ac.Recording:
     return recording()
 
 
+def enter_own_effect() -> None:
+    """Enter the effect that one of the bases takes from a user."""
+    from_expression("own_drag", "v*abs(v)", unit="m⁻¹")
+
+
 @cache
 def bases() -> tuple[dict[str, Any], ...]:
     """Contents of model files: a cubic model; a joint fit with a bias of each run; effects with shapes and noise."""
-    from_expression("own_drag", "v*abs(v)", unit="m⁻¹")
+    enter_own_effect()
     cubic = workflow.fit(ac.Model.cubic(), record())
     joint = workflow.fit(ac.Model.linear().vary("bias"), [record(), recording(seed=2), recording(seed=3)])
     grown = workflow.add(cubic, record(), "own_drag", "hysteresis")

@@ -182,12 +182,13 @@ def fit_of(content: Mapping[str, Any]) -> Fit:
     ModelFileError
         If the parts of the model do not fit together.
     """
+    where = "model"
     try:
-        model, rig = model_from_dict(content["model"]), rig_from_dict(content["rig"])
-    except ModelFileError:
-        raise
+        model = model_from_dict(content["model"])
+        where = "rig"
+        rig = rig_from_dict(content["rig"])
     except ValueError as error:
-        raise ModelFileError(str(error)) from None
+        raise ModelFileError(f"{where}: {error}") from None
     require_coefficients(model, content["parameters"])
     return Fit(
         model=model,
