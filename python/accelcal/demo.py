@@ -122,6 +122,6 @@ def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signa
 def seal(hidden: Hidden, path: Path) -> None:
     """Write the answer encoded, so that reading the file does not disclose it."""
     answer = {"effect": hidden.effect, "size": hidden.size, "shape": dict(hidden.shape), **TRUTH}
-    text = base64.b64encode(json.dumps(answer).encode()).decode()
+    text = base64.b64encode(json.dumps(answer, allow_nan=False).encode()).decode()
     content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}
-    path.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -10,10 +10,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from accelcal._support.plain_text import visible
 from accelcal.serialization.errors import ModelFileError
 
 MOST_BYTES = 64 * 2**20
 """Largest model file that is read."""
+LONGEST_TEXT = 4_000
+"""Characters of a text in a model file: a sentence, the name of a file or of a sensor."""
 MOST_DIGITS = 18
 """Digits of a whole number: no count in a model file has more."""
 ESCAPED = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff\ufeff]")
@@ -27,7 +30,7 @@ def dumps(content: Mapping[str, Any]) -> str:
 
     Characters that a terminal would obey are written as escapes.
     """
-    text = json.dumps(_finite(content), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(finite(content), indent=2, ensure_ascii=False, allow_nan=False)
     return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 
@@ -117,11 +120,26 @@ def _refuse_constant(name: str) -> float:
     raise ModelFileError(f"found {name}, which is no JSON; expected a finite number, or null where it is not known")
 
 
-def _finite(content: Any) -> Any:
+def finite(content: Any) -> Any:
+    """The same plain values; what is not finite becomes None."""
     if isinstance(content, float):
         return content if math.isfinite(content) else None
     if isinstance(content, Mapping):
-        return {key: _finite(value) for key, value in content.items()}
+        return {key: finite(value) for key, value in content.items()}
     if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
+        return [finite(value) for value in content]
+    return content
+
+
+def plain(content: Any) -> Any:
+    """The same plain values; no text in it is longer than a reader takes, or holds what a terminal obeys.
+
+    Source text keeps its lines.
+    """
+    if isinstance(content, str):
+        return visible(content, one_line=True)[:LONGEST_TEXT]
+    if isinstance(content, Mapping):
+        return {key: value if key == "source" else plain(value) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [plain(value) for value in content]
     return content

@@ -27,7 +27,7 @@ from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior
 from accelcal.serialization.consistency import require_consistent
 from accelcal.serialization.errors import ModelFileError
-from accelcal.serialization.json_text import AGAIN, dumps, read_json
+from accelcal.serialization.json_text import AGAIN, dumps, plain, read_json
 from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
@@ -58,7 +58,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
     seed : random seed that took part, if any.
     """
     rig = rig if rig is not None else fit.rig
-    return {
+    content = {
         "schema": MODEL_SCHEMA,
         "version": _core.__version__,
         "method": fit.method,
@@ -110,6 +110,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         "tilt_deg": fit.tilt,
         "seed": seed,
     }
+    return dict(plain(content))
 
 
 def estimate_to_dict(e: Estimate) -> dict[str, Any]:
@@ -163,13 +164,15 @@ def from_dict(content: Any) -> Fit:
     from accelcal.serialization.schema.check import require  # pydantic is imported by what reads a model alone
     from accelcal.serialization.schema.model import ModelFile
 
-    content = migrated(content)
+    content, known = migrated(content), dict(CATALOGUE)
     try:
         require(ModelFile, content)
         require_known(content["model"])
         fit = fit_of(content)
         require_consistent(fit, content)
     except ModelFileError as error:
+        for name in set(CATALOGUE) - set(known):  # side channels of a file that is refused
+            del CATALOGUE[name]
         raise ModelFileError(f"{error}. The model file is damaged or incomplete: {AGAIN}") from None
     return fit
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
+from accelcal.serialization.json_text import LONGEST_TEXT
 
 LARGEST = 1e15
 """Largest magnitude of any number: products of a few of them stay finite."""
@@ -14,7 +15,7 @@ MOST_RUNS = 10_000
 """Recordings of one fit."""
 MOST_COLUMNS = 2_000
 """Coefficients of one model."""
-LONGEST_NAME, LONGEST_TEXT, LONGEST_SOURCE = 200, 4_000, 1_000_000
+LONGEST_NAME, LONGEST_SOURCE = 200, 2_000_000
 
 
 def _without_control(text: str) -> str:
@@ -24,7 +25,7 @@ def _without_control(text: str) -> str:
 
 
 def _source(text: str) -> str:
-    if OBEYED.search(text.replace("\r\n", "\n")):
+    if OBEYED.search(text.replace("\r\n", "\n").replace("\f", "")):
         raise ValueError("source text without control characters")
     return text
 
@@ -44,9 +45,9 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0, le=10**15)]
 Share = Annotated[float, Field(ge=-1.0, le=1.0)]
 Name = Annotated[str, Field(max_length=LONGEST_NAME), AfterValidator(_without_control)]
-"""Of an effect, a channel, a file or a unit."""
+"""Of an effect, a channel or a unit."""
 Text = Annotated[str, Field(max_length=LONGEST_TEXT), AfterValidator(_without_control)]
-"""A sentence."""
+"""A sentence, or the name of a file or of a sensor."""
 Source = Annotated[str, Field(max_length=LONGEST_SOURCE), AfterValidator(_source)]
 """Source text of a user's effect."""
 Digest = Annotated[str, Field(pattern=r"^([0-9a-f]{64})?$")]

@@ -179,8 +179,8 @@ class NoisePart(Part):
 class SensorPart(Part):
     """The accelerometer as its data sheet describes it."""
 
-    model: Name
-    serial: Name
+    model: Text
+    serial: Text
     noise: Positive | None
     range: Positive | None
     scale: Number | None
@@ -238,7 +238,7 @@ class RigPart(Part):
 class DataPart(Part):
     """One recording of the fit."""
 
-    file: Name
+    file: Text
     sha256: Identity
     session_sha256: Identity
     used_s: Span
@@ -251,7 +251,7 @@ class DataPart(Part):
 class DwellsPart(Part):
     """What a fit leaves of its dwells."""
 
-    name: Name
+    name: Text
     digest: Identity
     angle: Numbers
     residual: Numbers
