@@ -47,9 +47,8 @@ def older(shape: str) -> dict[str, Any]:
         *above, key = path
         parts = [content]
         for step in above:
-            parts = [
-                inner for part in parts for inner in (part[step] if isinstance(part[step], list) else [part[step]])
-            ]
+            below = [part[step] for part in parts]
+            parts = [inner for one in below for inner in (one if isinstance(one, list) else [one])]
         for part in parts:
             del part[key]
     return content
@@ -77,9 +76,17 @@ def test_side_channels_of_schema_1_are_added_to_the_output():
         model_file.from_dict(content)
 
 
-@pytest.mark.parametrize(
-    "damaged", [{}, {"model": 3}, {"rig": []}, {"noise": 3}, {"data": "x"}, {"data": [3], "noise": [3]}]
+DAMAGED: tuple[dict[str, Any], ...] = (
+    {},
+    {"model": 3},
+    {"rig": []},
+    {"noise": 3},
+    {"data": "x"},
+    {"data": [3], "noise": [3]},
 )
+
+
+@pytest.mark.parametrize("damaged", DAMAGED)
 def test_a_damaged_file_of_schema_1_is_refused_by_the_schema(damaged):
     with pytest.raises(ModelFileError, match=r"is missing|found"):
         model_file.from_dict({"schema": "accelcal/model/1", **damaged})

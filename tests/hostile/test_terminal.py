@@ -28,7 +28,7 @@ HOSTILE = (
     "\u2028",
     "[/bold]",
     "[bold]x",
-    ":skull:",
+    ":x:",
 )
 """Escapes of C0 and C1, marks of direction, and the mark-up of the library that prints."""
 
