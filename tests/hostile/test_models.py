@@ -30,7 +30,7 @@ SECTION = "models"
 
 
 @pytest.fixture(autouse=True)
-def _quiet():
+def _catalogue():
     before = dict(CATALOGUE)
     enter_own_effect()
     with warnings.catch_warnings():

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from accelcal.data.arrays import Array
 from accelcal.effects import CATALOGUE, Effect, EffectsFileError, ExpressionError, from_expression, load_effects
-from accelcal.effects.formula import FUNCTIONS, MOTION, TAKEN
+from accelcal.effects.formula import FUNCTIONS, MOTION, RESERVED
 from accelcal.effects.user_file import probe
 from accelcal.signals.signals import Signals
 
@@ -177,7 +177,7 @@ def test_a_file_of_effects_is_a_regular_file_of_moderate_size(tmp_path):
 # Formulas.
 
 
-@pytest.mark.parametrize("name", sorted({*TAKEN, *keyword.kwlist}))
+@pytest.mark.parametrize("name", sorted({*RESERVED, *keyword.kwlist}))
 def test_a_name_that_means_something_else_is_refused(name):
     with pytest.raises(ExpressionError, match=rf"name '{name}': "):
         from_expression(name, "a**3")
@@ -200,7 +200,7 @@ def test_a_constant_part_that_is_not_finite_is_refused(text):
         from_expression("own_one", text)
 
 
-@pytest.mark.parametrize("channel", [*sorted(TAKEN), "lambda", "two words", "x\x1b", "", "1st", "ﬁ", "a-b"])
+@pytest.mark.parametrize("channel", [*sorted(RESERVED), "lambda", "two words", "x\x1b", "", "1st", "ﬁ", "a-b"])
 def test_a_channel_with_a_name_of_another_meaning_changes_nothing(tmp_path, channel):
     own = from_expression("own_one", "a*t + sin(v)", channels=(channel, "supply"))
     assert own.effect.needs == ()

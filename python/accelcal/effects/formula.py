@@ -44,7 +44,7 @@ FUNCTIONS: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "arctan": np.arctan,
     }
 )
-TAKEN = frozenset((*MOTION, *FUNCTIONS, "np", "s", "effect"))
+RESERVED = frozenset((*MOTION, *FUNCTIONS, "np", "s", "effect"))
 """Names with a meaning in an expression, or in the file that it is written to."""
 DECADES = 9.0
 """Motions on which an expression is constant if it is so at all reach over this many decades, both ways."""
@@ -120,7 +120,7 @@ def from_expression(
     """
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
-    if name in TAKEN:
+    if name in RESERVED:
         raise ExpressionError(f"name {name!r}: it has a meaning in expressions and their files; choose another name")
     if not _UNIT.fullmatch(unit):
         raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")
@@ -167,7 +167,7 @@ def is_usable(channel: str) -> bool:
     A name that means something else in an expression, or that is none, cannot be told from it.
     """
     plain = channel.isidentifier() and unicodedata.normalize("NFKC", channel) == channel
-    return plain and not keyword.iskeyword(channel) and channel not in TAKEN
+    return plain and not keyword.iskeyword(channel) and channel not in RESERVED
 
 
 def parse(text: str, names: tuple[str, ...]) -> ast.expr:
