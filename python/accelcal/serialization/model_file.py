@@ -190,6 +190,8 @@ def fit_of(content: Mapping[str, Any]) -> Fit:
         model = model_from_dict(content["model"])
         where = "rig"
         rig = rig_from_dict(content["rig"])
+        where = "noise"
+        noises = [_noise_from_dict(noise) for noise in content["noise"]]
     except ValueError as error:
         raise ModelFileError(f"{where}: {error}") from None
     require_coefficients(model, content["parameters"])
@@ -206,12 +208,12 @@ def fit_of(content: Mapping[str, Any]) -> Fit:
                 end=data["used_s"][1],
                 readings=data["readings"],
                 samples=data["samples"],
-                noise=_noise_from_dict(noise),
+                noise=noise,
                 log_likelihood=data["log_likelihood"],
                 nis=data["nis"],
                 session=data["session_sha256"],
             )
-            for data, noise in zip(content["data"], content["noise"], strict=False)
+            for data, noise in zip(content["data"], noises, strict=False)
         ),
         origins=Origins(**content["origins"]),
         rig=rig,

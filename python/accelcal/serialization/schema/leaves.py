@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -30,6 +31,12 @@ def _source(text: str) -> str:
     return text
 
 
+def _without_sign(value: float) -> float:
+    if math.copysign(1.0, value) < 0.0:
+        raise ValueError("0 without a sign")
+    return value
+
+
 class Part(BaseModel):
     """One object of a file: every key is expected, no other is allowed, nothing is converted."""
 
@@ -38,7 +45,7 @@ class Part(BaseModel):
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 """Finite; a whole number is one, a truth value is not."""
-NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST), AfterValidator(_without_sign)]
 Positive = Annotated[float, Field(gt=1e-60, le=LARGEST)]
 """Far enough from 0 that its inverse, and the inverse of its square, are finite."""
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
