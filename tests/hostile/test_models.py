@@ -352,3 +352,11 @@ def test_processes_on_mutated_files_end_in_a_sentence(tmp_path):
             path.unlink()
     print(f"model files as processes: {len(numbers)}, {len(found)} wrong (threshold 0)")
     assert not found, "\n".join(found)
+
+
+def test_a_negative_electrical_scale_has_positive_uncertainties():
+    content = copy.deepcopy(bases()[0])
+    content["rig"]["sensor"].update(scale=-0.25, scale_unit="V")
+    fit = model_file.from_dict(content)
+    assert model_file.to_dict(fit)["electrical"]["sensitivity"]["std"] > 0.0
+    assert [verdict(command, fit) for command in CHEAP.values()] == ["", "", ""]
