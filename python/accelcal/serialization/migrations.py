@@ -80,10 +80,18 @@ def from_1_to_2(content: dict[str, Any]) -> dict[str, Any]:
     if isinstance(rig, dict):
         rig["sensor"] = _with({"bias_instability": None, "random_walk": None}, rig.get("sensor"))
     made["noise"] = _each({"growth": [], "band_hz": None}, content.get("noise"))
+    if isinstance(content.get("electrical"), dict):
+        made["electrical"] = {key: _positive_std(one) for key, one in content["electrical"].items()}
     runs = content.get("data")
     if isinstance(runs, list):
         made["data"] = [_with(_session(run), run) for run in runs]
     return made
+
+
+def _positive_std(quantity: Any) -> Any:
+    """A negative electrical scale once gave uncertainties its sign."""
+    std = quantity.get("std") if isinstance(quantity, dict) else None
+    return {**quantity, "std": abs(std)} if isinstance(std, float) else quantity
 
 
 def _session(run: Any) -> dict[str, Any]:
