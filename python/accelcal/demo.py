@@ -123,6 +123,6 @@ def exact_signals(motion: Motion, t: Array, rig: Rig, origins: Origins) -> Signa
 def seal(hidden: Hidden, path: Path) -> None:
     """Write the answer encoded, so that reading the file does not disclose it."""
     answer = {"effect": hidden.effect, "size": hidden.size, "shape": dict(hidden.shape), **TRUTH}
-    text = base64.b64encode(json.dumps(answer).encode()).decode()
+    text = base64.b64encode(json.dumps(answer, allow_nan=False).encode()).decode()
     content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}
-    atomic_write(path, json.dumps(content, indent=2) + "\n")
+    atomic_write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")

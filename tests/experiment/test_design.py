@@ -15,6 +15,7 @@ import accelcal as ac
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION
 from accelcal.experiment import Limits, plan
 from accelcal.experiment.planned_bursts import PATTERNS, Recipe, build
+from tests.schemas import require_published
 
 LIMITS = (Limits(0.2, 0.1, 20.0), Limits(0.02, 1.0, 5.0), Limits(1.0, 0.5, 2.0))
 
@@ -112,6 +113,7 @@ def test_a_plan_is_written_to_a_file_that_power_reads(tmp_path):
     assert made.returncode == 0, made.stderr
     content = json.loads(made.stdout)
     assert content["schema"] == "accelcal/plan/1"
+    require_published(content)
     assert content["limits"]["stroke_m"] == 0.2
     with (tmp_path / "m.csv").open() as file:
         rows = list(csv.reader(file))
@@ -133,7 +135,9 @@ def test_power_of_a_recording_and_its_refusals(tmp_path):
     write_recording(made.recording, tmp_path / "run.csv")
     seen = accelcal("power", "run.csv", "--json", cwd=tmp_path)
     assert seen.returncode == 0, seen.stderr
-    assert json.loads(seen.stdout)["schema"] == "accelcal/power/1"
+    content = json.loads(seen.stdout)
+    assert content["schema"] == "accelcal/power/1"
+    require_published(content)
     (tmp_path / "bare.csv").write_text("t_s,position_m\n" + "".join(f"{k / 100},{k % 7}e-3\n" for k in range(100)))
     bare = accelcal("power", "bare.csv", cwd=tmp_path)
     assert bare.returncode == 3

@@ -18,6 +18,7 @@ from accelcal.fleet.population import population
 from accelcal.fleet.summary import AGEING_ALPHA, OUTLYING, moving_range, summarise
 from accelcal.fleet.task import fit_of
 from accelcal.serialization import model_file
+from tests.schemas import require_published
 
 SENSORS, RUNS = 24, 4
 
@@ -162,6 +163,7 @@ def test_a_call_that_was_killed_half_way_goes_on(sensors, tmp_path):
     assert (done.computed, done.kept) == (20 - kept, kept)
     kept, made = (model_file.dumps(summarise(campaign.load(store)).to_dict()) for store in (half, whole))
     assert kept == made
+    require_published(json.loads(made))
 
 
 def test_a_fleet_grows_and_tries_again_what_failed(tmp_path):

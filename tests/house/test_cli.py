@@ -49,7 +49,7 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     assert fitted.returncode == 0, fitted.stderr
     model = json.loads(fitted.stdout)
     assert json.loads((folder / "m.json").read_text()) == model
-    assert model["schema"] == "accelcal/model/1"
+    assert model["schema"] == "accelcal/model/2"
     assert model["seed"] == 7
     names = [p["name"] for p in model["parameters"]]
     assert names == ["bias", "scale_factor", "time_offset"] == model["covariance"]["names"]

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 import accelcal as ac
 from accelcal.cli import app
-from accelcal.cli.printing import show_fit, show_improvement, show_table
+from accelcal.cli.printing import show_fit, show_improvement
+from accelcal.cli.terminal import show_table
 from accelcal.estimation.estimate import estimate
 from accelcal.formatting import interval
 from accelcal.serialization import diagnosis_json

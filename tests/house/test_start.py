@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-HEAVY = ("scipy.stats", "scipy.special", "scipy.linalg", "matplotlib", "plotly", "pint")
+HEAVY = ("scipy.stats", "scipy.special", "scipy.linalg", "matplotlib", "plotly", "pint", "pydantic")
 
 
 def loaded_by(*command: str) -> set[str]:

@@ -1,7 +1,10 @@
 """Dwells from files: tables, recordings at rest, rests of a long record; errors name file, row and column."""
 
+import json
+
 import numpy as np
 import pytest
+from tests.schemas import require_published
 from typer.testing import CliRunner
 
 import accelcal as ac
@@ -209,7 +212,9 @@ def test_a_diagnosis_takes_dwells_alone_and_with_a_motion(table, tmp_path):
     assert run("fit", table, "-o", tmp_path / "m.json").exit_code == 0
     alone = run("diagnose", tmp_path / "m.json", table, "--json")
     assert alone.exit_code == 0
-    assert '"accelcal/diagnosis-of-dwells/1"' in alone.output
+    content = json.loads(alone.stdout)
+    assert content["schema"] == "accelcal/diagnosis-of-dwells/1"
+    require_published(content)
     assert run("fit", tmp_path / "run.csv", "-o", tmp_path / "r.json").exit_code == 0
     both = run("diagnose", tmp_path / "r.json", tmp_path / "run.csv", table)
     assert both.exit_code == 0, both.output

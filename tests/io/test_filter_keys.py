@@ -77,6 +77,7 @@ def test_a_model_file_holds_filters_and_an_old_one_has_none(tmp_path, simulated_
     assert model_file.from_dict(content).rig == rig
     for key in ("output_filters", "position_filters"):
         del content["rig"][key]
+    content["schema"] = "accelcal/model/1"
     assert model_file.from_dict(content).rig.filters == ()
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.schemas import require_published
 
 import accelcal.paper as paper
 from accelcal.data.rig import STANDARD_GRAVITY
@@ -285,6 +286,7 @@ def test_reproduction_speaks_text_and_json_and_draws_its_figures(
 
     data = json.loads(json.dumps(result.to_dict()))
     assert data["schema"] == "accelcal/paper/1"
+    require_published(data)
     assert [item["name"] for item in data["items"]] == ["fourier", "mapping", "tracks"]
     assert set(data["items"][0]["rows"][0]) == {
         "by",

@@ -1,13 +1,16 @@
 """What an improvement says: what was found apart from what is left, and nothing named on too short a record."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
 
 import accelcal as ac
 from accelcal.diagnosis.findings import Confounded, Finding, equivalent_sigma, with_findings
+from accelcal.serialization import model_file
 from accelcal.serialization.diagnosis_json import improvement_to_dict
+from tests.schemas import require_published
 
 
 def late(seconds, delay=2e-3, seed=5):
@@ -24,6 +27,7 @@ def delayed():
 def test_the_sentence_opens_with_what_was_found_and_left_speaks_of_the_last_model(delayed):
     content = improvement_to_dict(delayed)
     assert content["schema"] == "accelcal/improve/2"
+    require_published(json.loads(model_file.dumps(content)))
     assert content["effects"] == ["time_offset"]
     assert content["sentence"].startswith("time_offset was found (2")
     assert "nothing else is missing" in content["sentence"]

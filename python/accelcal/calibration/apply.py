@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from accelcal.calibration.characteristic import STATIC, characteristic
@@ -52,6 +53,8 @@ def apply(fit: Fit, output: float) -> Application:
         If the model is not invertible there.
     """
     own = characteristic(fit)
+    if own.scale == 0.0:
+        raise OutsideRange("1 + scale_factor is 0: no acceleration follows from an output")
     rounds = [(output - own.forward(0.0)) / own.scale]
     for _ in range(ROUNDS):
         slope = own.slope(rounds[-1])
@@ -67,7 +70,10 @@ def apply(fit: Fit, output: float) -> Application:
         raw, unit = (sensor.zero or 0.0) + sensor.scale * output, sensor.scale_unit or "V"
     unused = [name for name in own.coefficients if STATIC[name].thermal] + [own.clipped_by] * (own.clip is not None)
     left_out = (*((name, "sensor") for name in unused), *((effect.effect, effect.owner) for effect in own.left_out))
-    return Application(raw, unit, output, tuple(rounds), own.std(fit, rounds[-1]), left_out)
+    std = own.std(fit, rounds[-1])
+    if not (math.isfinite(rounds[-1]) and math.isfinite(std)):
+        raise OutsideRange(f"an output of {output:.6g} m/s² gives no finite acceleration with a finite uncertainty")
+    return Application(raw, unit, output, tuple(rounds), std, left_out)
 
 
 def example(fit: Fit) -> Application:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -98,7 +99,8 @@ class Characteristic:
         J: Array = np.array(
             [STATIC[e.name].per_unit(a, warmth) if e.name in self.coefficients else 0.0 for e in fit.free]
         )
-        return float(np.sqrt(J @ fit.covariance @ J)) / abs(self.slope(a, warmth))
+        variance = max(0.0, float(J @ fit.covariance @ J))  # rounding may leave less than nothing
+        return math.sqrt(variance) / abs(self.slope(a, warmth))
 
 
 def characteristic(fit: Fit) -> Characteristic:

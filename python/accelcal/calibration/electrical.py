@@ -18,12 +18,12 @@ def electrical(fit: Fit, rig: Rig) -> dict[str, Any] | None:
     return {
         "sensitivity": {
             "value": sensor.scale * (1.0 + k.value) * STANDARD_GRAVITY,
-            "std": sensor.scale * k.std * STANDARD_GRAVITY,
+            "std": abs(sensor.scale) * k.std * STANDARD_GRAVITY,
             "unit": f"{unit}/g",
         },
         "zero_g_output": {
             "value": (sensor.zero or 0.0) + sensor.scale * bias.value,
-            "std": sensor.scale * bias.std,
+            "std": abs(sensor.scale) * bias.std,
             "unit": unit,
         },
     }

@@ -15,6 +15,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from accelcal._support import internal_error
+from accelcal._support.plain_text import visible
 
 WRITTEN = ("output", "c", "rust", "dcc")
 """Parameters that name an output file."""
@@ -154,13 +155,13 @@ class UsageError(ValueError):
 
 def exit_with(text: str, code: int) -> NoReturn:
     """Print an error on stderr and exit."""
-    print(f"accelcal: {text}", file=sys.stderr)
+    print(visible(f"accelcal: {text}"), file=sys.stderr)
     raise SystemExit(code)
 
 
 def print_status(text: str) -> None:
     """Print a line on stderr, which keeps stdout free for data."""
-    print(text, file=sys.stderr)
+    print(visible(text), file=sys.stderr)
 
 
 def print_json(content: dict[str, Any]) -> None:

@@ -19,6 +19,7 @@ from accelcal.cli.common import (
     time_range,
     with_exit_codes,
 )
+from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
@@ -57,9 +58,9 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     if json:
         print_json({**summary.describe(recording), "breaks_s": breaks})
         return
-    print(summary.summarise(recording))
+    say_line(summary.summarise(recording))
     for text in broken_lines({"breaks": breaks}):
-        print(f"suspect data: {text}")
+        say_line(f"suspect data: {text}")
 
 
 @app.command()

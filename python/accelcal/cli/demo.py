@@ -11,6 +11,7 @@ import typer
 from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
 from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.printing import show_comparison, show_fit, show_improvement
+from accelcal.cli.terminal import say_line
 
 
 @app.command()
@@ -52,18 +53,19 @@ def demo(
         rng = np.random.default_rng(each)
         made = simulate_rig("interleaved", seconds=60.0, rig=ADXL105_RIG, parameters=truth, rng=rng)
         write_recording(made.recording, path)
-        print(f"simulated {path}: 60 s, {len(made.recording.accel)} output samples; true values: {truth_text(truth)}")
-    print(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
+        count = len(made.recording.accel)
+        say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
+    say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
     found = fit_replay(Model.linear(), first)
     model_file.save(found, output / "m.json", seed=seed)
     show_fit(found, first)
-    print(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
+    say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     seen = compare_with(found, io.load(paths[1]))
     show_comparison(model_file.comparison_to_dict(seen))
     for path in write(found, seen, output):
-        print(f"wrote {path}")
-    print(f"\nThis took {time.perf_counter() - began:.1f} s.")
+        say_line(f"wrote {path}")
+    say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
 
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
@@ -78,15 +80,15 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     for path, recording in zip(paths, (hidden.train, hidden.holdout), strict=True):
         write_recording(recording, path)
     seal(hidden, output / "answer.json")
-    print(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
-    print(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
+    say_line(f"{paths[0]} and {paths[1]} may contain a hidden effect; the answer is in {output / 'answer.json'}.")
+    say_line(f"\n$ accelcal improve {paths[0]} --holdout {paths[1]} -o {output / 'best.json'}")
     with progress("improve") as report:
         found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
     model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
     show_improvement(found, diagnosis_json.improvement_to_dict(found))
     unit = "" if hidden.effect is None else find(hidden.effect).unit
     truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g} {unit}".removesuffix(" 1")
-    print(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {truth}.")
+    say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {truth}.")
 
 
 @app.command()
@@ -110,7 +112,7 @@ def paper(
     if json:
         print_json(found.to_dict())
     else:
-        print(found.to_text())
+        say_line(found.to_text())
     for path in found.figures:
         print_status(f"wrote {path}")
 
@@ -157,11 +159,11 @@ def doctor(json: Json = False) -> None:
     if json:
         print_json(content)
         return
-    print(f"accelcal {content['accelcal']}, Python {content['python']}, {content['platform']}")
-    print(f"processors: {content['processors']}")
+    say_line(f"accelcal {content['accelcal']}, Python {content['python']}, {content['platform']}")
+    say_line(f"processors: {content['processors']}")
     for name in needed:
-        print(f"  {name} {metadata.version(name)}")
+        say_line(f"  {name} {metadata.version(name)}")
     for extra, package in extras.items():
         have = importlib.util.find_spec(package) is not None
         text = metadata.version(package) if have else f'missing; pip install "accelcal[{extra}]"'
-        print(f"  [{extra}] {package} {text}")
+        say_line(f"  [{extra}] {package} {text}")

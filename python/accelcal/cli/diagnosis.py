@@ -36,6 +36,7 @@ from accelcal.cli.printing import (
     show_power,
     show_steps,
 )
+from accelcal.cli.terminal import say_line, show_wrapped_table
 
 if TYPE_CHECKING:
     from accelcal.data.rig import Rig as RigOf
@@ -229,19 +230,14 @@ def effects(
 
     Example: [bold]accelcal effects cubic[/bold]
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from accelcal.effects import CATALOGUE, card, find
 
     load_own_effects(effects_file)
     if name is not None:
-        print(card(find(name)))
+        say_line(card(find(name)))
         return
-    table = Table("effect", "unit", "port", "owner", "description", box=None)
-    for each in CATALOGUE.values():
-        table.add_row(each.name, each.unit, each.port, each.owner, each.card.split("\n", maxsplit=1)[0])
-    Console().print(table)
+    rows = [(e.name, e.unit, e.port, e.owner, e.card.split("\n", maxsplit=1)[0]) for e in CATALOGUE.values()]
+    show_wrapped_table(("effect", "unit", "port", "owner", "description"), rows)
 
 
 @app.command()

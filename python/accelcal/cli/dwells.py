@@ -54,7 +54,7 @@ def dwells(
 
     Example: [bold]accelcal dwells tumble.csv --attitudes 0:15 -o dwells.csv[/bold]
     """
-    from accelcal.cli.printing import show_table
+    from accelcal.cli.terminal import show_table
     from accelcal.estimation.triad import fit_triad
     from accelcal.io.rests import load_rests, table_of, write_table
 
@@ -173,15 +173,15 @@ def triad_to_dict(fit: TriadFit) -> dict[str, Any]:
 
 def show_triad(fit: TriadFit) -> None:
     """Print nine parameters and what they leave."""
-    from accelcal.cli.printing import show_table
+    from accelcal.cli.terminal import say_line, show_table
     from accelcal.formatting import short
 
     units = {"K": f"(m/s²)/{fit.unit}", "T": "rad", "b": fit.unit}
     std = dict(fit.std)
     rows = [(name, short(y, std[name]), units[name[0]]) for name, y in fit.values.items()]
-    print(f"{fit.name}: a = T K (y - b), {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")
+    say_line(f"{fit.name}: a = T K (y - b), {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")
     show_table(("parameter", "value (std)", "unit"), rows)
-    print(f"residual of the norm: {fit.rms:.3g} m/s² rms")
-    print(fit.sentence)
+    say_line(f"residual of the norm: {fit.rms:.3g} m/s² rms")
+    say_line(fit.sentence)
     for text in fit.remarks:
-        print(f"note: {text}")
+        say_line(f"note: {text}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from accelcal.cli.common import UsageError, parse_quantity
+from accelcal.cli.terminal import say, say_line, show_table
 from accelcal.formatting import interval, millionths, plus_minus, short
 
 MOST_COLUMNS = 4
@@ -33,20 +33,20 @@ def show_export(content: dict[str, Any]) -> None:
     from accelcal.calibration.export.words import upwards
 
     low, high = content["validity"]["acceleration_m_per_s2"]
-    print(content["model"])
-    print(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
+    say_line(content["model"])
+    say_line(f"valid for {low:.6g} to {high:.6g} m/s²", end="")
     warm = content["validity"]["temperature_degC"]
-    print("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
+    say_line("" if warm is None else f", {warm[0]:.4g} to {warm[1]:.4g} degC")
     for kind in ("double", "float"):
         code = content[kind]
         terms = sum(len(row) for s in code["segments"] for row in s["coefficients"])
-        print(f"{kind}: within {upwards(code['bound_m_per_s2'])} m/s² of the exact inverse, {terms} coefficients")
+        say_line(f"{kind}: within {upwards(code['bound_m_per_s2'])} m/s² of the exact inverse, {terms} coefficients")
     least, most = content["std_m_per_s2"]
-    print(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
+    say_line(f"standard uncertainty from the fit: {least:.2g} to {most:.2g} m/s²")
     for one in content["left_out"]:
-        print(f"not exported: {one['effect']} {one['why']}")
+        say_line(f"not exported: {one['effect']} {one['why']}")
     for text in content["remarks"]:
-        print(f"note: {text}")
+        say_line(f"note: {text}")
 
 
 def limit(text: str, kind: str, option: str) -> float:
@@ -59,15 +59,11 @@ def limit(text: str, kind: str, option: str) -> float:
 
 def show_power(content: dict[str, Any]) -> None:
     """Print the smallest detectable size of every effect, then confounded effects."""
-    from rich.console import Console
-
-    console = Console()
     share = f"{100 * content['probability']:.0f} %"
-    console.print(
+    say(
         f"{content['name'] or 'recording'}: smallest sizes detected with {share} probability among "
         f"{content['candidates_examined']} candidates, false alarms {100 * content['alpha']:.2g} % per record",
         style="bold",
-        highlight=False,
     )
     rows = []
     for each in content["effects"]:
@@ -87,11 +83,9 @@ def show_power(content: dict[str, Any]) -> None:
         )
     show_table(("effect", "smallest size", "unit", "largest contribution"), rows)
     if any(not each["class"][1:] and each["smallest_detectable"] is None for each in content["effects"]):
-        console.print(
-            "not detectable: absorbed by the base model, or it would have to be as large as the motion itself"
-        )
+        say("not detectable: absorbed by the base model, or it would have to be as large as the motion itself")
     for tie in content["ties"]:
-        console.print(f"confounded: {', '.join(tie['members'])}. {tie['experiment']}", highlight=False)
+        say(f"confounded: {', '.join(tie['members'])}. {tie['experiment']}")
     show_drift_bandwidth(content.get("drift_bandwidth"))
 
 
@@ -99,7 +93,7 @@ def show_drift_bandwidth(content: dict[str, Any] | None) -> None:
     """Print the smallest sinusoidal changes of bias and scale factor that a record shows, and those of a tumble."""
     if content is None:
         return
-    print(f"smallest sinusoidal change that this record shows at {content['sigma']:g} sigma, whatever its phase")
+    say_line(f"smallest sinusoidal change that this record shows at {content['sigma']:g} sigma, whatever its phase")
     frequency, tumble = content["frequency_Hz"], content["tumble"]
     names = [name for name in tumble if name in content and name != "frequency_Hz"]
     few = range(0, len(frequency), max(1, len(frequency) // DRIFT_ROWS))
@@ -109,14 +103,14 @@ def show_drift_bandwidth(content: dict[str, Any] | None) -> None:
     ]
     slow = (f"below {tumble['frequency_Hz']:.1g}", *(f"{tumble[name]:.2g}" for name in names))
     show_table(("frequency, Hz", "bias, m/s²", "scale_factor"), [*rows, slow])
-    print(
+    say_line(
         f"  the last row: a tumble test of {tumble['seconds'] / 60:.0f} min with this noise and angles to 0.001 degrees"
     )
 
 
 def show_formulas(found: FormulaSet) -> None:
     """Print the answer, then the numbers of each formula."""
-    print(found.sentence)
+    say_line(found.sentence)
     rows = []
     for each in found.formulas:
         for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
@@ -132,24 +126,20 @@ def show_formulas(found: FormulaSet) -> None:
 
 def show_plan(content: dict[str, Any]) -> None:
     """Print what a planned motion would detect, and whether it separates the requested effects."""
-    from rich.console import Console
-
-    console = Console()
     names = ", ".join(each["effect"] for each in content["effects"])
     limits = content["limits"]
     verdict = "can be separated" if content["separated"] else "cannot all be separated within these limits"
-    console.print(
+    say(
         f"{names} {verdict}; {content['motions_tried']} motions of {content['seconds']:g} s tried within "
         f"{limits['stroke_m']:g} m, {limits['speed_m_per_s']:g} m/s, {limits['acceleration_m_per_s2']:g} m/s²",
         style="bold",
-        highlight=False,
     )
     show_power({**content, "name": "this motion", "probability": 0.95, "ties": []})
     for each in content["effects"]:
         if each["class"][1:]:
-            console.print(f"{each['effect']} is confounded with {', '.join(each['class'][1:])}", highlight=False)
+            say(f"{each['effect']} is confounded with {', '.join(each['class'][1:])}")
     for pair in content["correlations"]:
-        console.print(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}", highlight=False)
+        say(f"{' and '.join(pair['effects'])}: correlation {pair['correlation']:.3f}")
 
 
 def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
@@ -157,30 +147,28 @@ def show_improvement(found: Improvement, content: dict[str, Any]) -> None:
     show_diagnosis(content)
     show_parameters(found.diagnosis.fit)
     if found.same_run:
-        print("held out: the end of the same run, which does not reveal set-up and slow-drift errors")
+        say_line("held out: the end of the same run, which does not reveal set-up and slow-drift errors")
     for text in content["steps"][-1]["heldout"]["not_carried"]:
-        print(f"note: {text}")
+        say_line(f"note: {text}")
     show_steps([(" + ".join(["base", *step["effects"]]), step["heldout"]) for step in content["steps"]], content)
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
     """Print the verdict, then the candidates and confounded effects."""
-    from rich.console import Console
 
     from accelcal.diagnosis.remarks import KINDS
 
-    console = Console()
     by_place: dict[str, list[str]] = {}
     for one in content["remarks"]:
         by_place.setdefault(KINDS[one["code"]].place, []).append(one["sentence"])
     lines = [(f"suspect data: {text}", "bold red") for text in by_place.get("data", ())]
     lines.insert(0 if "verdict" in by_place else len(lines), (content["sentence"], "bold"))
     for text, style in lines:
-        console.print(text, style=style, highlight=False)
+        say(text, style=style)
     for text in by_place.get("beside", ()):
         if text in content["sentence"]:
             continue
-        console.print(f"note: {text}", highlight=False, markup=False)
+        say(f"note: {text}")
     if content.get("candidates"):
         rows = [
             (
@@ -196,27 +184,24 @@ def show_diagnosis(content: dict[str, Any]) -> None:
             for c in content["candidates"][:8]
         ]
         show_table(("candidate", "estimate (std)", "unit", "sigma", "p", "largest, m/s²"), rows)
-        console.print(
+        say(
             f"p is the family-wise p-value over {content['candidates_examined']} candidates; largest is the largest "
             "contribution over the used range",
-            highlight=False,
         )
     for text in contribution_lines(content):
-        console.print(text, highlight=False)
+        say(text)
     for one in content["dropped"]:
-        console.print(f"note: {one['sentence']}", highlight=False)
+        say(f"note: {one['sentence']}")
     if "where" in content:
-        console.print(f"largest residual: {content['where']['worst']}", highlight=False)
+        say(f"largest residual: {content['where']['worst']}")
     for tie in content["classes"]:
         if len(tie["members"]) > 1:
-            console.print(
+            say(
                 f"confounded on this record: {', '.join(tie['members'])}. To separate them: {tie['experiment']}.",
-                highlight=False,
             )
     for tie in content["inseparable"]:
-        console.print(
+        say(
             f"confounded on this rig: {', '.join(tie['members'])}. To separate them: {tie['experiment']}.",
-            highlight=False,
         )
 
 
@@ -258,8 +243,6 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | 
     steps : name and comparison of each model.
     table : of several models: the filter that they share, and the change from each step to the next.
     """
-    from rich.console import Console
-
     rows = []
     changes = [None for _ in steps] if table is None else [step["change"] for step in table["steps"]]
     for (name, seen), change in zip(steps, changes, strict=True):
@@ -272,14 +255,13 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | 
     head = ["model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"]
     measure = next((change["measure"] for change in changes if change is not None), None)
     width = len(head) if measure is None else len(head) + 1
-    console = Console()
-    console.print("rms unaided drift on held-out data (rezeroed) after", highlight=False)
+    say("rms unaided drift on held-out data (rezeroed) after")
     show_table((*head, f"change of {measure}, %")[:width], [row[:width] for row in rows])
     if table is not None:
-        console.print(ruler_line(table["ruler"]), highlight=False)
+        say(ruler_line(table["ruler"]))
     scores = [score["sentence"] for score in steps[-1][1]["noise_scores"]]
     for text in (*scores, *broken_lines(steps[-1][1]), *outside_lines(steps[-1][1])):
-        console.print(f"held out: {text}", highlight=False)
+        say(f"held out: {text}")
 
 
 def ruler_line(ruler: dict[str, float]) -> str:
@@ -303,30 +285,28 @@ def broken_lines(seen: dict[str, Any]) -> list[str]:
 
 def show_fit(found: Fit, *recordings: Recording) -> None:
     """Print a fit as a table, with noise, warnings and remarks."""
-    from rich.console import Console
 
     from accelcal.calibration.electrical import electrical
     from accelcal.effects import spelled
 
-    console = Console()
-    console.print(f"{', '.join(name for name, _ in found.sources)}: {found.method}", style="bold")
+    say(f"{', '.join(name for name, _ in found.sources)}: {found.method}", style="bold")
     first = found.remarks[:1] if found.tilt > 0.0 else ()
     for text in first:
-        console.print(text, style="bold", highlight=False)
+        say(text, style="bold")
     show_parameters(found)
     rig = recordings[0].rig if recordings else found.rig
     for key, one in (electrical(found, rig) or {}).items():
-        console.print(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}", highlight=False)
+        say(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}")
     for run in found.runs:
         for line in noise_lines(run.noise):
-            console.print(line, highlight=False)
+            say(line)
     for recording in recordings:
         for finding in recording.findings:
             if finding.severity == "warning":
-                console.print(f"warning: {recording.name}: {finding.text}", style="bold red", highlight=False)
+                say(f"warning: {recording.name}: {finding.text}", style="bold red")
     show_dwells(found)
     for text in (*(recordings[0].rig.assumptions if recordings else ()), *found.remarks[len(first) :]):
-        console.print(f"note: {text}", highlight=False, markup=False)
+        say(f"note: {text}")
 
 
 def show_dwells(found: Fit) -> None:
@@ -340,9 +320,9 @@ def show_dwells(found: Fit) -> None:
     ]
     show_table(("attitude (deg)", "residual (m/s²)", "std", "sigma"), rows)
     for group, zero in of.zeros:
-        print(f"angle zero{f' of group {group}' if len(of.zeros) > 1 else ''}: {math.degrees(zero):+.4g} deg")
+        say_line(f"angle zero{f' of group {group}' if len(of.zeros) > 1 else ''}: {math.degrees(zero):+.4g} deg")
     if of.freedom > 0:
-        print(
+        say_line(
             f"scatter between dwells over noise within them: {of.ratio:.3g}; "
             f"p = {of.p_value:.2g} under all that is declared"
         )
@@ -369,21 +349,21 @@ def show_fleet(found: Fleet) -> None:
         lines.append((content["sensor"], str(content["runs"]), *each))
     show_table(("sensor", "runs", *found.populations), lines)
     for text in found.sentences:
-        print(f"note: {text}")
+        say_line(f"note: {text}")
     for file, error in found.errors.items():
-        print(f"not fitted: {file}: {error.strip().splitlines()[-1]}")
+        say_line(f"not fitted: {file}: {error.strip().splitlines()[-1]}")
 
 
 def show_dwell_diagnosis(found: DwellDiagnosis) -> None:
     """Print what a model lacks on dwells."""
-    print(f"{found.verdict}: {found.sentence}")
+    say_line(f"{found.verdict}: {found.sentence}")
     rows = [
         (one.effect, short(one.estimate, one.std), one.unit, f"{one.sigma:.1f}", f"{one.p_value:.2g}")
         for one in found.candidates[:MOST_CANDIDATES]
     ]
     show_table(("candidate", "value (std)", "unit", "sigma", "p"), rows)
     for text in found.remarks:
-        print(f"note: {text}")
+        say_line(f"note: {text}")
 
 
 def show_parameters(found: Fit) -> None:
@@ -422,17 +402,17 @@ def show_parameters(found: Fit) -> None:
         rows.append((noise.name, value, noise.unit, span, display(noise.unit, noise.value, noise.std) or ""))
     show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
     for noise in found.noise_effects:
-        print(f"  {noise.name}: {noise.sentence}")
+        say_line(f"  {noise.name}: {noise.sentence}")
     for spread in found.spreads:
         each = zip(found.runs, spread.runs, strict=True)
-        print(f"  {spread.name} by run: " + ", ".join(f"{run.name or 'recording'} {y:.6g}" for run, y in each))
+        say_line(f"  {spread.name} by run: " + ", ".join(f"{run.name or 'recording'} {y:.6g}" for run, y in each))
     for name, total in estimated.items():
-        print(f"  {name} estimates {total} on this rig")
+        say_line(f"  {name} estimates {total} on this rig")
     for name, number in summarised.items():
         size = process_size(found.model, name) or f"{number} coefficients, at most {largest_coefficient(found, name)}"
-        print(f"  {name}: {size}; --json lists them")
+        say_line(f"  {name}: {size}; --json lists them")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
-        print(f"  {name}: {number} of its columns are not needed")
+        say_line(f"  {name}: {number} of its columns are not needed")
 
 
 def process_size(model: Model, name: str) -> str:
@@ -465,20 +445,6 @@ def largest_coefficient(found: Fit, name: str) -> str:
     return f"{shown} {largest.unit}".removesuffix(" 1")
 
 
-def show_table(head: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    """Print a table in full: wider than the terminal rather than with truncated numbers."""
-    from rich.console import Console
-    from rich.measure import Measurement
-    from rich.table import Column, Table
-
-    table = Table(*(Column(name, no_wrap=True) for name in head), box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*row)
-    console = Console()
-    needed = Measurement.get(console, console.options.update(max_width=1000), table).maximum
-    Console(width=max(console.width, needed)).print(table)
-
-
 def noise_lines(report: Any) -> list[str]:
     """Noise of one run: overall, at rest, in motion, and as declared."""
     from accelcal.data.units import MICRO_G
@@ -501,13 +467,11 @@ def noise_lines(report: Any) -> list[str]:
 
 def show_comparison(content: dict[str, Any]) -> None:
     """Print a comparison: unaided drift first."""
-    from rich.console import Console
 
     def millimetres(value: float | None) -> str:
         return "-" if value is None else f"{1e3 * value:.4g}"
 
-    console = Console()
-    console.print(f"{content['recording'] or 'recording'}", style="bold")
+    say(f"{content['recording'] or 'recording'}", style="bold")
     rows = [
         (
             f"{horizon} s",
@@ -524,24 +488,21 @@ def show_comparison(content: dict[str, Any]) -> None:
     )
     setup = content["setup_bias_m_per_s2"]
     if setup["std"] is not None:
-        console.print(
-            f"change of set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²", highlight=False
-        )
+        say(f"change of set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²")
     nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
-    console.print(f"one-step prediction error: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}", highlight=False)
+    say(f"one-step prediction error: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}")
     steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
-    console.print(f"prediction error by readings ahead: {steps}", highlight=False)
-    console.print(
+    say(f"prediction error by readings ahead: {steps}")
+    say(
         f"accelerometer residual up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
-        highlight=False,
     )
-    console.print(f"largest residual: {content['worst']}", highlight=False)
+    say(f"largest residual: {content['worst']}")
     for score in content["noise_scores"]:
-        console.print(score["sentence"], highlight=False)
+        say(score["sentence"])
     for text in broken_lines(content):
-        console.print(f"suspect data: {text}", style="bold red", highlight=False)
+        say(f"suspect data: {text}", style="bold red")
     for text in (*content["not_carried"], *(outside_lines(content) or content["remarks"])):
-        console.print(f"note: {text}", highlight=False, markup=False)
+        say(f"note: {text}")
 
 
 def outside_lines(content: dict[str, Any]) -> list[str]:

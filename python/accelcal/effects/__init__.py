@@ -32,7 +32,8 @@ from accelcal.effects.registry import (
 from accelcal.effects.processes import find, on_demand
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
-from accelcal.effects.user_file import EffectsFileError, load_effects
+from accelcal.effects.guard import EffectsFileError
+from accelcal.effects.user_file import load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""

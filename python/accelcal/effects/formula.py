@@ -7,6 +7,8 @@ import hashlib
 import keyword
 import math
 import re
+import unicodedata
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -15,8 +17,9 @@ from typing import Literal
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.effects.guard import guarded
 from accelcal.effects.registry import CATALOGUE, Effect
-from accelcal.effects.user_file import PROBE, probe
+from accelcal.effects.user_file import MANY, PROBE, probe
 from accelcal.signals.signals import Signals
 
 LONGEST = 200
@@ -41,6 +44,11 @@ FUNCTIONS: Mapping[str, Callable[[Array], Array]] = MappingProxyType(
         "arctan": np.arctan,
     }
 )
+RESERVED = frozenset((*MOTION, *FUNCTIONS, "np", "s", "effect"))
+"""Names with a meaning in an expression, or in the file that it is written to."""
+DECADES = 9.0
+"""Motions on which an expression is constant if it is so at all reach over this many decades, both ways."""
+DRAWS = 512
 _BINARY: Mapping[type[ast.operator], tuple[str, Callable[[Array, Array], Array]]] = MappingProxyType(
     {
         ast.Add: ("+", np.add),
@@ -112,16 +120,20 @@ def from_expression(
     """
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
+    if name in RESERVED:
+        raise ExpressionError(f"name {name!r}: it has a meaning in expressions and their files; choose another name")
     if not _UNIT.fullmatch(unit):
         raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")
     if port not in ("output", "position") or owner not in ("sensor", "mounting", "rig", "encoder"):
         raise ExpressionError(f"an own effect adds to output or position and belongs to a part; found {port}, {owner}")
-    tree = parse(text, (*MOTION, *channels))
+    usable = tuple(dict.fromkeys(c for c in channels if is_usable(c)))
+    tree = parse(text, (*MOTION, *usable))
     understood = ast.unparse(tree)
-    needs = tuple(c for c in channels if c in _names(tree))
+    _require_finite_constants(tree)
+    needs = tuple(c for c in usable if c in _names(tree))
 
     def function(s: Signals) -> Array:
-        known = {each: getattr(s, each) for each in MOTION} | {each: s.side[each] for each in needs}
+        known = {each: s.side[each] for each in needs} | {each: getattr(s, each) for each in MOTION}
         return _value(tree, known)
 
     function.__doc__ = f"Own effect: {understood}."
@@ -141,10 +153,21 @@ def from_expression(
         digest=hashlib.sha256(file.encode()).hexdigest(),
     )
     _try(made, understood)
+    subject = f"effect {name!r}, {understood},"
+    made = guarded(made, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}")
     old = CATALOGUE.setdefault(name, made)
     if old.digest != made.digest:
         raise ExpressionError(f"name {name!r}: there is an effect called so already; choose another name")
     return Own(old, understood)
+
+
+def is_usable(channel: str) -> bool:
+    """Whether an expression may use a side channel by its name.
+
+    A name that means something else in an expression, or that is none, cannot be told from it.
+    """
+    plain = channel.isidentifier() and unicodedata.normalize("NFKC", channel) == channel
+    return plain and not keyword.iskeyword(channel) and channel not in RESERVED
 
 
 def parse(text: str, names: tuple[str, ...]) -> ast.expr:
@@ -158,7 +181,9 @@ def parse(text: str, names: tuple[str, ...]) -> ast.expr:
     if len(text) > LONGEST:
         raise ExpressionError(f"the expression has {len(text)} characters; at most {LONGEST} are read")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SyntaxWarning)
+            tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, MemoryError, RecursionError):
         raise ExpressionError(f"{text[:40]!r} is not a formula; write one like v * abs(v)") from None
     _check(tree, names, 0)
@@ -233,20 +258,46 @@ def _value(node: ast.expr, known: Mapping[str, Array]) -> Array:
 
 
 def _try(made: Effect, understood: str) -> None:
-    """Evaluate an effect on an ordinary motion, which passes through zero."""
-    moving = probe(made.needs)
-    nothing = np.zeros(PROBE)
+    """Evaluate an effect on an ordinary motion, which passes through zero, as its file will be."""
+    moving, fine, nothing = probe(made.needs), probe(made.needs, MANY), np.zeros(PROBE)
     still = replace(moving, p=nothing, v=nothing, a=nothing, jerk=nothing)
     with np.errstate(all="ignore"):
-        y = np.concatenate([made.column(moving), made.column(still)])
+        y = np.concatenate([made.column(motion) for motion in (moving, still, fine)])
     if not np.all(np.isfinite(y)):
         raise ExpressionError(
-            f"{understood}: not finite at {2 * PROBE - int(np.isfinite(y).sum())} of {2 * PROBE} instants of an "
-            "ordinary motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs "
-            "and a constant"
+            f"{understood}: not finite at {len(y) - int(np.isfinite(y).sum())} of {len(y)} instants of an ordinary "
+            "motion, where a, v and p pass through zero; guard divisions, roots and logarithms with abs and a constant"
         )
-    if math.isclose(float(np.ptp(y)), 0.0) and "t" not in understood:
+    if not _varies(made, moving) and not _varies(made, _wide(moving)):
         raise ExpressionError(f"{understood}: constant on an ordinary motion; that is what bias is for")
+
+
+def _varies(made: Effect, s: Signals) -> bool:
+    """Whether an effect has more than one finite value on a motion."""
+    with np.errstate(all="ignore"):
+        y = made.column(s)
+    y = y[np.isfinite(y)]
+    return len(y) > 1 and float(np.ptp(y)) > 1e-12 * float(np.max(np.abs(y)))
+
+
+def _wide(s: Signals) -> Signals:
+    """Times and side channels of any size and sign beside one instant: an effect may set in late, or in any unit."""
+    rng = np.random.default_rng(0)
+
+    def any_size() -> Array:
+        return np.asarray(10.0 ** rng.uniform(-DECADES, DECADES, DRAWS) * rng.choice([-1.0, 1.0], DRAWS))
+
+    return replace(s.at(np.full(DRAWS, 1)), t=np.sort(any_size()), side={name: any_size() for name in s.side})
+
+
+def _require_finite_constants(tree: ast.expr) -> None:
+    """Refuse a part without variables that is no finite number: Python would stop where an array goes on."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.expr) and not _names(node) - set(FUNCTIONS) and not isinstance(node, ast.Name):
+            with np.errstate(all="ignore"):
+                value = float(_value(node, {}))
+            if not math.isfinite(value):
+                raise ExpressionError(f"{ast.unparse(node)[:40]}: this part is not finite whatever the motion is")
 
 
 def _file(name: str, tree: ast.expr, understood: str, unit: str, port: str, owner: str, needs: tuple[str, ...]) -> str:

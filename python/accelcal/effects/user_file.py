@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import inspect
+import math
+import re
 import traceback
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
 from accelcal._support.stopping import Stopped
 from accelcal.data.rig import Rig
+from accelcal.effects.guard import EffectsFileError, guarded
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.signals.signals import Signals
 
@@ -19,8 +23,13 @@ PROBE = 64
 """Samples on which an effect is evaluated before it is accepted."""
 
 
-class EffectsFileError(ValueError):
-    """A file of effects cannot be used. The text names file and line and states what to change."""
+LONGEST = 200
+"""Characters of a unit, a symbol or a source."""
+MANY = 8192
+"""Samples on which its time is measured besides."""
+MOST_BYTES = 2**20
+"""Largest file of effects."""
+_NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
@@ -41,13 +50,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         value per time. The catalogue is then as it was.
     """
     path = Path(path)
-    try:
-        raw = path.read_bytes()
-        text = raw.decode()
-    except OSError as error:
-        raise EffectsFileError(f"{path}: {(error.strerror or 'cannot be read').lower()}; give a Python file") from None
-    except UnicodeDecodeError as error:
-        raise EffectsFileError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+    raw, text = _read(path)
     before = dict(CATALOGUE)
     for name in [n for n, e in before.items() if e.text and _home(e) == str(path)]:
         del CATALOGUE[name]
@@ -58,8 +61,9 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         if not names:
             raise EffectsFileError(f"{path}: adds no effect; put @effect(...) before a function of Signals")
         for name in names:
-            _try(path, CATALOGUE[name])
-            CATALOGUE[name] = replace(CATALOGUE[name], text=text, digest=hashlib.sha256(raw).hexdigest())
+            made = _guarded(path, CATALOGUE[name])
+            _try(path, made)
+            CATALOGUE[name] = replace(made, text=text, digest=hashlib.sha256(raw).hexdigest())
     except BaseException:
         CATALOGUE.clear()
         CATALOGUE.update(before)
@@ -67,14 +71,53 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     return tuple(CATALOGUE[name] for name in names)
 
 
+def _read(path: Path) -> tuple[bytes, str]:
+    """Bytes and text of a user's file."""
+    try:
+        if path.exists() and not path.is_file():
+            raise EffectsFileError(f"{path}: not a regular file; give a Python file")
+        if path.exists() and path.stat().st_size > MOST_BYTES:
+            raise EffectsFileError(f"{path}: larger than {MOST_BYTES // 2**20} MB; give a Python file with the effects")
+        raw = path.read_bytes()
+        text = raw.decode()
+    except OSError as error:
+        raise EffectsFileError(f"{path}: {(error.strerror or 'cannot be read').lower()}; give a Python file") from None
+    except UnicodeDecodeError as error:
+        raise EffectsFileError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from None
+    if OBEYED.search(text.replace("\r\n", "\n").replace("\f", "")):
+        raise EffectsFileError(f"{path}: the text holds control characters; save the file as plain text")
+    return raw, text
+
+
 def _home(effect: Effect) -> str:
     """The file that an effect's function was compiled from."""
-    return effect.function.__code__.co_filename if inspect.isfunction(effect.function) else ""
+    function = inspect.unwrap(effect.function)
+    return function.__code__.co_filename if inspect.isfunction(function) else ""
 
 
 def _first(effect: Effect) -> int:
     """The line on which an effect's function begins."""
-    return effect.function.__code__.co_firstlineno if inspect.isfunction(effect.function) else 1
+    function = inspect.unwrap(effect.function)
+    return function.__code__.co_firstlineno if inspect.isfunction(function) else 1
+
+
+def _guarded(path: Path, effect: Effect) -> Effect:
+    """An effect of a file, looked at each time it is evaluated; its declaration is looked at once."""
+    first = _first(effect)
+    where = f"{path}, line {first}: effect {effect.name!r}"
+    if not _NAME.fullmatch(effect.name):
+        raise EffectsFileError(f"{where}: expected a name of letters, digits and underscores, such as cable_pull")
+    for words, text in (("unit", effect.unit), ("symbol", effect.symbol), ("source", effect.source)):
+        if not isinstance(text, str) or len(text) > LONGEST or OBEYED_IN_NAMES.search(text):
+            raise EffectsFileError(f"{where} needs a {words} of at most {LONGEST} plain characters")
+    if not isinstance(effect.scale, float | int) or not (math.isfinite(effect.scale) and effect.scale > 0.0):
+        raise EffectsFileError(f"{where} has the typical size {effect.scale!r:.40}; expected a positive number")
+
+    def failure(error: Exception) -> str:
+        at = _line(path, error, first)
+        return f"{path}, line {at}: effect {effect.name!r} does not evaluate: {_text_of(error)}"
+
+    return guarded(effect, lambda wrong: f"{where} {wrong}", failure)
 
 
 def _run(path: Path, text: str) -> None:
@@ -90,22 +133,19 @@ def _run(path: Path, text: str) -> None:
 
 
 def _try(path: Path, effect: Effect) -> None:
-    """Evaluate an effect on a small motion and look at what comes back."""
-    where = f"{path}, line {_first(effect)}: effect {effect.name!r}"
-    s = probe(effect.needs)
-    try:
-        shape = {name: float(shape.grid(s)[0]) for name, shape in effect.shapes.items()}
-        y = np.asarray(effect.function(s, **shape), dtype=np.float64)
-    except Exception as error:
-        raise EffectsFileError(
-            f"{path}, line {_line(path, error, _first(effect))}: "
-            f"effect {effect.name!r} does not evaluate: {_text_of(error)}"
-        ) from None
-    wanted = (PROBE,) if effect.width == 1 else (PROBE, effect.width)
-    if y.shape != wanted:
-        raise EffectsFileError(f"{where} returns shape {y.shape} at {PROBE} times; return {wanted}")
-    if not np.all(np.isfinite(y)):
-        raise EffectsFileError(f"{where} returns values that are not finite; guard divisions and roots")
+    """Evaluate an effect on a small motion, and on a longer one for its time; the guard looks at what comes back."""
+    for samples in (PROBE, MANY):
+        s = probe(effect.needs, samples)
+        try:
+            shape = {name: float(shape.grid(s)[0]) for name, shape in effect.shapes.items()}
+        except EffectsFileError:
+            raise
+        except Exception as error:
+            raise EffectsFileError(
+                f"{path}, line {_line(path, error, _first(effect))}: effect {effect.name!r} has a shape parameter that "
+                f"cannot be tried: {_text_of(error)}"
+            ) from None
+        effect.function(s, **shape)
 
 
 def _text_of(error: BaseException) -> str:
@@ -122,9 +162,9 @@ def _line(path: Path, error: BaseException, otherwise: int = 1) -> int:
     return lines[-1] or otherwise if lines else otherwise
 
 
-def probe(needs: tuple[str, ...]) -> Signals:
-    """A short motion with the side channels that an effect needs."""
-    t = np.linspace(0.0, 1.0, PROBE)
+def probe(needs: tuple[str, ...], samples: int = PROBE) -> Signals:
+    """A motion of 1 s with the side channels that an effect needs."""
+    t = np.linspace(0.0, 1.0, samples)
     w = 2.0 * np.pi * 2.0
     return Signals(
         t=t,

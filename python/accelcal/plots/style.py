@@ -344,7 +344,7 @@ def headline(part: Figure | SubFigure, text: str, theme: Theme, size: float = LA
     """The sentence over a figure or a part of one, broken to its width."""
     inches = part.bbox.width / part.figure.dpi
     wrapped = textwrap.fill(text, max(20, int(inches * 72.0 / (LETTER * size)) - 2))
-    part.suptitle(wrapped, x=0.01, ha="left", fontsize=size, color=theme.ink)
+    part.suptitle(wrapped, x=0.01, ha="left", fontsize=size, color=theme.ink, parse_math=False)  # $ of a file name
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -15,6 +15,7 @@ from accelcal.plots import style
 from accelcal.report.content import Content
 from accelcal.report.figures import Entry, entries
 from accelcal.report.view import view
+from accelcal.serialization.json_text import finite
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as StaticFigure
@@ -106,7 +107,7 @@ def both_themes(entry: Entry) -> dict[str, Any]:
 
 def script_json(value: Any) -> str:
     """JSON for a script element: no text in it can end that element."""
-    text = json.dumps(value, ensure_ascii=True, separators=(",", ":"))
+    text = json.dumps(finite(value), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from importlib import resources
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from accelcal.report.content import Content
 from accelcal.report.figures import entries
 from accelcal.report.page import svg
 from accelcal.report.view import view
+from accelcal.serialization.json_text import dumps
 
 
 def pdf(content: Content, path: str | Path) -> None:
@@ -38,7 +38,7 @@ def pdf(content: Content, path: str | Path) -> None:
             if e.static is not None:
                 (root / f"{e.name}.svg").write_bytes(svg(e.static("light")))
                 figures.append({"file": f"{e.name}.svg", "section": e.section, "caption": e.caption})
-        (root / "report.json").write_text(json.dumps({**view(content), "figures": figures}), encoding="utf-8")
+        (root / "report.json").write_text(dumps({**view(content), "figures": figures}), encoding="utf-8")
         source = resources.files("accelcal.report").joinpath("paper.typ").read_text(encoding="utf-8")
         (root / "paper.typ").write_text(source, encoding="utf-8")
         made = typst.compile(str(root / "paper.typ"), root=str(root))

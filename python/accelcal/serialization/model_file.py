@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.calibration.electrical import electrical
+from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.effects import CATALOGUE, find, side_channel
@@ -25,16 +25,27 @@ from accelcal.estimation.run_to_run import Spread
 from accelcal.estimation.values import Noise, NoiseGrowth
 from accelcal.io import atomic_write
 from accelcal.model import Estimate, Model, Prior
+from accelcal.serialization.consistency import require_consistent
+from accelcal.serialization.errors import ModelFileError
+from accelcal.serialization.json_text import AGAIN, dumps, plain, read_json
+from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
 
-MODEL_SCHEMA = "accelcal/model/1"
 COMPARE_SCHEMA = "accelcal/compare/1"
 
-
-class ModelFileError(ValueError):
-    """A file that is not a model file. The text names it and states what was expected."""
+__all__ = [
+    "MODEL_SCHEMA",
+    "ModelFileError",
+    "comparison_to_dict",
+    "dumps",
+    "estimate_to_dict",
+    "from_dict",
+    "load",
+    "save",
+    "to_dict",
+]
 
 
 def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dict[str, Any]:
@@ -47,7 +58,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
     seed : random seed that took part, if any.
     """
     rig = rig if rig is not None else fit.rig
-    return {
+    content = {
         "schema": MODEL_SCHEMA,
         "version": _core.__version__,
         "method": fit.method,
@@ -99,6 +110,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
         "tilt_deg": fit.tilt,
         "seed": seed,
     }
+    return dict(plain(content))
 
 
 def estimate_to_dict(e: Estimate) -> dict[str, Any]:
@@ -119,11 +131,6 @@ def estimate_from_dict(p: Mapping[str, Any]) -> Estimate:
     return Estimate(p["name"], p["symbol"], p["unit"], float(p["value"]), float(p["std"]), p["owner"], p["run"])
 
 
-def dumps(content: Mapping[str, Any]) -> str:
-    """Return JSON text; what is not finite becomes null, since JSON has no other word for it."""
-    return json.dumps(_finite(content), indent=2, ensure_ascii=False) + "\n"
-
-
 def save(fit: Fit, path: str | Path, *, seed: int | None = None) -> None:
     """Write a model file, whole or not at all."""
     atomic_write(path, dumps(to_dict(fit, seed=seed)))
@@ -135,77 +142,64 @@ def load(path: str | Path) -> Fit:
     Raises
     ------
     ModelFileError
-        If the file is missing, is not JSON, or is not a model file of a version that is understood.
+        If the file is missing, is no strict JSON, was written by a newer version, or holds a leaf or a combination of
+        leaves that no fit has. The text names file and leaf.
     """
     path = Path(path)
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ModelFileError(f"{path}: no such file; make one with: accelcal fit RUN.csv -o {path}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ModelFileError(f"{path}: cannot be read as text ({error}); expected a model file") from None
-    except json.JSONDecodeError as error:
-        raise ModelFileError(
-            f"{path}: line {error.lineno}, column {error.colno}: not JSON ({error.msg}); expected a model file as "
-            "written by: accelcal fit RUN.csv -o MODEL.json. The model comes first, the recording second"
-        ) from None
-    schema = content.get("schema") if isinstance(content, dict) else None
-    if schema != MODEL_SCHEMA:
-        found = "none" if schema is None else f'"{schema}"'
-        raise ModelFileError(
-            f'{path}: expected a model file with the schema "{MODEL_SCHEMA}", found {found}; make one with: '
-            "accelcal fit RUN.csv -o MODEL.json"
-        )
+    content = read_json(path)
     try:
         return from_dict(content)
     except ModelFileError as error:
         raise ModelFileError(f"{path}: {error}") from None
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        what = f"there is no {error}" if isinstance(error, KeyError) else str(error)
-        raise ModelFileError(
-            f"{path}: the model file is damaged or incomplete ({what}); take a copy that is whole, or fit again"
-        ) from None
 
 
-KINDS: Mapping[str, tuple[type, str]] = {
-    "method": (str, "a text"),
-    **dict.fromkeys(("parameters", "data", "noise", "remarks"), (list, "a list")),
-    **dict.fromkeys(("model", "covariance", "rig", "origins", "validity"), (dict, "an object")),
-}
-"""Keys that a model file must have, with their types."""
-
-
-def from_dict(content: Mapping[str, Any]) -> Fit:
-    """Return the fit that a model file holds; the recordings themselves are not in it.
+def from_dict(content: Any) -> Fit:
+    """Return the fit that the content of a model file holds; the recordings themselves are not in it.
 
     Raises
     ------
-    KeyError, TypeError, ValueError
-        If something is missing or of the wrong kind.
+    ModelFileError
+        If it does not follow the schema, or contradicts itself. The text names the path to the leaf.
     """
-    for key, (kind, expected) in KINDS.items():
-        if not isinstance(content[key], kind):
-            raise ValueError(f"{key}: expected {expected}, found {json.dumps(content[key])[:40]}")
-    model = content["model"]
-    require_known(model)
-    rig = dict(content["rig"])
-    rig["sensor"] = Sensor(**rig["sensor"])
-    rig["lowpass"] = LowPass(**rig["lowpass"]) if rig["lowpass"] else None
-    for key in ("output_filters", "position_filters"):  # files of older versions have neither
-        rig[key] = tuple(channel_filter_from_dict(f) for f in rig.get(key, ()))
-    rig["uncertainty"] = Uncertainty(**rig["uncertainty"])
-    rig["assumptions"] = tuple(rig["assumptions"])
-    fit = Fit(
-        model=Model(
-            tuple(model["effects"]),
-            dict(model["fixed"]),
-            {name: Prior(**prior) for name, prior in model["priors"].items()},
-            model["shapes"],
-            tuple(model.get("per_run", ())),
-        ),
+    from accelcal.serialization.schema.check import require  # pydantic is imported by what reads a model alone
+    from accelcal.serialization.schema.model import ModelFile
+
+    content, known = migrated(content), dict(CATALOGUE)
+    try:
+        require(ModelFile, content)
+        require_known(content["model"])
+        fit = fit_of(content)
+        require_consistent(fit, content)
+    except ModelFileError as error:
+        for name in set(CATALOGUE) - set(known):  # side channels of a file that is refused
+            del CATALOGUE[name]
+        raise ModelFileError(f"{error}. The model file is damaged or incomplete: {AGAIN}") from None
+    return fit
+
+
+def fit_of(content: Mapping[str, Any]) -> Fit:
+    """The fit of a content that follows the schema.
+
+    Raises
+    ------
+    ModelFileError
+        If the parts of the model do not fit together.
+    """
+    where = "model"
+    try:
+        model = model_from_dict(content["model"])
+        where = "rig"
+        rig = rig_from_dict(content["rig"])
+        where = "noise"
+        noises = [_noise_from_dict(noise) for noise in content["noise"]]
+    except ValueError as error:
+        raise ModelFileError(f"{where}: {error}") from None
+    require_coefficients(model, content["parameters"])
+    return Fit(
+        model=model,
         estimates=tuple(estimate_from_dict(p) for p in content["parameters"]),
-        shapes=tuple(estimate_from_dict(p) for p in content.get("shapes", ())),
-        covariance=np.array(content["covariance"]["matrix"], dtype=np.float64),
+        shapes=tuple(estimate_from_dict(p) for p in content["shapes"]),
+        covariance=matrix_from_list(content["covariance"]["matrix"]),
         runs=tuple(
             RunFit(
                 name=data["file"],
@@ -214,38 +208,95 @@ def from_dict(content: Mapping[str, Any]) -> Fit:
                 end=data["used_s"][1],
                 readings=data["readings"],
                 samples=data["samples"],
-                noise=_noise_from_dict(noise),
+                noise=noise,
                 log_likelihood=data["log_likelihood"],
                 nis=data["nis"],
-                session=data.get("session_sha256", data["sha256"]),
+                session=data["session_sha256"],
             )
-            for data, noise in zip(content["data"], content["noise"], strict=True)
+            for data, noise in zip(content["data"], noises, strict=False)
         ),
         origins=Origins(**content["origins"]),
-        rig=Rig(**rig),
+        rig=rig,
         method=content["method"],
         validity={key: (float(low), float(high)) for key, (low, high) in content["validity"].items()},
         remarks=tuple(content["remarks"]),
-        spreads=tuple(spread_from_dict(spread) for spread in content.get("run_to_run", ())),
-        noise_effects=tuple(noise_effect_from_dict(one) for one in content.get("noise_effects", ())),
-        tilt=float(content.get("tilt_deg", 0.0)),
-        dwells=dwells_from_dict(content["dwells"]) if content.get("dwells") else None,
+        spreads=tuple(spread_from_dict(spread) for spread in content["run_to_run"]),
+        noise_effects=tuple(noise_effect_from_dict(one) for one in content["noise_effects"]),
+        tilt=float(content["tilt_deg"]),
+        dwells=dwells_from_dict(content["dwells"]) if content["dwells"] else None,
     )
-    stored, known = {e.name for e in fit.estimates}, {term.name for term in fit.model.terms}
+
+
+def model_from_dict(content: Mapping[str, Any]) -> Model:
+    """Effects and free coefficients of a model file.
+
+    Raises
+    ------
+    ValueError
+        If an effect is not known, or one that is held or has a prior is not in the model.
+    """
+    return Model(
+        tuple(content["effects"]),
+        dict(content["fixed"]),
+        {name: Prior(**prior) for name, prior in content["priors"].items()},
+        {name: dict(shape) for name, shape in content["shapes"].items()},
+        tuple(content["per_run"]),
+    )
+
+
+def rig_from_dict(content: Mapping[str, Any]) -> Rig:
+    """The rig of a model file.
+
+    Raises
+    ------
+    ValueError
+        If a declared filter is none.
+    """
+    return Rig(
+        **{
+            **content,
+            "sensor": Sensor(**content["sensor"]),
+            "lowpass": LowPass(**content["lowpass"]) if content["lowpass"] else None,
+            "output_filters": tuple(channel_filter_from_dict(f) for f in content["output_filters"]),
+            "position_filters": tuple(channel_filter_from_dict(f) for f in content["position_filters"]),
+            "uncertainty": Uncertainty(**content["uncertainty"]),
+            "assumptions": tuple(content["assumptions"]),
+        }
+    )
+
+
+def matrix_from_list(rows: Sequence[Sequence[float]]) -> Array:
+    """A square matrix.
+
+    Raises
+    ------
+    ModelFileError
+        If a row has another length than there are rows.
+    """
+    for i, row in enumerate(rows):
+        if len(row) != len(rows):
+            raise ModelFileError(f"covariance.matrix[{i}]: found {len(row)} numbers, expected {len(rows)}: one a row")
+    return np.array(rows, dtype=np.float64).reshape(len(rows), len(rows))
+
+
+def require_coefficients(model: Model, parameters: Sequence[Mapping[str, Any]]) -> None:
+    """Compare the names of the parameters with the coefficients of the model.
+
+    Raises
+    ------
+    ModelFileError
+        If one is missing or foreign.
+    """
+    stored, known = {p["name"] for p in parameters}, {term.name for term in model.terms}
     if stored < known and all(name.endswith(".mean") for name in known - stored):
         raise ModelFileError(
             "an earlier version fitted this model: its Gauss-Markov process had no mean; fit it again to its recording"
         )
     if stored != known:
-        raise ValueError(
-            f"its coefficients are not those of its effects: {', '.join(sorted(stored ^ known))} on one side only"
+        raise ModelFileError(
+            f"parameters: its coefficients are not those of its effects: {', '.join(sorted(stored ^ known))} on one "
+            "side only"
         )
-    if fit.covariance.shape != (len(fit.free),) * 2:
-        raise ValueError(
-            f"covariance.matrix has the shape {fit.covariance.shape}, expected a row and a column for each of "
-            f"{', '.join(e.name for e in fit.free)}"
-        )
-    return fit
 
 
 def spread_from_dict(content: Mapping[str, Any]) -> Spread:
@@ -381,15 +432,12 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
         return Level(level["density_m_per_s2_rthz"], spread[0], level["reading_m"], spread[1], level["count"])
 
     whole = level_from_dict(content["all"])
-    if whole is None:
-        raise ValueError("noise.all is missing")
+    assert whole is not None  # the schema demands it
     return NoiseReport(
         noise=Noise(
             content["q"],
             content["r"],
-            tuple(
-                NoiseGrowth(find(one["effect"]), one["q"], one["r"], one["mean"]) for one in content.get("growth", ())
-            ),
+            tuple(NoiseGrowth(find(one["effect"]), one["q"], one["r"], one["mean"]) for one in content["growth"]),
         ),
         all=whole,
         rest=level_from_dict(content["rest"]),
@@ -398,13 +446,3 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
         crossover=content["crossover_hz"],
         band=content["band_hz"],
     )
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, float):
-        return content if math.isfinite(content) else None
-    if isinstance(content, Mapping):
-        return {key: _finite(value) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [_finite(value) for value in content]
-    return content

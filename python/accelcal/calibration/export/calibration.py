@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal.calibration.characteristic import Characteristic, LeftOut, characteristic
 from accelcal.calibration.export.approximate import Domain, NotInvertible, Proven, invert
+from accelcal.calibration.export.finite import NotExportable, require_covariance, require_finite
 from accelcal.calibration.export.inverse import Inverse, evaluate
 from accelcal.calibration.export.numbers import DOUBLE, SINGLE
 from accelcal.data.arrays import Array
@@ -24,10 +25,6 @@ NEAR = 0.01
 """Share of the range to both sides of a joint at which it is tested that each side has its own polynomial."""
 STEADY = 4
 """Roundings of the test against those of the proof: both evaluations round, beyond the range a little more."""
-
-
-class NotExportable(ValueError):
-    """A model that cannot become a function of one reading. The text names the effects and the next step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +135,9 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     NotExportable
         If effects of the sensor have no place in a function of one reading, or the model cannot be inverted.
     """
+    require_finite({f"the estimate of {e.name}": e for e in fit.estimates} | {"the covariance": fit.covariance})
+    require_finite({"the declared rig": fit.rig, "the range of the fit": fit.validity, "an origin": fit.origins})
+    require_covariance(fit.covariance)
     own = characteristic(fit)
     left_out = tuple(_left(effect, without) for effect in own.left_out)
     _require_left_out(without, own)
@@ -155,7 +155,9 @@ def calibrate(fit: Fit, *, without: Sequence[str] = (), source: str = "") -> Cal
     except NotInvertible as error:
         raise NotExportable(str(error)) from None
     codes = [Code(proven, tuple(_vector(proven.inverse))) for proven in (double, single)]
-    return Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
+    made = Calibration(fit, own, domain, codes[0], codes[1], left_out, source)
+    require_finite({"the exported code": made.codes, "the standard uncertainty over the range": made.std})
+    return made
 
 
 def _left(effect: LeftOut, without: Sequence[str]) -> LeftOut:
