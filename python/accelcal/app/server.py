@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import signal
 import socket
+import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from accelcal.app.sessions import Workbenches
+from accelcal.app.workbench import MOST_BYTES
 
 HOST = "127.0.0.1"
 NAMES = ("127.0.0.1", "localhost")
@@ -15,6 +19,10 @@ NAMES = ("127.0.0.1", "localhost")
 PORT = 8765
 TRIED = 20
 """Number of ports that are tried."""
+MOST_UPLOAD = MOST_BYTES + 16_000_000
+"""Largest upload: a recording, its sidecar, and what the browser writes between them, bytes."""
+GRACE = 2
+"""Time that open requests have to end when the server stops, s."""
 
 
 def free_port(first: int) -> int:
@@ -53,16 +61,25 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
 
     try:
         from nicegui import app, ui
+        from nicegui import core
         from starlette.middleware.trustedhost import TrustedHostMiddleware
 
+        from accelcal.app.guard import Guard
         from accelcal.app.routes import install
     except ImportError as error:
         raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
     chosen = free_port(PORT) if port is None else port
+    signal.signal(signal.SIGTERM, _end)
     folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
+    tempfile.tempdir = str(folder)  # uploads that are on their way vanish with the rest
+    workbenches = Workbenches(folder, recording)
     try:
-        install(Workbenches(folder, recording))
+        install(workbenches)
+        core.sio.eio.cors_allowed_origins = None  # the server's own origin alone
+        core.sio.eio.cors_credentials = False
+        app.add_middleware(Guard, folder=folder, most=MOST_UPLOAD)
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
+        app.on_shutdown(workbenches.close)
         print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C to stop)", flush=True)
         ui.run(
             host=HOST,
@@ -74,6 +91,14 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
             reload=False,
             show_welcome_message=False,
             reconnect_timeout=30.0,
+            timeout_graceful_shutdown=GRACE,
         )
     finally:
+        workbenches.close()
+        tempfile.tempdir = None
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _end(number: int, frame: Any) -> None:
+    """End as Ctrl-C does, so that nothing stays in the temporary folder."""
+    sys.exit(128 + number)
