@@ -73,15 +73,6 @@ def test_no_path_leads_out(server, path):
     assert "root:" not in asked(server[0], path)[2]
 
 
-def test_old_work_makes_room(tmp_path):
-    workbenches = Workbenches(tmp_path)
-    names = [workbenches.new() for _ in range(MOST)]
-    workbenches.find(names[0])
-    workbenches.new()
-    assert workbenches.find(names[0]) is not None
-    assert workbenches.find(names[1]) is None
-    assert not (tmp_path / names[1]).exists()
-
 
 def test_an_occupied_port_is_skipped():
     with socket.socket() as occupied:

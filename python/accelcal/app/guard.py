@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -111,10 +112,8 @@ class Guard:
                 MutableHeaders(scope=message).update(HEADERS)
             await send(message)
 
-        try:
+        with suppress(TooLarge):
             await self.app(scope, counting, answering)
-        except TooLarge:
-            pass
         if over and not begun:
             await _refuse(scope, receive, send, 413, text)
 

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from typing import Any, TypeAlias
 
-from nicegui import background_tasks, run, ui
+from nicegui import background_tasks, ui
 
-from accelcal.app import widgets
+from accelcal.app import background, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
@@ -85,9 +85,9 @@ class Page:
     async def act(self, action: Callable[..., Any], *args: Any, then: str = "") -> Any:
         """Run an action off the page's own thread; then show the screen `then` if it succeeded."""
         try:
-            background = run.io_bound(action, *args)
+            running = background.act(action, *args)
             self._tick()
-            result = await background
+            result = await running
         except Busy:
             result = None
         if then and not self.bench.sentence:
@@ -170,12 +170,13 @@ class Page:
         key: tuple[Any, ...],
         make: Callable[[ThemeName], Sequence[Picture]],
         *,
+        first: Callable[[], Any] = lambda: None,
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `prepare` is called with each plot and a function that replaces its figure.
+        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces its figure.
         """
         key = (*key, self.theme)
         theme, build = self.theme, self._build_count
@@ -207,7 +208,8 @@ class Page:
 
         async def draw() -> list[Picture]:
             try:
-                several = list(await run.io_bound(lambda: make(theme)) or ())
+                await background.act(first)
+                several = list(await background.draw(lambda: make(theme)))
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:

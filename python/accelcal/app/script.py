@@ -33,7 +33,7 @@ def python(state: State) -> str:
     names = [f"m{i}" for i in range(len(state.path))]
     lines.append("")
     for i, step in enumerate(state.path):
-        made = step.python.replace("PARENT", names[i - 1] if i else "")
+        made = step.change.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
     lines += [
         "",
@@ -66,7 +66,9 @@ def command_line(state: State) -> str:
         unseen = shlex.quote(state.other.name if state.other is not None else "")
     names = [f"m{i}.json" for i in range(len(state.path))]
     for i, step in enumerate(state.path):
-        lines.append(step.command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
+        lines.append(
+            step.change.command(state.own_files).replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i])
+        )
     if names:
         option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} train.csv{option}")

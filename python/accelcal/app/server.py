@@ -12,6 +12,7 @@ from typing import Any
 
 from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import MOST_BYTES
+from accelcal.app.workers import Workers
 
 HOST = "127.0.0.1"
 NAMES = ("127.0.0.1", "localhost")
@@ -60,8 +61,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     from accelcal._support.extras import MissingExtra
 
     try:
-        from nicegui import app, ui
-        from nicegui import core
+        from nicegui import app, core, ui
         from starlette.middleware.trustedhost import TrustedHostMiddleware
 
         from accelcal.app.guard import Guard
@@ -72,14 +72,16 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     signal.signal(signal.SIGTERM, _end)
     folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
     tempfile.tempdir = str(folder)  # uploads that are on their way vanish with the rest
-    workbenches = Workbenches(folder, recording)
+    workers = Workers(folder)
+    workbenches = Workbenches(folder, recording, workers)
     try:
+        workers.start_one()
         install(workbenches)
         core.sio.eio.cors_allowed_origins = None  # the server's own origin alone
         core.sio.eio.cors_credentials = False
         app.add_middleware(Guard, folder=folder, most=MOST_UPLOAD)
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
-        app.on_shutdown(workbenches.close)
+        app.on_shutdown(workers.close)
         print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C to stop)", flush=True)
         ui.run(
             host=HOST,
@@ -94,7 +96,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
             timeout_graceful_shutdown=GRACE,
         )
     finally:
-        workbenches.close()
+        workers.close()
         tempfile.tempdir = None
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from accelcal.app.workbench import Workbench
+from accelcal.app.workers import Compute, direct
 
 MOST = 32
 """Workbenches at a time."""
@@ -50,8 +51,9 @@ class Session:
 class Workbenches:
     """The workbenches of this server by their secret names."""
 
-    def __init__(self, folder: Path, recording: Path | None = None) -> None:
+    def __init__(self, folder: Path, recording: Path | None = None, compute: Compute = direct) -> None:
         self.folder = folder
+        self._compute = compute
         self.recording = recording
         """Loaded into every new workbench."""
         self._kept: OrderedDict[str, Session] = OrderedDict()
@@ -68,7 +70,7 @@ class Workbenches:
         name = secrets.token_urlsafe(12)
         home = self.folder / name
         home.mkdir(mode=0o700)
-        self._kept[name] = Session(Workbench(home))
+        self._kept[name] = Session(Workbench(home, self._compute))
         return name
 
     def find(self, name: str) -> Workbench | None:
@@ -83,11 +85,6 @@ class Workbenches:
         if name in self._kept:
             self._kept[name].pages.append(connected)
             self._kept[name].seen = time.monotonic()
-
-    def close(self) -> None:
-        """End all work."""
-        for session in self._kept.values():
-            session.bench.cancel()
 
     def _make_room(self) -> None:
         if len(self._kept) < MOST:

@@ -9,7 +9,6 @@ from nicegui import ui
 from accelcal.app import figures, mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.workbench import MOST_BYTES, Refused
-from accelcal.data import summary
 from accelcal.data.recording import RecordingError
 from accelcal.formatting import number
 
@@ -118,8 +117,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
 def check(page: Page) -> None:
     """Channels, warnings, notes and assumptions of the recording."""
     state = page.bench.state
-    assert state.recording is not None
-    seen = summary.describe(state.recording)
+    seen = state.summary
     rows = [
         [
             name,
@@ -156,12 +154,8 @@ def columns(page: Page) -> None:
     """Assignment of columns to channels, and the rest of the sidecar."""
     bench, state = page.bench, page.bench.state
     assert state.file is not None
-    try:
-        text = mapping.text_of(state.file, state.sidecar)
-        found = mapping.choices(state.file, text)
-    except RecordingError as error:
-        ui.label(bench.plain(str(error))).classes("problem")
-        return
+    text = mapping.text_of(state.file, state.sidecar, state.template)
+    found = mapping.choices(state.columns, text, state.template)
     roles, names, units = [], [], []
     rows: list[list[widgets.Cell]] = []
     for one in found:

@@ -7,7 +7,7 @@ from nicegui import ui
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
 from accelcal.app.script import COPIES
-from accelcal.app.workbench import Export
+from accelcal.app.tasks import Export
 
 
 def show(page: Page) -> None:
@@ -64,7 +64,7 @@ def sources(page: Page) -> None:
     """Buttons for the inputs of the steps: sidecar, user effects, the script."""
     state = page.bench.state
     assert state.file is not None
-    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar)
+    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar, state.template)
     widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
     for own in state.own:
         widgets.button(
