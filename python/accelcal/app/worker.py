@@ -5,6 +5,7 @@ Started by `workers.py`; it ends when its parent does.
 
 from __future__ import annotations
 
+import copyreg
 import os
 import pickle
 import traceback
@@ -13,6 +14,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Thread
+from types import MappingProxyType
 from typing import Any, BinaryIO
 
 from accelcal.app.own_formula import OwnFormula
@@ -23,6 +25,13 @@ SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
 EXPENDABLE = "600"
 """Where memory is short, the system ends this process rather than the one with everybody's work (0 to 1000)."""
+
+
+def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(content)
+
+
+copyreg.pickle(MappingProxyType, lambda view: (_view, (dict(view),)))  # tables that nobody may change are sent, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +98,20 @@ def _answer(request: Request, giving: BinaryIO) -> None:
     """Do one piece of work and send what came of it."""
 
     def report(share: float) -> None:
-        _send(giving, Answer(share))
+        pickle.dump(Answer(share), giving)
+        giving.flush()
 
     try:
         with _catalogue(request.known):
             answer = Answer(final=True, found=request.task(*request.args, report=report))
     except Exception as error:
         answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
-    _send(giving, answer)
+    try:
+        content = pickle.dumps(answer, pickle.HIGHEST_PROTOCOL)
+    except Exception as error:
+        content = pickle.dumps(Answer(final=True, error=_portable(error), trace=traceback.format_exc()))
+    giving.write(content)
+    giving.flush()
 
 
 def _portable(error: Exception) -> Exception:
@@ -106,11 +121,6 @@ def _portable(error: Exception) -> Exception:
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
-
-
-def _send(giving: BinaryIO, answer: Answer) -> None:
-    giving.write(pickle.dumps(answer, pickle.HIGHEST_PROTOCOL))
-    giving.flush()
 
 
 @contextmanager
