@@ -51,9 +51,12 @@ def text_of(path: Path, sidecar: str | None, template: str) -> str:
     if sidecar is not None:
         return sidecar
     beside = io.sidecar_of(path)
-    if not beside.is_file():
-        return template
-    with beside.open("rb") as file:
+    return text_in(beside) if beside.is_file() else template
+
+
+def text_in(sidecar: Path) -> str:
+    """The text of a sidecar for people to see; what is not UTF-8 in it, and what is beyond the limit, is lost."""
+    with sidecar.open("rb") as file:
         return file.read(MOST_TEXT).decode("utf-8-sig", errors="replace")
 
 

@@ -11,6 +11,7 @@ from nicegui import background_tasks, ui
 
 from accelcal.app import background, widgets
 from accelcal.app.figures import Picture
+from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
@@ -27,8 +28,9 @@ Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 class Page:
     """One browser tab on a workbench."""
 
-    def __init__(self, bench: Workbench, screens: Mapping[str, Screen]) -> None:
+    def __init__(self, bench: Workbench, screens: Mapping[str, Screen], workbenches: Workbenches) -> None:
         self.bench = bench
+        self.workbenches = workbenches
         self.screens = screens
         """By name, in the order of the tabs."""
         self.theme: ThemeName = "light"
@@ -176,7 +178,8 @@ class Page:
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces its figure.
+        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces
+        its figure.
         """
         key = (*key, self.theme)
         theme, build = self.theme, self._build_count

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from nicegui import ui
 
-from accelcal.app import widgets
+from accelcal.app import session_file, widgets
 from accelcal.app.page import Page, Screen
 from accelcal.app.screens import data, download, improvement, model, residuals
 from accelcal.app.sessions import Full, Workbenches
@@ -39,13 +41,35 @@ def install(workbenches: Workbenches) -> None:
     async def bench(name: str) -> None:
         found = workbenches.find(name)
         if found is None:
-            with ui.column().classes("expired"):
-                widgets.heading("This session has expired", 1)
-                ui.label("The workbench was restarted, or newer sessions replaced this one.")
-                ui.link("New session", "/")
+            await absent(workbenches, name)
             return
-        client, page = ui.context.client, Page(found, SCREENS)
+        client, page = ui.context.client, Page(found, SCREENS, workbenches)
         await page.build()
         workbenches.show(name, lambda: not client.is_deleted)
-        if workbenches.recording is not None and found.state.file is None and found.job is None and not found.sentence:
-            await page.act(found.load, workbenches.recording)
+        if found.version == 0 and found.job is None:
+            await first(page, workbenches.keeper.path(name) or workbenches.recording)
+
+
+async def absent(workbenches: Workbenches, name: str) -> None:
+    """A page for a session that this server does not have: it is brought back where it was kept."""
+    with ui.column().classes("expired"):
+        title = widgets.heading("This session has expired", 1)
+        text = ui.label("The workbench was restarted, or newer sessions replaced this one.")
+        ui.link("New session", "/")
+    if workbenches.keeper.path(name) is None:
+        return
+    title.set_text("Bringing back the work of this session …")
+    text.set_text("The workbench was restarted.")
+    await ui.context.client.connected()
+    try:
+        workbenches.new(name)
+    except Full as error:
+        text.set_text(str(error))
+        return
+    ui.run_javascript("location.reload()")
+
+
+async def first(page: Page, path: Path | None) -> None:
+    """Load what a fresh workbench begins with, if anything."""
+    if path is not None:
+        await page.act(page.bench.open if path.suffix == session_file.SUFFIX else page.bench.load, path)

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from accelcal.app.kept import Keeper, state_folder
 from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import MOST_BYTES
 from accelcal.app.workers import Workers
@@ -49,7 +50,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
 
     Parameters
     ----------
-    recording : loaded into every new workbench.
+    recording : a recording, or a session file, loaded into every new workbench.
     port : on 127.0.0.1; by default the first free one from 8765 on.
     show : open a browser.
 
@@ -73,7 +74,8 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
     tempfile.tempdir = str(folder)  # uploads that are on their way vanish with the rest
     workers = Workers(folder)
-    workbenches = Workbenches(folder, recording, workers)
+    keeper = Keeper(state_folder())
+    workbenches = Workbenches(folder, keeper, recording, workers)
     try:
         workers.start_one()
         install(workbenches)
@@ -97,6 +99,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         )
     finally:
         workers.close()
+        keeper.close()
         tempfile.tempdir = None
         shutil.rmtree(folder, ignore_errors=True)
 

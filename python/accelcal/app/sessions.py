@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from accelcal.app.kept import Keeper, KeptSession
 from accelcal.app.workbench import Workbench
 from accelcal.app.workers import Compute, direct
 
@@ -51,27 +52,36 @@ class Session:
 class Workbenches:
     """The workbenches of this server by their secret names."""
 
-    def __init__(self, folder: Path, recording: Path | None = None, compute: Compute = direct) -> None:
+    def __init__(self, folder: Path, keeper: Keeper, recording: Path | None = None, compute: Compute = direct) -> None:
         self.folder = folder
-        self._compute = compute
+        self.keeper = keeper
         self.recording = recording
-        """Loaded into every new workbench."""
+        """Loaded into every new workbench: a recording or a session file."""
+        self._compute = compute
         self._kept: OrderedDict[str, Session] = OrderedDict()
 
-    def new(self) -> str:
-        """Make a workbench and return its name.
+    def new(self, name: str = "") -> str:
+        """Make a workbench and return its name; with `name` that of kept work, unless it is there already.
 
         Raises
         ------
         Full
             If there are too many, and each is in use or was until a short time ago.
         """
+        if name in self._kept:
+            return name
         self._make_room()
-        name = secrets.token_urlsafe(12)
+        name = name or secrets.token_urlsafe(12)
         home = self.folder / name
         home.mkdir(mode=0o700)
-        self._kept[name] = Session(Workbench(home, self._compute))
+        bench = Workbench(home, self._compute)
+        bench.changed = lambda state: self.keeper.keep(name, state)
+        self._kept[name] = Session(bench)
         return name
+
+    def earlier(self) -> list[KeptSession]:
+        """Work that was kept and is not open in this server."""
+        return [kept for kept in self.keeper.listed() if kept.name not in self._kept]
 
     def find(self, name: str) -> Workbench | None:
         """Return the workbench called `name`, or None if it has been deleted."""

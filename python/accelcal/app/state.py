@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from accelcal.app.opened_session import OpenedSession
 from accelcal.data.recording import Recording
 from accelcal.effects import Own
 from accelcal.estimation.estimate import Fit
@@ -94,10 +95,14 @@ class State:
     """Part of the recording that is not fitted; None when another recording is held out."""
     other: Recording | None = None
     """Held-out recording."""
+    other_file: Path | None = None
+    """Where it was read from."""
     excluded: tuple[Stretch, ...] = ()
     own: tuple[Own, ...] = ()
     steps: tuple[Step, ...] = ()
     current: int | None = None
+    opened: OpenedSession | None = None
+    """A session that waits for a recording, in place of all else."""
 
     @property
     def step(self) -> Step | None:

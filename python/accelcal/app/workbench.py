@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal import io
-from accelcal.app import tasks
+from accelcal.app import session_file, tasks
+from accelcal.app.opened_session import OpenedSession
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.state import Cancelled, Change, Job, State, Step, Stretch
 from accelcal.app.tasks import Export
@@ -74,6 +75,8 @@ class Workbench:
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
         self._whole: tuple[int, Comparison] | None = None
+        self.changed: Callable[[State], object] = lambda state: None
+        """Called with each new state."""
         self._undo: list[State] = []
         self._redo: list[State] = []
 
@@ -97,9 +100,12 @@ class Workbench:
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")
         stem, dot, ending = bare.rpartition(".")
         ending = dot + ending.lower()
-        if not stem or ending not in (*SUFFIXES, ".toml"):
+        if not stem or ending not in (*SUFFIXES, ".toml", session_file.SUFFIX):
             shown = bare[-40:] or name[-40:]
-            raise Refused(f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}) or its sidecar (.toml)")
+            raise Refused(
+                f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}), its sidecar (.toml) or a session "
+                f"({session_file.SUFFIX})"
+            )
         kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()
         return upload_folder / f"{kept or 'recording'}{bare[len(stem) :]}"
 
@@ -175,16 +181,83 @@ class Workbench:
                 raise Refused("load the recording to fit first")
             other = self._read(path, None if io.sidecar_of(path).exists() else state.recording.rig, report)
             require_distinct([state.recording, other])
-            return without_models(replace(state, other=other, held_out=None))
+            return without_models(replace(state, other=other, other_file=path, held_out=None))
 
         self._perform(f"reading {path.name}", work)
+
+    def open(self, path: str | Path) -> None:
+        """Go on with the work of a session file; a recording that is missing is asked for: `State.opened`."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            return self._resumed(OpenedSession(*session_file.read(path)), report)
+
+        self._perform(f"opening {path.name}", work)
+
+    def give(self, path: str | Path) -> None:
+        """Give the recording that an opened session asks for."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            if state.opened is None:
+                raise Refused("open a session first")
+            return self._resumed(state.opened.with_file(path), report)
+
+        self._perform(f"reading {path.name}", work)
+
+    def _resumed(self, opened: OpenedSession, report: Report) -> State:
+        """The state that a session file holds, its recordings read again and its models compared again."""
+        missing = opened.missing
+        if missing is not None:
+            return State(opened=replace(opened, awaited=missing))
+        content = opened.content
+        own = tuple(formula.own.enter() for formula in content.own)
+        state = self._load(opened.path(content.recording), content.sidecar, share_of(report, 0.0, 0.5))
+        if state.recording is None:
+            raise Refused(state.problem)
+        held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
+        state = replace(state, held_out=held_out, excluded=excluded, own=own)
+        if content.other is not None:
+            path = opened.path(content.other)
+            rig = self._declared(path, content.other_sidecar) or whole_rig
+            other = self._read(path, rig, share_of(report, 0.5, 0.7))
+            state = replace(state, other=other, other_file=path)
+        require_both_parts(state)
+        return self._with_models(state, opened, share_of(report, 0.7, 0.98))
+
+    def _with_models(self, state: State, opened: OpenedSession, report: Report) -> State:
+        """The state with the tree of models of a session file, under keys of this workbench."""
+        stored = opened.content.steps
+        if not stored:
+            return state
+        fits = [self._model(opened.models[step.key], step.key) for step in stored]
+        ruler = Ruler.of(fits)
+        compared = self._done(tasks.judged, fits, state.unseen, ruler, report=report, state=state)
+        keys: dict[int | None, int | None] = {None: None}
+        steps = []
+        for step, found, heldout in zip(stored, fits, compared, strict=True):
+            key = keys[step.key] = next(self._keys)
+            change = Change(step.kind, step.name, step.value)
+            steps.append(Step(key, keys[step.parent], change, found, heldout))
+        return replace(state, steps=tuple(steps), current=keys[opened.content.current])
+
+    def _model(self, text: str, key: int) -> Fit:
+        """A model of a session file."""
+        path = self.folder / "models" / f"{key}.json"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return model_file.load(path)
+
+    def session(self) -> bytes:
+        """The work as a session file."""
+        return session_file.dumps(self.state)
 
     def hold_out(self, start: float, end: float) -> None:
         """Choose the part of the recording that is held out."""
 
         def work(state: State, report: Report) -> State:
             begin, finish = inside_used(state, start, end)
-            new = replace(state, held_out=(begin, finish), other=None)
+            new = replace(state, held_out=(begin, finish), other=None, other_file=None)
             require_both_parts(new)
             return without_models(new)
 
@@ -276,9 +349,15 @@ class Workbench:
         step = Step(next(self._keys), state.current, change, found, last)
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
 
-    def _done(self, task: Callable[..., Any], *args: Any, report: Report = lambda share: None) -> Any:
-        """The result of long work."""
-        return self._compute(task, *args, report=report, known=known_to(self.state))
+    def _done(
+        self,
+        task: Callable[..., Any],
+        *args: Any,
+        report: Report = lambda share: None,
+        state: State | None = None,
+    ) -> Any:
+        """The result of long work on the data of a state, by default the present one."""
+        return self._compute(task, *args, report=report, known=known_to(state or self.state))
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
         """Add a user effect, given as a formula, to the candidates."""
@@ -346,6 +425,7 @@ class Workbench:
             if source and self.job is None:
                 target.append(self.state)
                 self.state = source.pop()
+                self.changed(self.state)
                 self.sentence = ""
                 self.version += 1
 
@@ -430,6 +510,7 @@ class Workbench:
                     self._undo.append(before)
                     self._redo.clear()
                     self.state = after
+                    self.changed(after)
 
     @contextmanager
     def _working(self, title: str, *, silent: bool = False) -> Iterator[Job]:
@@ -467,7 +548,7 @@ class Workbench:
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them, without the folder of the workbench."""
-        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|drop\d+/)?", "", text)
+        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|models/|drop\d+/)?", "", text)
 
 
 class Busy(Exception):
