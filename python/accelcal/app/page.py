@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 from typing import Any, TypeAlias
 
 from nicegui import background_tasks, ui
@@ -112,6 +113,12 @@ class Page:
             self.rebuild()
             await self.act(self.bench.diagnose)
         self.asking = False
+
+    async def open(self, path: Path, *, session: bool) -> None:
+        """Load a recording, or go on with a session where it was left."""
+        await self.act(self.bench.open if session else self.bench.load, path)
+        if session and self.bench.state.step is not None:
+            self.tabs.set_value("improve")
 
     def change(self, action: Callable[[], None]) -> None:
         """Run an action that ends at once."""

@@ -72,4 +72,4 @@ async def absent(workbenches: Workbenches, name: str) -> None:
 async def first(page: Page, path: Path | None) -> None:
     """Load what a fresh workbench begins with, if anything."""
     if path is not None:
-        await page.act(page.bench.open if path.suffix == session_file.SUFFIX else page.bench.load, path)
+        await page.open(path, session=path.suffix.lower() == session_file.SUFFIX)

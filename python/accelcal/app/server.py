@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import signal
 import socket
 import sys
 import tempfile
+import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,12 @@ TRIED = 20
 """Number of ports that are tried."""
 MOST_UPLOAD = MOST_BYTES + 16_000_000
 """Largest upload: a recording, its sidecar, and what the browser writes between them, bytes."""
+PREFIX = "accelcal-"
+"""Of the temporary folder of a server."""
+OWNER = "server.pid"
+"""File in it that names the process."""
+KEPT_FOR = 86_400.0
+"""Age from which the folder of a killed server is removed, s."""
 GRACE = 2
 """Time that open requests have to end when the server stops, s."""
 
@@ -71,7 +80,9 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
     chosen = free_port(PORT) if port is None else port
     signal.signal(signal.SIGTERM, _end)
-    folder = Path(tempfile.mkdtemp(prefix="accelcal-"))
+    sweep(Path(tempfile.gettempdir()))
+    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
+    (folder / OWNER).write_text(str(os.getpid()))
     tempfile.tempdir = str(folder)  # uploads that are on their way vanish with the rest
     workers = Workers(folder)
     keeper = Keeper(state_folder())
@@ -102,6 +113,29 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         keeper.close()
         tempfile.tempdir = None
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def sweep(place: Path) -> None:
+    """Remove folders of servers that were killed and have been gone for a day; until then their uploads may be used."""
+    for owner in place.glob(f"{PREFIX}*/{OWNER}"):
+        with suppress(OSError, ValueError):
+            if owner.is_symlink() or time.time() - owner.stat().st_mtime < KEPT_FOR:
+                continue
+            if not is_alive(int(owner.read_text()[:20])):
+                shutil.rmtree(owner.parent, ignore_errors=True)
+
+
+def is_alive(pid: int) -> bool:
+    """Whether a process of that number exists."""
+    if sys.platform == "win32":
+        return True  # a signal would end it there
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def _end(number: int, frame: Any) -> None:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal import io
-from accelcal.app import session_file, tasks
+from accelcal.app import mapping, session_file, tasks
 from accelcal.app.opened_session import OpenedSession
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.state import Cancelled, Change, Job, State, Step, Stretch
@@ -42,6 +44,12 @@ MOST_SAMPLES = 20_000_000
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
 """Formats of an exported calibration, with their file names."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
+MOST_KEPT = 4_000_000_000
+"""Most that the files of one session take, bytes."""
+MOST_UNDO = 100
+"""Changes that can be undone."""
+UNUSED = 600.0
+"""Age from which files that no state names are removed, s."""
 MOST_NAME = 100
 """Length of the name that an uploaded file is kept under, bytes; a file system takes 255."""
 
@@ -84,9 +92,35 @@ class Workbench:
 
     def upload_folder(self) -> Path:
         """Return a new folder for files that were dropped together, so that no older sidecar is in it."""
+        self._sweep()
         new = self.folder / f"drop{next(self._keys)}"
         new.mkdir(parents=True)
         return new
+
+    def require_room(self) -> None:
+        """Refuse further files of a session whose files take too much of the disk.
+
+        Raises
+        ------
+        Refused
+            With what they take and the limit.
+        """
+        taken = sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
+        if taken > MOST_KEPT:
+            raise Refused(
+                f"the recordings of this session take {taken / 1e9:.1f} GB, and {MOST_KEPT / 1e9:.0f} GB is the limit; "
+                "save the session, and open it in a new tab"
+            )
+
+    def _sweep(self) -> None:
+        """Remove files that no undo brings back."""
+        with self._lock:
+            states = [self.state, *self._undo, *self._redo]
+        used = {file.parent for state in states for file in (state.file, state.other_file) if file is not None}
+        used |= {file.parent for state in states if state.opened for file in state.opened.given.values()}
+        for old in self.folder.glob("drop*"):
+            if old not in used and time.time() - old.stat().st_mtime > UNUSED:
+                shutil.rmtree(old, ignore_errors=True)
 
     @staticmethod
     def upload_path(name: str, upload_folder: Path) -> Path:
@@ -212,7 +246,9 @@ class Workbench:
             return State(opened=replace(opened, awaited=missing))
         content = opened.content
         own = tuple(formula.own.enter() for formula in content.own)
-        state = self._load(opened.path(content.recording), content.sidecar, share_of(report, 0.0, 0.5))
+        path = opened.path(content.recording)
+        beside = content.sidecar == (mapping.text_of(path, None, "") or None)
+        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.0, 0.5))
         if state.recording is None:
             raise Refused(state.problem)
         held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
@@ -507,7 +543,7 @@ class Workbench:
             with self._lock:
                 job.report(1.0)  # last chance to be cancelled
                 if after is not before:
-                    self._undo.append(before)
+                    self._undo = [*self._undo[1 - MOST_UNDO :], before]
                     self._redo.clear()
                     self.state = after
                     self.changed(after)

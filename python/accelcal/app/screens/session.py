@@ -46,7 +46,7 @@ def line(page: Page, kept: KeptSession, place: ui.element) -> None:
         if path is None:
             page.bench.refuse("this session has been deleted meanwhile")
             return
-        await page.act(page.bench.open, path)
+        await page.open(path, session=True)
         if page.bench.state.recording is not None:
             keeper.remove(kept.name)  # it goes on under the name of this session
 
@@ -75,7 +75,8 @@ def save(page: Page) -> None:
         with page.body:
             ui.download.content(content, name)
 
-    widgets.button("Save session (.accelcal)", "save", download)
+    with ui.row().classes("line"):
+        widgets.button("Save session (.accelcal)", "save", download)
     ui.label(
         "The session holds the models and how they were made, and names the recording; it holds no recorded data. Drop "
         "it on the Data tab to go on."

@@ -24,6 +24,7 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
     for file in files:
         try:
             path = bench.upload_path(file.name, folder)
+            bench.require_room()
             if file.size() > MOST_BYTES:
                 size, most = file.size() / 1e6, MOST_BYTES / 1e6
                 raise Refused(f"{path.name}: {size:.0f} MB; the limit of the workbench is {most:.0f} MB")
@@ -42,7 +43,7 @@ async def used(page: Page, kept: Sequence[Path], other: bool) -> None:
     sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
     recordings = [p for p in kept if p not in (*sessions, *sidecars)]
     if sessions:
-        await page.act(bench.open, sessions[0])
+        await page.open(sessions[0], session=True)
     elif recordings and bench.state.opened is not None:
         await page.act(bench.give, recordings[0])
     elif recordings:
