@@ -19,9 +19,11 @@ from accelcal.app.worker import Known
 from accelcal.app.workers import WorkerLost, Workers
 
 from . import workbench_tasks as work
+from .case import LONG
 from .workbench import is_gone, write
 
 NOTHING = Known()
+SIGNALS = [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT] if LONG else [signal.SIGSEGV]
 
 
 def ignore(share: float) -> None:
@@ -44,7 +46,7 @@ def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_a_worker_that_dies_is_told_and_replaced(workers: Workers, number: int) -> None:
     with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
         workers(work.die, int(number), report=ignore, known=NOTHING)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from pathlib import Path
 
-from accelcal.app.state import State
+from accelcal.app.state import State, quoted
 
 
 def python(state: State) -> str:
@@ -15,8 +14,8 @@ def python(state: State) -> str:
     lines += [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
     if state.file is None or state.recording is None:
         return "\n".join([*lines, "# load a recording first"]) + "\n"
-    sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
-    lines += [f'data = ac.load("{_quoted(state.file)}"{sidecar})']
+    sidecar = f", {quoted(f'{state.file.stem}.toml')}" if state.sidecar is not None else ""
+    lines += [f"data = ac.load({quoted(state.file.name)}{sidecar})"]
     if state.breaks:
         lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # one model cannot hold across a break")
     if state.excluded:
@@ -26,7 +25,7 @@ def python(state: State) -> str:
         lines += [f"train, unseen = data.without(({a!r}, {b!r})), data.part({a!r}, {b!r})"]
     else:
         other = state.other.name if state.other is not None else ""
-        lines += [f'train, unseen = data, ac.load("{other}")']
+        lines += [f"train, unseen = data, ac.load({quoted(other)})"]
     if not state.path:
         lines.insert(1, "from accelcal.data.summary import summarise")
         return "\n".join([*lines, "print(summarise(data))"]) + "\n"
@@ -75,10 +74,6 @@ def command_line(state: State) -> str:
         lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
         lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")
     return "\n".join(lines) + "\n"
-
-
-def _quoted(path: Path) -> str:
-    return path.name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 COPIES: dict[str, Callable[[State], str]] = {"Python": python, "command line": command_line}

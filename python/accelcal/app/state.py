@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +18,11 @@ from accelcal.validation.comparison import Comparison
 
 Stretch = tuple[float, float]
 """From, to, s."""
+
+
+def quoted(text: str) -> str:
+    """A text as a Python script writes it, whatever it holds."""
+    return json.dumps(text, ensure_ascii=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +47,19 @@ class Change:
         if self.kind == "base":
             return f"ac.fit(ac.Model.{self.name}(), train)"
         if self.kind in ("add", "drop"):
-            return f'ac.{self.kind}(PARENT, train, "{self.name}")'
-        held = f'freeze(**{{"{self.name}": {self.value!r}}})' if self.kind == "hold" else f'release("{self.name}")'
+            return f"ac.{self.kind}(PARENT, train, {quoted(self.name)})"
+        name = quoted(self.name)
+        held = f"freeze(**{{{name}: {self.value!r}}})" if self.kind == "hold" else f"release({name})"
         return f"ac.fit(PARENT.model.{held}, train, origins=PARENT.origins)"
 
     def command(self, own_files: str) -> str:
         """The shell command that makes the model, with PARENT and THIS for the model files."""
         if self.kind == "base":
             return f"accelcal fit train.csv --model {self.name} -o THIS"
+        name = shlex.quote(self.name)
         if self.kind in ("add", "drop"):
-            return f"accelcal {self.kind} PARENT train.csv --effect {self.name}{own_files} -o THIS"
-        held = f"--at {self.name}={self.value!r}" if self.kind == "hold" else f"--release {self.name}"
+            return f"accelcal {self.kind} PARENT train.csv --effect {name}{own_files} -o THIS"
+        held = f"--at {name}={self.value!r}" if self.kind == "hold" else f"--release {name}"
         return f"accelcal freeze PARENT train.csv {held}{own_files} -o THIS"
 
 

@@ -270,10 +270,12 @@ class Workbench:
         ruler = Ruler.of(fits)
         compared = self._done(tasks.judged, fits, state.unseen, ruler, report=report, state=state)
         keys: dict[int | None, int | None] = {None: None}
-        steps = []
+        steps: list[Step] = []
         for step, found, heldout in zip(stored, fits, compared, strict=True):
             key = keys[step.key] = next(self._keys)
             change = Change(step.kind, step.name, step.value)
+            parent = next((s.fit for s in steps if s.key == keys[step.parent]), None)
+            require_made(change, found, parent)
             steps.append(Step(key, keys[step.parent], change, found, heldout))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
@@ -669,6 +671,20 @@ def known_to(state: State) -> Known:
     recordings = [r for r in (state.recording, state.other) if r is not None]
     units = dict(pair for recording in recordings for pair in units_of(recording))
     return Known(tuple(OwnFormula.of(own) for own in state.own), tuple(units.items()))
+
+
+def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
+    """Refuse a model of a session file that did not come from its parent as the file says."""
+    held = {e.name for e in (*found.estimates, *found.shapes)}
+    fits = {
+        "base": parent is None,
+        "add": change.name in found.model.effects,
+        "drop": parent is not None and change.name in parent.model.effects,
+        "hold": change.name in held,
+        "release": change.name in held,
+    }
+    if not fits[change.kind]:
+        raise Refused(f"the session says {change.label[:100]!r} of a model that is not so; take a copy that is whole")
 
 
 def units_of(recording: Recording) -> tuple[tuple[str, str], ...]:
