@@ -23,6 +23,8 @@ from accelcal.effects.side_channels import side_channels
 
 SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
+PATIENCE = 10
+"""By how much this process is nicer than the server: whoever looks at a page should not wait for another's fit."""
 EXPENDABLE = "600"
 """Where memory is short, the system ends this process rather than the one with everybody's work (0 to 1000)."""
 
@@ -136,11 +138,13 @@ def _catalogue(known: Known) -> Iterator[None]:
 
 
 def _limit() -> None:
-    """Bound the memory of this process, where the system can."""
+    """Bound the memory of this process, and let the server that answers pages go first, where the system can."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
         most = int(SHARE_OF_MEMORY * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    with suppress(AttributeError, OSError):
+        os.nice(PATIENCE)
     with suppress(OSError), open("/proc/self/oom_score_adj", "w") as file:
         file.write(EXPENDABLE)

@@ -91,8 +91,8 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
 
     def failed() -> None:
         page.bench.refuse(
-            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, and a few "
-            "uploads at a time; drop the file again"
+            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
+            "at a time, and room on the disk; give the file a short name, and drop it again"
         )
 
     made = ui.upload(
