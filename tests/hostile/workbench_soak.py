@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import re
-import threading
+import subprocess
+import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from accelcal.app.server import HOST
+
 from .workbench import LONG, Served, write
 
-PAUSE = 0.25
-"""Between two requests for the idle page, s."""
+IDLE_PAGE = Path(__file__).with_name("idle_page.py")
 STEP = """() => {
   const seen = q => { const e = document.querySelector(q); return e && e.offsetParent !== null ? e : null; };
   const alert = seen('.sentence');
@@ -76,9 +79,12 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
         pages.append((page, run.name))
     for page, _ in pages:
         page.get_by_role("button", name="Fit the linear model").wait_for(timeout=LONG)
-    ended = threading.Event()
-    asking = threading.Thread(target=ask, args=(server, idle.url, found, ended))
-    asking.start()
+    asking = subprocess.Popen(
+        [sys.executable, str(IDLE_PAGE), HOST, str(server.port), idle.url.removeprefix(server.address)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         for page, _ in pages:
@@ -88,8 +94,8 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
             if did.startswith("error"):
                 found.errors.append(did)
         pages[0][0].wait_for_timeout(100)
-    ended.set()
-    asking.join()
+    found.answers, wrong = json.loads(asking.communicate()[0])
+    found.errors += wrong
     for page, name in pages:
         page.reload()
         page.locator(".file").wait_for(timeout=LONG)
@@ -107,14 +113,3 @@ def opened(context: Any, server: Served) -> Any:
     page.goto(server.address, timeout=LONG)
     page.get_by_text("Drop a recording here").wait_for(timeout=LONG)
     return page
-
-
-def ask(server: Served, url: str, found: Soak, ended: threading.Event) -> None:
-    """Ask for the idle page until the end."""
-    path = url.removeprefix(server.address)
-    while not ended.wait(PAUSE):
-        begin = time.perf_counter()
-        status, _, text = server.ask(path)
-        found.answers.append(time.perf_counter() - begin)
-        if status != 200 or "This session has expired" in text:
-            found.errors.append(f"idle page: {status}")

@@ -48,8 +48,8 @@ class Page:
         self.asking = False
         """Whether a diagnosis begins as soon as the figures are drawn."""
 
-    async def build(self) -> None:
-        """Lay out the frame and show the first screen."""
+    def lay_out(self) -> None:
+        """Lay out the frame."""
         ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
         ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
         ui.add_head_html(IGNORE_RESIZE_ERRORS)
@@ -77,7 +77,9 @@ class Page:
         # plotly.js takes a second or two to load; a hidden figure loads it before the first recording is dropped.
         ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
         ui.keyboard(on_key=self._key)
-        await ui.context.client.connected()
+
+    async def fill(self) -> None:
+        """Show the first screen in the theme of the browser, and follow the workbench from now on."""
         dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
         self._set_theme("dark" if dark else "light")
         self.rebuild()

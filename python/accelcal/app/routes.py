@@ -29,7 +29,8 @@ def install(workbenches: Workbenches) -> None:
         """Begin new work; nothing is made before a browser has connected, so that a mere request changes nothing."""
         with ui.column().classes("expired"):
             text = ui.label("Opening the workbench …").props("role=status")
-        await ui.context.client.connected()
+        if not await connected():
+            return
         try:
             name = workbenches.new()
         except Full as error:
@@ -44,10 +45,20 @@ def install(workbenches: Workbenches) -> None:
             await absent(workbenches, name)
             return
         client, page = ui.context.client, Page(found, SCREENS, workbenches)
-        await page.build()
+        page.lay_out()
+        if not await connected():
+            return
+        await page.fill()
         workbenches.show(name, lambda: not client.is_deleted)
         if found.version == 0 and found.job is None:
             await first(page, workbenches.keeper.path(name) or workbenches.recording)
+
+
+async def connected() -> bool:
+    """Wait until a browser shows the page; False where none has come and the page was given up."""
+    client = ui.context.client
+    await client.connected()
+    return bool(client.has_socket_connection)
 
 
 async def absent(workbenches: Workbenches, name: str) -> None:
@@ -60,7 +71,8 @@ async def absent(workbenches: Workbenches, name: str) -> None:
         return
     title.set_text("Bringing back the work of this session …")
     text.set_text("The workbench was restarted.")
-    await ui.context.client.connected()
+    if not await connected():
+        return
     try:
         workbenches.new(name)
     except Full as error:
