@@ -20,13 +20,13 @@ class Server:
     """Reads the whole body, in pieces, then answers; it notes how much it took."""
 
     def __init__(self) -> None:
-        self.taken = 0
+        self.received = 0
         self.waiting = asyncio.Event()
 
     async def __call__(self, scope: Any, receive: Any, send: Any) -> None:
         while True:
             message = await receive()
-            self.taken += len(message.get("body", b""))
+            self.received += len(message.get("body", b""))
             if not message.get("more_body"):
                 break
         if "wait" in scope["path"]:
@@ -72,7 +72,7 @@ def test_a_body_is_limited_while_it_arrives(
     server = Server()
     found, text, asked = asyncio.run(posted(Guard(server, tmp_path, MOST), pieces, declared))
     assert found == status
-    assert server.taken <= MOST
+    assert server.received <= MOST
     if status == 413:
         assert "the limit of the workbench" in text
         assert asked <= 11

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from .case import LONG as EVERYTHING
-from .workbench import LONG, Served, is_gone, served, serving, write  # noqa: F401  (served: a fixture)
+from .workbench import LONG, Served, has_ended, served, serving, write  # noqa: F401  (served: a fixture)
 from .workbench_soak import opened, soak
 
 SESSIONS, SECONDS = (20, 1800.0) if EVERYTHING else (3, 30.0)
@@ -82,7 +82,7 @@ def test_a_hostile_name_ends_in_a_sentence(page: Any, served: Served, name: str)
 
 
 @pytest.mark.parametrize("status", [413, 503, 507])
-def test_an_upload_that_the_server_refuses_is_told_on_the_page(page: Any, status: int, tmp_path: Path) -> None:
+def test_an_upload_that_the_server_refuses_is_said_on_the_page(page: Any, status: int, tmp_path: Path) -> None:
     page.route("**/upload/**", lambda route: route.fulfill(status=status, body="no"))
     page.locator("input[type=file]").first.set_input_files([str(write(tmp_path / "run.csv", 1))])
     page.get_by_text("the upload has failed: the server did not take it").wait_for(timeout=LONG)
@@ -132,7 +132,7 @@ def test_reload_during_a_fit_finds_it_and_cancel_ends_its_process(page: Any, ser
     at_work = served.workers()
     page.get_by_role("button", name="Cancel").click()
     page.get_by_text("Cancelled; nothing was changed.").wait_for(timeout=LONG)
-    assert any(is_gone(pid) for pid in at_work)
+    assert any(has_ended(pid) for pid in at_work)
     fit(page)
 
 
@@ -154,7 +154,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         error = page.locator("[data-number=error]").get_attribute("data-value")
         address, workers = page.url, server.workers()
         assert server.stop(signal.SIGKILL) == -signal.SIGKILL
-        assert all(is_gone(pid) for pid in workers)
+        assert all(has_ended(pid) for pid in workers)
         server.start()
         page.goto(address)
         page.locator("[data-number=error]").wait_for(timeout=LONG)
@@ -164,7 +164,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
             shutil.rmtree(folder)
         workers = server.workers()
         assert server.stop(signal.SIGTERM) == 128 + signal.SIGTERM
-        assert all(is_gone(pid) for pid in workers)
+        assert all(has_ended(pid) for pid in workers)
         assert list(server.temporary.iterdir()) == []
         server.start()
         fresh = opened(context, server)
@@ -185,5 +185,5 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         context.close()
         workers = server.workers()
         server.stop(signal.SIGINT)
-        assert all(is_gone(pid) for pid in workers)
+        assert all(has_ended(pid) for pid in workers)
         assert list(server.temporary.iterdir()) == []

@@ -20,7 +20,7 @@ from accelcal.app.workers import WorkerLost, Workers
 
 from . import workbench_tasks as work
 from .case import LONG
-from .workbench import is_gone, write
+from .workbench import has_ended, write
 
 NOTHING = Known()
 SIGNALS = [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT] if LONG else [signal.SIGSEGV]
@@ -47,7 +47,7 @@ def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("number", SIGNALS)
-def test_a_worker_that_dies_is_told_and_replaced(workers: Workers, number: int) -> None:
+def test_a_worker_that_dies_is_reported_and_replaced(workers: Workers, number: int) -> None:
     with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
         workers(work.die, int(number), report=ignore, known=NOTHING)
     assert workers(work.speak, report=ignore, known=NOTHING) == "heard"
@@ -78,7 +78,7 @@ def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_p
 
     with pytest.raises(Cancelled):
         workers(work.sleep, note, report=report, known=NOTHING)
-    assert all(is_gone(int(pid)) for pid in note.read_text().split())
+    assert all(has_ended(int(pid)) for pid in note.read_text().split())
     assert workers.pids() == []
 
 
@@ -127,7 +127,7 @@ def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
         time.sleep(0.01)
     server.kill()
     server.wait(30)
-    assert is_gone(int((tmp_path / "note").read_text().split()[0]))
+    assert has_ended(int((tmp_path / "note").read_text().split()[0]))
     subprocess.run(["kill", (tmp_path / "note").read_text().split()[1]], check=False)
 
 

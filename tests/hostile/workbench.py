@@ -113,7 +113,7 @@ def descendants(root: int) -> list[int]:
     return found
 
 
-def is_gone(pid: int, within: float = 30.0) -> bool:
+def has_ended(pid: int, within: float = 30.0) -> bool:
     """Whether a process ends within a time, s."""
     end = time.monotonic() + within
     while time.monotonic() < end:
