@@ -23,11 +23,16 @@ def main(host: str, port: int, path: str) -> None:
     while not ended.wait(PAUSE):
         begin = time.perf_counter()
         connection = http.client.HTTPConnection(host, port, timeout=60)
-        connection.request("GET", path)
-        answer = connection.getresponse()
-        text = answer.read().decode(errors="replace")
-        times.append(time.perf_counter() - begin)
-        connection.close()
+        try:
+            connection.request("GET", path)
+            answer = connection.getresponse()
+            text = answer.read().decode(errors="replace")
+        except OSError as error:
+            wrong.append(f"idle page: {error}")
+            continue
+        finally:
+            times.append(time.perf_counter() - begin)
+            connection.close()
         if answer.status != 200 or "This session has expired" in text:
             wrong.append(f"idle page: {answer.status}")
     print(json.dumps([times, wrong]))
