@@ -19,6 +19,21 @@ from .workbench_soak import opened, soak
 SESSIONS, SECONDS = (20, 1800.0) if EVERYTHING else (3, 30.0)
 ATTACK = '"><img src=x onerror="window.hit=1"><script>window.hit=2</script>\'`${window.hit=3}`{{constructor}}'
 
+NAMES = [
+    "a\0b.csv",
+    "x" * 5000 + ".csv",
+    "标" * 120 + ".csv",
+    "../../../etc/cron.d/x.csv",
+    "..\\..\\x.csv",
+    "CON.csv",
+    ".csv",
+    "x.exe",
+    "no ending",
+    f"{ATTACK}.csv",
+    "\u202egnp.csv",
+    "a\nb\r\x1b[2J.csv",
+]
+
 
 @pytest.fixture
 def page(browser: Any, served: Served) -> Iterator[Any]:  # noqa: F811
@@ -49,24 +64,7 @@ def test_sessions_at_work_leave_an_idle_page_alone(served: Served, browser: Any,
         assert max(found.answers) <= 1.0
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "a\0b.csv",
-        "x" * 5000 + ".csv",
-        "标" * 120 + ".csv",
-        "../../../etc/cron.d/x.csv",
-        "..\\..\\x.csv",
-        "CON.csv",
-        ".csv",
-        "x.exe",
-        "no ending",
-        f"{ATTACK}.csv",
-        "\u202egnp.csv",
-        "a\nb\r\x1b[2J.csv",
-    ],
-    ids=lambda name: repr(name[:20]),
-)
+@pytest.mark.parametrize("name", NAMES if EVERYTHING else NAMES[:5], ids=lambda name: repr(name[:20]))
 def test_a_hostile_name_ends_in_a_sentence(page: Any, served: Served, name: str) -> None:  # noqa: F811
     before = set(served.temporary.glob("*"))
     page.locator("input[type=file]").first.set_input_files(
@@ -81,7 +79,7 @@ def test_a_hostile_name_ends_in_a_sentence(page: Any, served: Served, name: str)
     page.get_by_text("Load a recording first.").wait_for(timeout=LONG)
 
 
-@pytest.mark.parametrize("status", [413, 503, 507])
+@pytest.mark.parametrize("status", [413, 503, 507] if EVERYTHING else [413])
 def test_an_upload_that_the_server_refuses_is_said_on_the_page(page: Any, status: int, tmp_path: Path) -> None:
     page.route("**/upload/**", lambda route: route.fulfill(status=status, body="no"))
     page.locator("input[type=file]").first.set_input_files([str(write(tmp_path / "run.csv", 1))])

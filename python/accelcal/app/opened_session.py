@@ -46,7 +46,7 @@ class OpenedSession:
         if not is_file_of(path, source):
             raise ValueError(
                 f"{path.name}: not the recording that this session was made with ({source.path.name}, SHA-256 "
-                f"{source.sha256[:12]}…). Give that file, or begin anew with this one"
+                f"{source.sha256[:12]}…). Give that file, or press Undo and begin anew with this one"
             )
         return replace(self, given={**self.given, source.sha256: path})
 
