@@ -68,6 +68,8 @@ class Page:
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline")
             self.message = ui.label().classes("message")
+        self.working.set_visibility(False)
+        self.alert.set_visibility(False)
         self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
         with self.tabs:
             for name, (title, icon, _) in self.screens.items():
@@ -80,7 +82,10 @@ class Page:
 
     async def fill(self) -> None:
         """Show the first screen in the theme of the browser, and follow the workbench from now on."""
-        dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+        try:
+            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+        except TimeoutError:
+            dark = False  # a browser that is busy gets its page all the same
         self._set_theme("dark" if dark else "light")
         self.rebuild()
         ui.timer(TICK, self._tick)
