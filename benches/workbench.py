@@ -47,7 +47,8 @@ def served(folder: Path) -> Iterator[str]:
     """Run the workbench as a user would."""
     port = free_port(18900)
     command = [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(port)]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.DEVNULL)
+    environment = {**os.environ, "ACCELCAL_STATE": str(folder / "state")}
+    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=subprocess.DEVNULL)
     try:
         while True:
             with socket.socket() as probe:

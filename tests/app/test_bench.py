@@ -196,7 +196,7 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
 def test_columns_are_mapped_by_hand(bench, files):
     bench.load(files / "odd.csv")
     assert "no column for accel" in bench.state.problem
-    text = mapping.text_of(bench.state.file, bench.state.sidecar)
+    text = mapping.text_of(bench.state.file, bench.state.sidecar, bench.state.template)
     chosen = [
         mapping.Choice("stamp", "time", "s"),
         mapping.Choice("sensor", "accel", "m/s^2"),

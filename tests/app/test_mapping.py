@@ -32,7 +32,7 @@ def test_place_and_attitude_are_mapped_by_hand(tmp_path: Path) -> None:
     path.with_suffix(".toml").write_text(text)
     recording = io.load(path)
     np.testing.assert_allclose(np.diff(recording.position.y), np.diff(along), atol=1e-6)
-    assert [c.channel for c in mapping.choices(path, text)] == [c.channel for c in chosen()]
+    assert [c.channel for c in mapping.choices(COLUMNS, text, io.template(path))] == [c.channel for c in chosen()]
     # Mapped again without a word on the axis, everything stays.
     assert mapping.sidecar_from(text, chosen()) == text
 

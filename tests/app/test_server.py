@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from accelcal.app.server import HOST, free_port
-from accelcal.app.sessions import MOST, Workbenches
 
 pytest.importorskip("nicegui")
 
@@ -20,10 +19,11 @@ pytest.importorskip("nicegui")
 def server(tmp_path_factory):
     """Run the workbench as a user would; return its port and process."""
     port = free_port(18765)
+    passed = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     process = subprocess.Popen(
         [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(port)],
         cwd=tmp_path_factory.mktemp("server"),
-        env={name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))},
+        env={**passed, "ACCELCAL_STATE": str(tmp_path_factory.mktemp("state"))},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )
@@ -54,10 +54,7 @@ def test_only_loopback_listens(server):
     assert found == [f"0100007F:{port:04X}"]  # 127.0.0.1, as the kernel writes it; 0.0.0.0 would be 00000000
 
 
-def test_each_visit_begins_its_own_work(server):
-    places = [asked(server[0])[1]["location"] for _ in range(2)]
-    assert places[0] != places[1]
-    assert all(place.startswith("/bench/") and len(place) > 20 for place in places)
+def test_an_unknown_session_has_expired(server):
     status, _, text = asked(server[0], "/bench/nobody")
     assert status == 200
     assert "This session has expired" in text
@@ -65,22 +62,12 @@ def test_each_visit_begins_its_own_work(server):
 
 def test_a_foreign_name_is_refused(server):
     assert asked(server[0], host="evil.example")[0] == 400
-    assert asked(server[0], host=f"127.0.0.1:{server[0]}")[0] in (302, 307)
+    assert asked(server[0], host=f"127.0.0.1:{server[0]}")[0] == 200
 
 
 @pytest.mark.parametrize("path", ["/../../etc/passwd", "/bench/../../../etc/passwd", "/_nicegui/../../../etc/passwd"])
 def test_no_path_leads_out(server, path):
     assert "root:" not in asked(server[0], path)[2]
-
-
-def test_old_work_makes_room(tmp_path):
-    workbenches = Workbenches(tmp_path)
-    names = [workbenches.new() for _ in range(MOST)]
-    workbenches.find(names[0])
-    workbenches.new()
-    assert workbenches.find(names[0]) is not None
-    assert workbenches.find(names[1]) is None
-    assert not (tmp_path / names[1]).exists()
 
 
 def test_an_occupied_port_is_skipped():

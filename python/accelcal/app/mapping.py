@@ -6,14 +6,17 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import tomlkit
 
 from accelcal import io
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
 from accelcal.data.recording import RecordingError
+from accelcal.io.files import open_regular
 from accelcal.io.formats import open_table
-from accelcal.io.sidecar import has_sidecar, sidecar_text
+from accelcal.io.limits import SIDECAR_BYTES
+from accelcal.io.sidecar import has_sidecar
 
 NOT_USED = "not used"
 ESSENTIAL = ("time", "accel", "position")
@@ -44,19 +47,24 @@ def columns_of(path: Path) -> tuple[str, ...]:
     return open_table(path).columns
 
 
-def text_of(path: Path, sidecar: str | None) -> str:
-    """Current text of the sidecar: the user's, else the file next to the recording, else a commented template."""
+def text_of(path: Path, sidecar: str | None, template: str) -> str:
+    """Current text of the sidecar: the user's, else the file next to the recording, else the template."""
     if sidecar is not None:
         return sidecar
-    return sidecar_text(io.sidecar_of(path)) if has_sidecar(path) else io.template(path)
+    return text_in(io.sidecar_of(path)) if has_sidecar(path) else template
 
 
-def choices(path: Path, text: str) -> list[Choice]:
+def text_in(sidecar: Path) -> str:
+    """The text of a sidecar for people to see; what is not UTF-8 in it, and what is beyond the limit, is lost."""
+    with open_regular(sidecar, "a sidecar (TOML)") as file:
+        return file.read(SIDECAR_BYTES).decode("utf-8-sig", errors="replace")
+
+
+def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
     """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name."""
-    declared = _channels(text)
-    guessed = _channels(io.template(path))
+    declared, guessed = _channels(text), _channels(template)
     found = []
-    for column in columns_of(path):
+    for column in columns:
         channel, unit = next(
             ((name, unit) for source in (declared, guessed) for name, (of, unit) in source.items() if of == column),
             (NOT_USED, ""),
@@ -98,9 +106,11 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
             raise RecordingError(f'columns "{twin.column}" and "{choice.column}" are both {choice.channel}; keep one')
     try:
         document = tomlkit.parse(text)
-    except tomlkit.exceptions.ParseError as error:
+    except (tomlkit.exceptions.ParseError, ValueError) as error:
         raise RecordingError(f"the sidecar is not valid TOML: {error}; correct that line") from None
-    table = document.setdefault("channels", tomlkit.table())
+    except RecursionError:
+        raise RecordingError("the sidecar has brackets inside brackets too deep to read; write it flat") from None
+    table = _table(document, "channels")
     quaternion = {c.channel: c.column for c in used if c.channel in QUATERNION}
     if quaternion and len(quaternion) < len(QUATERNION):
         missing = next(name for name in QUATERNION if name not in quaternion)
@@ -122,15 +132,23 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
             entry[key] = value
         table[choice.channel] = entry
     if quaternion:
-        attitude = table.setdefault("attitude", tomlkit.table())
+        attitude = _table(table, "attitude")
         attitude["columns"] = [quaternion[name] for name in QUATERNION]
         maps = axis.maps or attitude.get("maps", "")
         if not maps:
             raise RecordingError("say what the quaternion maps: sensor to ENU, or ENU to sensor")
         attitude["maps"] = maps
     if axis.input_axis.strip():
-        document.setdefault("rig", tomlkit.table())["input_axis"] = _direction(axis.input_axis.strip())
+        _table(document, "rig")["input_axis"] = _direction(axis.input_axis.strip())
     return tomlkit.dumps(document)
+
+
+def _table(holder: Any, name: str) -> Any:
+    """The table called `name`, made where there is none."""
+    found = holder.setdefault(name, tomlkit.table())
+    if not isinstance(found, dict):
+        raise RecordingError(f"the sidecar: {name} is no table; write [{name}] on a line of its own")
+    return found
 
 
 def _direction(text: str) -> str | list[float]:
@@ -147,10 +165,13 @@ def _channels(text: str) -> dict[str, tuple[str, str]]:
     """Column and unit by channel; empty where the text is no TOML."""
     try:
         table = tomllib.loads(text).get("channels", {})
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
+        return {}
+    if not isinstance(table, dict):
         return {}
     attitude = table.get("attitude", {})
-    columns = attitude.get("columns", ()) if isinstance(attitude, dict) else ()
+    listed = attitude.get("columns") if isinstance(attitude, dict) else None
+    columns = listed if isinstance(listed, list) else []
     return {
         name: (source["column"], str(source.get("unit", "")))
         for name, source in table.items()

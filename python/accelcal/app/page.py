@@ -6,13 +6,15 @@ import asyncio
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
+from pathlib import Path
 from typing import Any, TypeAlias
 
-from nicegui import background_tasks, run, ui
+from nicegui import background_tasks, ui
 
 from accelcal._support import internal_error
-from accelcal.app import widgets
+from accelcal.app import background, widgets
 from accelcal.app.figures import Picture
+from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
@@ -29,8 +31,9 @@ Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 class Page:
     """One browser tab on a workbench."""
 
-    def __init__(self, bench: Workbench, screens: Mapping[str, Screen]) -> None:
+    def __init__(self, bench: Workbench, screens: Mapping[str, Screen], workbenches: Workbenches) -> None:
         self.bench = bench
+        self.workbenches = workbenches
         self.screens = screens
         """By name, in the order of the tabs."""
         self.theme: ThemeName = "light"
@@ -49,8 +52,8 @@ class Page:
         self.asking = False
         """Whether a diagnosis begins as soon as the figures are drawn."""
 
-    async def build(self) -> None:
-        """Lay out the frame and show the first screen."""
+    def lay_out(self) -> None:
+        """Lay out the frame."""
         ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
         ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
         ui.add_head_html(IGNORE_RESIZE_ERRORS)
@@ -69,6 +72,8 @@ class Page:
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline")
             self.message = ui.label().classes("message")
+        self.working.set_visibility(False)
+        self.alert.set_visibility(False)
         self.tabs = ui.tabs(on_change=lambda e: self.go(e.value)).classes("tabs").props("align=left no-caps")
         with self.tabs:
             for name, (title, icon, _) in self.screens.items():
@@ -78,8 +83,13 @@ class Page:
         # plotly.js takes a second or two to load; a hidden figure loads it before the first recording is dropped.
         ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
         ui.keyboard(on_key=self._key)
-        await ui.context.client.connected()
-        dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+
+    async def fill(self) -> None:
+        """Show the first screen in the theme of the browser, and follow the workbench from now on."""
+        try:
+            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+        except TimeoutError:
+            dark = False  # a browser that is busy gets its page all the same
         self._set_theme("dark" if dark else "light")
         ui.on_exception(self.failed)
         self.rebuild()
@@ -90,9 +100,9 @@ class Page:
     async def act(self, action: Callable[..., Any], *args: Any, then: str = "") -> Any:
         """Run an action off the page's own thread; then show the screen `then` if it succeeded."""
         try:
-            background = run.io_bound(action, *args)
+            running = background.act(action, *args)
             self._tick()
-            result = await background
+            result = await running
         except Busy:
             result = None
         if then and not self.bench.sentence:
@@ -123,6 +133,12 @@ class Page:
         if not isinstance(error, Busy) and place not in self._failures:
             self._failures.add(place)
             self.bench.refuse(internal_error.sentence(error))
+
+    async def open(self, path: Path, *, session: bool) -> None:
+        """Load a recording, or go on with a session where it was left."""
+        await self.act(self.bench.open if session else self.bench.load, path)
+        if session and self.bench.state.step is not None:
+            self.tabs.set_value("improve")
 
     def change(self, action: Callable[[], None]) -> None:
         """Run an action that ends at once."""
@@ -183,12 +199,14 @@ class Page:
         key: tuple[Any, ...],
         make: Callable[[ThemeName], Sequence[Picture]],
         *,
+        first: Callable[[], Any] = lambda: None,
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `prepare` is called with each plot and a function that replaces its figure.
+        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces
+        its figure.
         """
         key = (*key, self.theme)
         theme, build = self.theme, self._build_count
@@ -220,7 +238,8 @@ class Page:
 
         async def draw() -> list[Picture]:
             try:
-                several = list(await run.io_bound(lambda: make(theme)) or ())
+                await background.act(first)
+                several = list(await background.draw(lambda: make(theme)))
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:

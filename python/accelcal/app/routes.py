@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from nicegui import ui
-from starlette.responses import RedirectResponse, Response
+from pathlib import Path
 
-from accelcal.app import widgets
+from nicegui import ui
+
+from accelcal.app import session_file, widgets
 from accelcal.app.page import Page, Screen
 from accelcal.app.screens import data, download, improvement, model, residuals
-from accelcal.app.sessions import Workbenches
+from accelcal.app.sessions import Full, Workbenches
 
 SCREENS: dict[str, Screen] = {
     "data": ("Data", "insert_chart", data.show),
@@ -24,19 +25,63 @@ def install(workbenches: Workbenches) -> None:
     """Register the pages of the workbench with the server."""
 
     @ui.page("/")
-    def start() -> Response:
-        return RedirectResponse(f"/bench/{workbenches.new()}")
+    async def start() -> None:
+        """Begin new work; nothing is made before a browser has connected, so that a mere request changes nothing."""
+        with ui.column().classes("expired"):
+            text = ui.label("Opening the workbench …").props("role=status")
+        if not await connected():
+            return
+        try:
+            name = workbenches.new()
+        except Full as error:
+            text.set_text(str(error))
+            return
+        ui.run_javascript(f"location.replace('/bench/{name}')")
 
     @ui.page("/bench/{name}")
     async def bench(name: str) -> None:
         found = workbenches.find(name)
         if found is None:
-            with ui.column().classes("expired"):
-                widgets.heading("This session has expired", 1)
-                ui.label("The workbench was restarted, or newer sessions replaced this one.")
-                ui.link("New session", "/")
+            await absent(workbenches, name)
             return
-        page = Page(found, SCREENS)
-        await page.build()
-        if workbenches.recording is not None and found.state.file is None and found.job is None and not found.sentence:
-            await page.act(found.load, workbenches.recording)
+        client, page = ui.context.client, Page(found, SCREENS, workbenches)
+        page.lay_out()
+        if not await connected():
+            return
+        await page.fill()
+        workbenches.show(name, lambda: not client.is_deleted)
+        if found.version == 0 and found.job is None:
+            await first(page, workbenches.keeper.path(name) or workbenches.recording)
+
+
+async def connected() -> bool:
+    """Wait until a browser shows the page; False where none has come and the page was given up."""
+    client = ui.context.client
+    await client.connected()
+    return bool(client.has_socket_connection)
+
+
+async def absent(workbenches: Workbenches, name: str) -> None:
+    """A page for a session that this server does not have: it is brought back where it was kept."""
+    with ui.column().classes("expired"):
+        title = widgets.heading("This session has expired", 1)
+        text = ui.label("The workbench was restarted, or newer sessions replaced this one.")
+        ui.link("New session", "/")
+    if workbenches.keeper.path(name) is None:
+        return
+    title.set_text("Bringing back the work of this session …")
+    text.set_text("The workbench was restarted.")
+    if not await connected():
+        return
+    try:
+        workbenches.new(name)
+    except Full as error:
+        text.set_text(str(error))
+        return
+    ui.run_javascript("location.reload()")
+
+
+async def first(page: Page, path: Path | None) -> None:
+    """Load what a fresh workbench begins with, if anything."""
+    if path is not None:
+        await page.open(path, session=path.suffix.lower() == session_file.SUFFIX)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from pathlib import Path
 
-from accelcal.app.state import State
+from accelcal.app.state import State, quoted
 
 
 def python(state: State) -> str:
@@ -15,8 +14,8 @@ def python(state: State) -> str:
     lines += [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
     if state.file is None or state.recording is None:
         return "\n".join([*lines, "# load a recording first"]) + "\n"
-    sidecar = f', "{state.file.stem}.toml"' if state.sidecar is not None else ""
-    lines += [f'data = ac.load("{_quoted(state.file)}"{sidecar})']
+    sidecar = f", {quoted(f'{state.file.stem}.toml')}" if state.sidecar is not None else ""
+    lines += [f"data = ac.load({quoted(state.file.name)}{sidecar})"]
     if state.breaks:
         lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # one model cannot hold across a break")
     if state.excluded:
@@ -26,14 +25,14 @@ def python(state: State) -> str:
         lines += [f"train, unseen = data.without(({a!r}, {b!r})), data.part({a!r}, {b!r})"]
     else:
         other = state.other.name if state.other is not None else ""
-        lines += [f'train, unseen = data, ac.load("{other}")']
+        lines += [f"train, unseen = data, ac.load({quoted(other)})"]
     if not state.path:
         lines.insert(1, "from accelcal.data.summary import summarise")
         return "\n".join([*lines, "print(summarise(data))"]) + "\n"
     names = [f"m{i}" for i in range(len(state.path))]
     lines.append("")
     for i, step in enumerate(state.path):
-        made = step.python.replace("PARENT", names[i - 1] if i else "")
+        made = step.change.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
     lines += [
         "",
@@ -66,17 +65,15 @@ def command_line(state: State) -> str:
         unseen = shlex.quote(state.other.name if state.other is not None else "")
     names = [f"m{i}.json" for i in range(len(state.path))]
     for i, step in enumerate(state.path):
-        lines.append(step.command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
+        lines.append(
+            step.change.command(state.own_files).replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i])
+        )
     if names:
         option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} train.csv{option}")
         lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
         lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")
     return "\n".join(lines) + "\n"
-
-
-def _quoted(path: Path) -> str:
-    return path.name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 COPIES: dict[str, Callable[[State], str]] = {"Python": python, "command line": command_line}

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, Literal
 
+from accelcal.app.opened_session import OpenedSession
 from accelcal.data.recording import Recording
 from accelcal.effects import Own
 from accelcal.estimation.estimate import Fit
@@ -15,21 +20,64 @@ Stretch = tuple[float, float]
 """From, to, s."""
 
 
+def quoted(text: str) -> str:
+    """A text as a Python script writes it, whatever it holds."""
+    return json.dumps(text, ensure_ascii=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """How a model came from its parent."""
+
+    kind: Literal["base", "add", "drop", "hold", "release"]
+    name: str
+    """Of the base model (linear, cubic), the effect or the parameter."""
+    value: float = 0.0
+    """At which a parameter is held, SI."""
+
+    @property
+    def label(self) -> str:
+        """What distinguishes the model from its parent, for people."""
+        texts = {"base": "base", "add": f"+ {self.name}", "drop": f"− {self.name}"}
+        return texts.get(self.kind) or f"{self.name} {'held' if self.kind == 'hold' else 'free'}"
+
+    @property
+    def python(self) -> str:
+        """The expression that makes the fit, with PARENT for the one before."""
+        if self.kind == "base":
+            return f"ac.fit(ac.Model.{self.name}(), train)"
+        if self.kind in ("add", "drop"):
+            return f"ac.{self.kind}(PARENT, train, {quoted(self.name)})"
+        name = quoted(self.name)
+        held = f"freeze(**{{{name}: {self.value!r}}})" if self.kind == "hold" else f"release({name})"
+        return f"ac.fit(PARENT.model.{held}, train, origins=PARENT.origins)"
+
+    def command(self, own_files: str) -> str:
+        """The shell command that makes the model, with PARENT and THIS for the model files."""
+        if self.kind == "base":
+            return f"accelcal fit train.csv --model {self.name} -o THIS"
+        name = shlex.quote(self.name)
+        if self.kind in ("add", "drop"):
+            return f"accelcal {self.kind} PARENT train.csv --effect {name}{own_files} -o THIS"
+        held = f"--at {name}={self.value!r}" if self.kind == "hold" else f"--release {name}"
+        return f"accelcal freeze PARENT train.csv {held}{own_files} -o THIS"
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
     """One model of the tree."""
 
     key: int
     parent: int | None
-    label: str
-    """What distinguishes this model from its parent, for people: base, + cubic, bias held."""
-    python: str
-    """The expression that makes its fit, with PARENT for the one before."""
-    command: str
-    """The shell command that makes it, with PARENT and THIS for the model files."""
+    change: Change
     fit: Fit
     heldout: Comparison
     """Against the held-out data."""
+
+    @property
+    def label(self) -> str:
+        """What distinguishes this model from its parent, for people: base, + cubic, bias held."""
+        return self.change.label
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +88,13 @@ class State:
     sidecar: str | None = None
     """Text that replaces the sidecar next to the file; None: use that one, if any."""
     columns: tuple[str, ...] = ()
+    template: str = ""
+    """A commented sidecar for the columns of the file."""
     problem: str = ""
     """Why the columns of the file are not understood; empty when they are."""
     recording: Recording | None = None
+    summary: Mapping[str, Any] = field(default_factory=dict)
+    """What the check of the recording found, for the page."""
     used: Stretch = (0.0, 0.0)
     """Part on which one model can hold."""
     marks: Marks | None = None
@@ -52,10 +104,14 @@ class State:
     """Part of the recording that is not fitted; None when another recording is held out."""
     other: Recording | None = None
     """Held-out recording."""
+    other_file: Path | None = None
+    """Where it was read from."""
     excluded: tuple[Stretch, ...] = ()
     own: tuple[Own, ...] = ()
     steps: tuple[Step, ...] = ()
     current: int | None = None
+    opened: OpenedSession | None = None
+    """A session that waits for a recording, in place of all else."""
 
     @property
     def step(self) -> Step | None:

@@ -8,44 +8,51 @@ from __future__ import annotations
 
 import itertools
 import re
+import shutil
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
-
-import numpy as np
+from typing import Any, Literal
 
 from accelcal import io
 from accelcal._support import internal_error
-from accelcal.app import mapping
-from accelcal.app.state import Cancelled, Job, State, Step, Stretch
-from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
+from accelcal.app import mapping, session_file, tasks
+from accelcal.app.opened_session import OpenedSession
+from accelcal.app.own_formula import OwnFormula
+from accelcal.app.state import Cancelled, Change, Job, State, Step, Stretch
+from accelcal.app.tasks import Export
+from accelcal.app.worker import Known
+from accelcal.app.workers import Compute, Report, direct
 from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.rig import Rig
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import Effect, from_expression
+from accelcal.effects import from_expression
+from accelcal.effects.side_channels import side_channels
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.model import Model
-from accelcal.plots.interactive import marks
-from accelcal.report import gather, html
 from accelcal.serialization import model_file
-from accelcal.simulation.sensor import CXL02_RIG, simulate
+from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import HELD_OUT, Comparison
 from accelcal.validation.ruler import Ruler
-from accelcal.workflow import add, compare, diagnose, drop, fit
 
-EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
-"""True parameters of the simulated example."""
-Report = Callable[[float], None]
 MOST_BYTES = 1_000_000_000
 """Largest file that is read."""
 MOST_SAMPLES = 20_000_000
 """Largest number of accelerometer samples."""
-Export = Literal["C", "Rust", "JSON", "DCC"]
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
 """Formats of an exported calibration, with their file names."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
+MOST_KEPT = 4_000_000_000
+"""Most that the files of one session take, bytes."""
+MOST_UNDO = 100
+"""Changes that can be undone."""
+UNUSED = 600.0
+"""Age from which files that no state names are removed, s."""
+MOST_NAME = 100
+"""Length of the name that an uploaded file is kept under, bytes; a file system takes 255."""
 
 
 class Refused(ValueError):
@@ -58,10 +65,12 @@ class Workbench:
     Parameters
     ----------
     folder : for uploaded files and sidecars of this user.
+    compute : how long work is done; by default here, in the calling thread.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, compute: Compute = direct) -> None:
         self.folder = folder
+        self._compute = compute
         self.state = State()
         self.job: Job | None = None
         self.sentence = ""
@@ -75,6 +84,8 @@ class Workbench:
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
         self._whole: tuple[int, Comparison] | None = None
+        self.changed: Callable[[State], object] = lambda state: None
+        """Called with each new state."""
         self._undo: list[State] = []
         self._redo: list[State] = []
 
@@ -82,9 +93,35 @@ class Workbench:
 
     def upload_folder(self) -> Path:
         """Return a new folder for files that were dropped together, so that no older sidecar is in it."""
+        self._sweep()
         new = self.folder / f"drop{next(self._keys)}"
         new.mkdir(parents=True)
         return new
+
+    def require_room(self) -> None:
+        """Refuse further files of a session whose files take too much of the disk.
+
+        Raises
+        ------
+        Refused
+            With what they take and the limit.
+        """
+        taken = sum(file.stat().st_size for file in self.folder.rglob("*") if file.is_file())
+        if taken > MOST_KEPT:
+            raise Refused(
+                f"the recordings of this session take {taken / 1e9:.1f} GB, and {MOST_KEPT / 1e9:.0f} GB is the limit; "
+                "save the session, and open it in a new tab"
+            )
+
+    def _sweep(self) -> None:
+        """Remove files that no undo brings back."""
+        with self._lock:
+            states = [self.state, *self._undo, *self._redo]
+        used = {file.parent for state in states for file in (state.file, state.other_file) if file is not None}
+        used |= {file.parent for state in states if state.opened for file in state.opened.given.values()}
+        for old in self.folder.glob("drop*"):
+            if old not in used and time.time() - old.stat().st_mtime > UNUSED:
+                shutil.rmtree(old, ignore_errors=True)
 
     @staticmethod
     def upload_path(name: str, upload_folder: Path) -> Path:
@@ -95,10 +132,17 @@ class Workbench:
         Refused
             If the file has an ending that is not read here.
         """
-        bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")[-120:]
-        if Path(bare).suffix.lower() not in (*SUFFIXES, ".toml"):
-            raise Refused(f"{bare or name!r}: drop a recording ({', '.join(SUFFIXES)}) or its sidecar (.toml)")
-        return upload_folder / bare
+        bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")
+        stem, dot, ending = bare.rpartition(".")
+        ending = dot + ending.lower()
+        if not stem or ending not in (*SUFFIXES, ".toml", session_file.SUFFIX):
+            shown = bare[-40:] or name[-40:]
+            raise Refused(
+                f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}), its sidecar (.toml) or a session "
+                f"({session_file.SUFFIX})"
+            )
+        kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()
+        return upload_folder / f"{kept or 'recording'}{bare[len(stem) :]}"
 
     def load(self, path: str | Path, sidecar: str | None = None) -> None:
         """Read a recording; where its columns are not understood, `State.problem` says why until they are mapped.
@@ -113,45 +157,53 @@ class Workbench:
 
     def _load(self, path: Path, sidecar: str | None, report: Report) -> State:
         columns: tuple[str, ...] = ()
+        template = ""
         try:
             require_size(path)
-            columns = mapping.columns_of(path)
-            report(0.1)
-            recording = self._read(path, sidecar)
+            columns, template = self._done(tasks.columns, path, report=share_of(report, 0.0, 0.1))
+            recording = self._read(path, self._declared(path, sidecar), share_of(report, 0.1, 0.4))
         except RecordingError as error:
             if not columns:
                 raise
-            return State(file=path, sidecar=sidecar, columns=columns, problem=self.plain(str(error)))
+            problem = self.plain(str(error))
+            return State(file=path, sidecar=sidecar, columns=columns, template=template, problem=problem)
         report(0.4)
         with self._lock:
             self.arriving = recording
             self.version += 1
-        seen = marks(recording)
+        found: tasks.Checked = self._done(tasks.check, recording, report=share_of(report, 0.4, 0.98))
+        seen = found.marks
         begin, end = seen.start, seen.end
         return State(
             file=path,
             sidecar=sidecar,
             columns=columns,
+            template=template,
             recording=recording,
+            summary=found.summary,
             used=(begin, end),
             breaks=seen.breaks,
             marks=seen,
             held_out=(round(end - HELD_OUT * (end - begin), 3), end if seen.breaks else time_span(recording)[1]),
         )
 
-    def _read(self, path: Path, sidecar: str | None) -> Recording:
+    def _declared(self, path: Path, sidecar: str | None) -> Path | None:
+        """The file of a sidecar that the user has written here; None: the one beside the recording."""
         if sidecar is None:
-            recording = io.load(path)
-        else:
-            declared = self.folder / "sidecar" / io.sidecar_of(path).name
-            declared.parent.mkdir(parents=True, exist_ok=True)
-            io.atomic_write(declared, sidecar)
-            recording = io.load(path, declared)
+            return None
+        declared = self.folder / "sidecar" / io.sidecar_of(path).name
+        declared.parent.mkdir(parents=True, exist_ok=True)
+        io.atomic_write(declared, sidecar)
+        return declared
+
+    def _read(self, path: Path, rig: Path | Rig | None, report: Report) -> Recording:
+        recording: Recording = self._done(tasks.load, path, rig, report=report)
         if len(recording.accel) > MOST_SAMPLES:
             raise RecordingError(
                 f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
                 "Cut the file, or use the command line"
             )
+        side_channels(units_of(recording))  # their effects have names in every process
         return recording
 
     def load_other(self, path: str | Path) -> None:
@@ -162,19 +214,89 @@ class Workbench:
             require_size(path)
             if state.recording is None:
                 raise Refused("load the recording to fit first")
-            beside = io.sidecar_of(path).exists()
-            other = io.load(path) if beside else io.load(path, state.recording.rig)
+            other = self._read(path, None if io.sidecar_of(path).exists() else state.recording.rig, report)
             require_distinct([state.recording, other])
-            return without_models(replace(state, other=other, held_out=None))
+            return without_models(replace(state, other=other, other_file=path, held_out=None))
 
         self._perform(f"reading {path.name}", work)
+
+    def open(self, path: str | Path) -> None:
+        """Go on with the work of a session file; a recording that is missing is asked for: `State.opened`."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            return self._resumed(OpenedSession(*session_file.read(path)), report)
+
+        self._perform(f"opening {path.name}", work)
+
+    def give(self, path: str | Path) -> None:
+        """Give the recording that an opened session asks for."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            if state.opened is None:
+                raise Refused("open a session first")
+            return self._resumed(state.opened.with_file(path), report)
+
+        self._perform(f"reading {path.name}", work)
+
+    def _resumed(self, opened: OpenedSession, report: Report) -> State:
+        """The state that a session file holds, its recordings read again and its models compared again."""
+        missing = opened.missing
+        if missing is not None:
+            return State(opened=replace(opened, awaited=missing))
+        content = opened.content
+        own = tuple(formula.own.enter() for formula in content.own)
+        path = opened.path(content.recording)
+        beside = content.sidecar == (mapping.text_of(path, None, "") or None)
+        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.0, 0.5))
+        if state.recording is None:
+            raise Refused(state.problem)
+        held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
+        state = replace(state, held_out=held_out, excluded=excluded, own=own)
+        if content.other is not None:
+            path = opened.path(content.other)
+            rig = self._declared(path, content.other_sidecar) or whole_rig
+            other = self._read(path, rig, share_of(report, 0.5, 0.7))
+            state = replace(state, other=other, other_file=path)
+        require_both_parts(state)
+        return self._with_models(state, opened, share_of(report, 0.7, 0.98))
+
+    def _with_models(self, state: State, opened: OpenedSession, report: Report) -> State:
+        """The state with the tree of models of a session file, under keys of this workbench."""
+        stored = opened.content.steps
+        if not stored:
+            return state
+        fits = [self._model(opened.models[step.key], step.key) for step in stored]
+        ruler = Ruler.of(fits)
+        compared = self._done(tasks.judged, fits, state.unseen, ruler, report=report, state=state)
+        keys: dict[int | None, int | None] = {None: None}
+        steps: list[Step] = []
+        for step, found, heldout in zip(stored, fits, compared, strict=True):
+            key = keys[step.key] = next(self._keys)
+            change = Change(step.kind, step.name, step.value)
+            parent = next((s.fit for s in steps if s.key == keys[step.parent]), None)
+            require_made(change, found, parent)
+            steps.append(Step(key, keys[step.parent], change, found, heldout))
+        return replace(state, steps=tuple(steps), current=keys[opened.content.current])
+
+    def _model(self, text: str, key: int) -> Fit:
+        """A model of a session file."""
+        path = self.folder / "models" / f"{key}.json"
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        return model_file.load(path)
+
+    def session(self) -> bytes:
+        """The work as a session file."""
+        return session_file.dumps(self.state)
 
     def hold_out(self, start: float, end: float) -> None:
         """Choose the part of the recording that is held out."""
 
         def work(state: State, report: Report) -> State:
             begin, finish = inside_used(state, start, end)
-            new = replace(state, held_out=(begin, finish), other=None)
+            new = replace(state, held_out=(begin, finish), other=None, other_file=None)
             require_both_parts(new)
             return without_models(new)
 
@@ -207,10 +329,8 @@ class Workbench:
 
         def work(state: State, report: Report) -> State:
             chosen = {"linear": Model.linear, "cubic": Model.cubic}[model]()
-            found = fit(chosen, loaded(state).train, report=share_of(report, 0.0, 0.8))
-            python = f"ac.fit(ac.Model.{model}(), train)"
-            command = f"accelcal fit train.csv --model {model} -o THIS"
-            return self._with_model(replace(state, steps=(), current=None), "base", python, command, found)
+            bare = without_models(loaded(state))
+            return self._grown(bare, Change("base", model), self._fitted(chosen, None, state, report), report)
 
         self._perform("fitting the base model", work)
 
@@ -218,12 +338,9 @@ class Workbench:
         """Add an effect to the current model, and fit again."""
 
         def work(state: State, report: Report) -> State:
-            before = fitted(state)
-            extra = effects_of(state)
-            found = add(before.fit, state.train, name, extra=extra, report=share_of(report, 0.0, 0.8))
-            python = f'ac.add(PARENT, train, "{name}")'
-            command = f"accelcal add PARENT train.csv --effect {name}{state.own_files} -o THIS"
-            return self._with_model(state, f"+ {name}", python, command, found)
+            before, own = fitted(state).fit, names_of(state)
+            found = self._done(tasks.added, before, state.train, name, own, report=first_part(report))
+            return self._grown(state, Change("add", name), found, report)
 
         self._perform(f"adding {name}", work)
 
@@ -231,10 +348,8 @@ class Workbench:
         """Remove an effect from the current model, and fit again."""
 
         def work(state: State, report: Report) -> State:
-            found = drop(fitted(state).fit, state.train, name, report=share_of(report, 0.0, 0.8))
-            python = f'ac.drop(PARENT, train, "{name}")'
-            command = f"accelcal drop PARENT train.csv --effect {name}{state.own_files} -o THIS"
-            return self._with_model(state, f"− {name}", python, command, found)
+            found = self._done(tasks.dropped, fitted(state).fit, state.train, name, report=first_part(report))
+            return self._grown(state, Change("drop", name), found, report)
 
         self._perform(f"removing {name}", work)
 
@@ -244,10 +359,8 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
             require_parameter(before, name)
-            found = self._refit(before, before.model.freeze(**{name: value}), state, report)
-            python = f'ac.fit(PARENT.model.freeze(**{{"{name}": {value!r}}}), train, origins=PARENT.origins)'
-            command = f"accelcal freeze PARENT train.csv --at {name}={value!r}{state.own_files} -o THIS"
-            return self._with_model(state, f"{name} held", python, command, found)
+            found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, report)
+            return self._grown(state, Change("hold", name, value), found, report)
 
         self._perform(f"holding {name}", work)
 
@@ -256,25 +369,34 @@ class Workbench:
 
         def work(state: State, report: Report) -> State:
             before = fitted(state).fit
-            found = self._refit(before, before.model.release(name), state, report)
-            python = f'ac.fit(PARENT.model.release("{name}"), train, origins=PARENT.origins)'
-            command = f"accelcal freeze PARENT train.csv --release {name}{state.own_files} -o THIS"
-            return self._with_model(state, f"{name} free", python, command, found)
+            found = self._fitted(before.model.release(name), before.origins, state, report)
+            return self._grown(state, Change("release", name), found, report)
 
         self._perform(f"releasing {name}", work)
 
-    @staticmethod
-    def _refit(before: Fit, model: Model, state: State, report: Report) -> Fit:
-        return fit(model, state.train, origins=before.origins, report=share_of(report, 0.0, 0.8))
+    def _fitted(self, model: Model, origins: Origins | None, state: State, report: Report) -> Fit:
+        found: Fit = self._done(tasks.fitted, model, state.train, origins, report=first_part(report))
+        return found
 
-    def _with_model(self, state: State, label: str, python: str, command: str, found: Fit) -> State:
+    def _grown(self, state: State, change: Change, found: Fit, report: Report) -> State:
         """The state with one more model, made the current one; all models are compared with one filter."""
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
-        if before and Ruler.of(before) != ruler:
-            compared = [replace(step, heldout=judged(step.fit, state, ruler)) for step in state.steps]
-            state = replace(state, steps=tuple(compared))
-        step = Step(next(self._keys), state.current, label, python, command, found, judged(found, state, ruler))
-        return replace(state, steps=(*state.steps, step), current=step.key)
+        again = state.steps if before and Ruler.of(before) != ruler else ()
+        fits = [*(step.fit for step in again), found]
+        *others, last = self._done(tasks.judged, fits, state.unseen, ruler, report=share_of(report, 0.8, 1.0))
+        compared = tuple(replace(step, heldout=heldout) for step, heldout in zip(again, others, strict=True))
+        step = Step(next(self._keys), state.current, change, found, last)
+        return replace(state, steps=(*(compared or state.steps), step), current=step.key)
+
+    def _done(
+        self,
+        task: Callable[..., Any],
+        *args: Any,
+        report: Report = lambda share: None,
+        state: State | None = None,
+    ) -> Any:
+        """The result of long work on the data of a state, by default the present one."""
+        return self._compute(task, *args, report=report, known=known_to(state or self.state))
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
         """Add a user effect, given as a formula, to the candidates."""
@@ -282,7 +404,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             channels = tuple(loaded(state).data.side)
             made = from_expression(name, expression, unit=unit or "1", port=port, channels=channels)
-            if made.effect in effects_of(state):
+            if made.effect.name in names_of(state):
                 raise Refused(f"{name} is a candidate already")
             return replace(state, own=(*state.own, made))
 
@@ -297,7 +419,8 @@ class Workbench:
             return
         with self._working("searching for missing effects", silent=True) as job:
             step = fitted(state)
-            found = diagnose(step.fit, state.train, extra=effects_of(state), report=share_of(job.report, 0.0, 0.98))
+            own, report = names_of(state), share_of(job.report, 0.0, 0.98)
+            found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
             with self._lock:
                 job.report(1.0)
                 self.diagnoses[asked] = found
@@ -341,6 +464,7 @@ class Workbench:
             if source and self.job is None:
                 target.append(self.state)
                 self.state = source.pop()
+                self.changed(self.state)
                 self.sentence = ""
                 self.version += 1
 
@@ -351,7 +475,8 @@ class Workbench:
             return None
         kept = self._whole
         if kept is None or kept[0] != state.step.key:
-            kept = self._whole = (state.step.key, compare(state.step.fit, state.data))
+            (found,) = self._done(tasks.judged, [state.step.fit], state.data, None)
+            kept = self._whole = (state.step.key, found)
         return kept[1]
 
     def before(self) -> Comparison | None:
@@ -368,12 +493,13 @@ class Workbench:
 
     def example(self) -> None:
         """Write a simulated recording with a hidden effect, and load it."""
-        made = simulate(
-            "interleaved", seconds=60.0, rig=CXL02_RIG, parameters=EXAMPLE, rng=np.random.default_rng()
-        ).recording
         path = self.upload_folder() / "example.csv"
-        io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
-        self.load(path)
+
+        def work(state: State, report: Report) -> State:
+            self._done(tasks.simulated, path, report=report)
+            return self._load(path, None, report)
+
+        self._perform("simulating a recording", work)
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""
@@ -383,15 +509,8 @@ class Workbench:
         """Write the report of the current model; None where that failed or was cancelled."""
         with self._working("writing the report") as job:
             state = self.state
-            content = gather(
-                fitted(state).fit,
-                state.train,
-                holdout=state.unseen,
-                extra=effects_of(state),
-                command="accelcal app",
-                report=share_of(job.report, 0.0, 0.9),
-            )
-            page = html(content)
+            found, own, report = fitted(state).fit, names_of(state), share_of(job.report, 0.0, 0.99)
+            page = self._done(tasks.reported, found, state.train, state.unseen, own, report=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -400,16 +519,10 @@ class Workbench:
 
     def export(self, kind: Export) -> Path | None:
         """Write the sensor's own calibration; None where the model cannot be exported: `sentence` says why."""
-        with self._working("writing the calibration"):
-            made = calibrate(fitted(self.state).fit)
+        with self._working("writing the calibration") as job:
             target = self.upload_folder() / EXPORTS[kind]
-            texts: dict[Export, Callable[[], str]] = {
-                "C": lambda: header(made, target.name),
-                "Rust": lambda: module(made),
-                "JSON": lambda: model_file.dumps(to_dict(made)),
-                "DCC": lambda: draft(made, Laboratory()).text,
-            }
-            io.atomic_write(target, texts[kind]())
+            text = self._done(tasks.exported, fitted(self.state).fit, kind, target.name, report=job.report)
+            io.atomic_write(target, text)
             return target
         return None
 
@@ -433,9 +546,10 @@ class Workbench:
             with self._lock:
                 job.report(1.0)  # last chance to be cancelled
                 if after is not before:
-                    self._undo.append(before)
+                    self._undo = [*self._undo[1 - MOST_UNDO :], before]
                     self._redo.clear()
                     self.state = after
+                    self.changed(after)
 
     @contextmanager
     def _working(self, title: str, *, silent: bool = False) -> Iterator[Job]:
@@ -474,7 +588,7 @@ class Workbench:
 
     def plain(self, text: str) -> str:
         """A sentence of the library with file names as the user knows them, without the folder of the workbench."""
-        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|drop\d+/)?", "", text)
+        return re.sub(re.escape(str(self.folder)) + r"/(?:sidecar/|models/|drop\d+/)?", "", text)
 
 
 class Busy(Exception):
@@ -549,9 +663,35 @@ def require_parameter(found: Fit, name: str) -> None:
         raise Refused(f"{name!r} is not a parameter of this model")
 
 
-def effects_of(state: State) -> tuple[Effect, ...]:
-    """User-defined effects."""
-    return tuple(own.effect for own in state.own)
+def names_of(state: State) -> tuple[str, ...]:
+    """Names of user-defined effects."""
+    return tuple(own.effect.name for own in state.own)
+
+
+def known_to(state: State) -> Known:
+    """What a worker needs in its catalogue for the work of this session."""
+    recordings = [r for r in (state.recording, state.other) if r is not None]
+    units = dict(pair for recording in recordings for pair in units_of(recording))
+    return Known(tuple(OwnFormula.of(own) for own in state.own), tuple(units.items()))
+
+
+def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
+    """Refuse a model of a session file that did not come from its parent as the file says."""
+    held = {e.name for e in (*found.estimates, *found.shapes)}
+    fits = {
+        "base": parent is None,
+        "add": change.name in found.model.effects,
+        "drop": parent is not None and change.name in parent.model.effects,
+        "hold": change.name in held,
+        "release": change.name in held,
+    }
+    if not fits[change.kind]:
+        raise Refused(f"the session says {change.label[:100]!r} of a model that is not so; take a copy that is whole")
+
+
+def units_of(recording: Recording) -> tuple[tuple[str, str], ...]:
+    """Side channels with their units."""
+    return tuple((channel.name, channel.unit) for channel in recording.side.values())
 
 
 def question(state: State) -> tuple[int, int] | None:
@@ -559,9 +699,9 @@ def question(state: State) -> tuple[int, int] | None:
     return None if state.current is None else (state.current, len(state.own))
 
 
-def judged(found: Fit, state: State, ruler: Ruler) -> Comparison:
-    """The model against the held-out data, with the filter that all models of the tree share."""
-    return compare(found, state.unseen, ruler=ruler)
+def first_part(report: Report) -> Report:
+    """Progress of a fit that is then compared with held-out data."""
+    return share_of(report, 0.0, 0.8)
 
 
 def share_of(report: Report, low: float, high: float) -> Report:

@@ -140,7 +140,7 @@ def export(
 @app.command("app")
 @with_exit_codes
 def workbench(
-    run: Annotated[Path | None, typer.Argument(help="Recording to load first.", show_default=False)] = None,
+    run: Annotated[Path | None, typer.Argument(help="Recording or session to load first.", show_default=False)] = None,
     port: Annotated[
         int | None, typer.Option("--port", help="Port on 127.0.0.1; by default the first free one.")
     ] = None,

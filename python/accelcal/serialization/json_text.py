@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import math
 import re
-import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from accelcal._support.plain_text import visible
+from accelcal.data.recording import RecordingError
+from accelcal.io.files import content_of
+from accelcal.io.limits import MODEL_BYTES
 from accelcal.serialization.errors import ModelFileError
 
-MOST_BYTES = 64 * 2**20
-"""Largest model file that is read."""
 LONGEST_TEXT = 4_000
 """Characters of a text in a model file: a sentence, the name of a file or of a sensor."""
 MOST_DIGITS = 18
@@ -64,26 +64,11 @@ def read_json(path: Path) -> Any:
 def _text(path: Path) -> str:
     """Text of a regular file of limited size."""
     try:
-        found = path.stat()
-        if stat.S_ISREG(found.st_mode) and found.st_size <= MOST_BYTES:
-            with path.open("rb") as file:
-                raw = file.read(MOST_BYTES + 1)
-        else:
-            raw = b""
+        raw = content_of(path, "a model file, as written by: accelcal fit RUN.csv -o MODEL.json", MODEL_BYTES)
     except FileNotFoundError:
         raise ModelFileError(f"{path}: no such file; make one with: accelcal fit RUN.csv -o {path}") from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        what = (error.strerror or str(error)) if isinstance(error, OSError) else str(error)
-        raise ModelFileError(
-            f"{str(path)[:200]}: cannot be read ({what.lower()}); give the name of a model file"
-        ) from None
-    if not stat.S_ISREG(found.st_mode):
-        raise ModelFileError(f"{path}: not a regular file; expected a model file as written by: accelcal fit -o")
-    if max(found.st_size, len(raw)) > MOST_BYTES:
-        raise ModelFileError(
-            f"{path}: {found.st_size / 2**20:.0f} MB; expected a model file of at most {MOST_BYTES // 2**20} MB. "
-            "The model comes first, the recording second"
-        )
+    except RecordingError as error:
+        raise ModelFileError(str(error)) from None
     if raw.startswith((b"\xef\xbb\xbf", b"\xff\xfe", b"\xfe\xff")):
         raise ModelFileError(f"{path}: begins with a byte-order mark; save it as UTF-8 without one")
     try:

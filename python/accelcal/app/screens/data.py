@@ -8,8 +8,8 @@ from nicegui import ui
 
 from accelcal.app import figures, mapping, widgets
 from accelcal.app.page import Page
-from accelcal.app.workbench import MOST_BYTES, Refused
-from accelcal.data import summary
+from accelcal.app.screens import session, uploads
+from accelcal.app.workbench import MOST_BYTES
 from accelcal.data.recording import RecordingError
 from accelcal.formatting import number
 
@@ -26,14 +26,21 @@ def show(page: Page) -> None:
                 height=420,
             )
         return
+    if state.opened is not None:
+        with widgets.card("One file is missing", "welcome"):
+            session.ask(page)
+            drop(page, "Drop the recording here, or click + to browse")
+        return
     if state.file is None:
         with widgets.card("Drop a recording", "welcome"):
             ui.label(
                 "CSV, Parquet, MAT, npz or HDF5 with accelerometer output and encoder position. If there is a sidecar "
-                "(.toml), drop it together with the recording. No data leave this machine."
+                "(.toml), drop it together with the recording. A session (.accelcal) goes on where it was saved. No "
+                "data leave this machine."
             )
             drop(page, "Drop a recording here, or click + to browse")
             widgets.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
+        session.earlier(page)
         return
     if state.recording is None:
         with widgets.card(f"{state.file.name}: assign the columns"):
@@ -72,36 +79,21 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
     """An area to drop files on; a recording and its sidecar may come together."""
 
     async def take(event: Any) -> None:
-        bench = page.bench
-        upload_folder = bench.upload_folder()
-        kept = []
-        for file in event.files:
-            try:
-                if file.size() > MOST_BYTES:
-                    raise Refused(
-                        f"{file.name}: {file.size() / 1e6:.0f} MB; the limit of the workbench is "
-                        f"{MOST_BYTES / 1e6:.0f} MB"
-                    )
-                path = bench.upload_path(file.name, upload_folder)
-            except Refused as error:
-                bench.refuse(str(error))
-                continue
-            await file.save(path)
-            kept.append(path)
-        sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
-        recordings = [p for p in kept if p not in sidecars]
-        if recordings:
-            for path in sidecars[:1]:
-                path.rename(recordings[0].with_suffix(".toml"))
-            await page.act(bench.load_other if other else bench.load, recordings[0])
-        elif sidecars and bench.state.file is not None:
-            text = sidecars[0].read_text(encoding="utf-8", errors="replace")
-            await page.act(bench.load, bench.state.file, text)
-        elif sidecars:
-            bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
+        try:
+            kept = await uploads.saved(page.bench, event.files)
+        except OSError as error:
+            page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
+            return
+        await uploads.used(page, kept, other)
 
     def rejected() -> None:
         page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
+
+    def failed() -> None:
+        page.bench.refuse(
+            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
+            "at a time, and room on the disk; give the file a short name, and drop it again"
+        )
 
     made = ui.upload(
         label=label,
@@ -111,6 +103,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
         on_multi_upload=take,
         on_rejected=rejected,
     )
+    made.on("failed", failed, [])
     made.props("flat bordered hide-upload-btn").classes("drop")
     made.mark("other" if other else "recording")
 
@@ -118,8 +111,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
 def check(page: Page) -> None:
     """Channels, warnings, notes and assumptions of the recording."""
     state = page.bench.state
-    assert state.recording is not None
-    seen = summary.describe(state.recording)
+    seen = state.summary
     rows = [
         [
             name,
@@ -156,12 +148,8 @@ def columns(page: Page) -> None:
     """Assignment of columns to channels, and the rest of the sidecar."""
     bench, state = page.bench, page.bench.state
     assert state.file is not None
-    try:
-        text = mapping.text_of(state.file, state.sidecar)
-        found = mapping.choices(state.file, text)
-    except RecordingError as error:
-        ui.label(bench.plain(str(error))).classes("problem")
-        return
+    text = mapping.text_of(state.file, state.sidecar, state.template)
+    found = mapping.choices(state.columns, text, state.template)
     roles, names, units = [], [], []
     rows: list[list[widgets.Cell]] = []
     for one in found:

@@ -6,8 +6,9 @@ from nicegui import ui
 
 from accelcal.app import mapping, widgets
 from accelcal.app.page import Page
+from accelcal.app.screens import session
 from accelcal.app.script import COPIES
-from accelcal.app.workbench import Export
+from accelcal.app.tasks import Export
 
 
 def show(page: Page) -> None:
@@ -26,6 +27,8 @@ def show(page: Page) -> None:
                 "The certificate is a draft: data that only the laboratory can supply are marked as missing. "
                 "accelcal export with --dcc and --lab fills them in."
             ).classes("note")
+    with widgets.card("Session"):
+        session.save(page)
     for name, make in COPIES.items():
         with widgets.card("These steps in Python" if name == "Python" else "These steps on the command line"):
             ui.code(make(state), language="python" if name == "Python" else "bash").classes("full")
@@ -64,7 +67,7 @@ def sources(page: Page) -> None:
     """Buttons for the inputs of the steps: sidecar, user effects, the script."""
     state = page.bench.state
     assert state.file is not None
-    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar)
+    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar, state.template)
     widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
     for own in state.own:
         widgets.button(

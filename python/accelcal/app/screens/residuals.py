@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import ui
 
-from accelcal.app import figures, widgets
+from accelcal.app import background, figures, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.plots.style import ThemeName
@@ -26,7 +26,11 @@ def show(page: Page) -> None:
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
-            ("linked", state.current), make, prepare=lambda plot, redraw: zooming(page, plot, redraw), height=600
+            ("linked", state.current),
+            make,
+            first=bench.whole,
+            prepare=lambda plot, redraw: zooming(page, plot, redraw),
+            height=600,
         )
     found = bench.diagnosis
     with widgets.card("Residual against each variable"):
@@ -53,8 +57,8 @@ def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> N
             return
         page.window = window
         state, theme = bench.state, page.theme
-        fresh = await run.io_bound(lambda: figures.linked(state, bench.whole(), theme, window))
-        if fresh is not None and state is bench.state and not plot.is_deleted:
+        fresh = await background.draw(lambda: figures.linked(state, bench.whole(), theme, window))
+        if state is bench.state and not plot.is_deleted:
             redraw(fresh)
 
     keys = ["xaxis.autorange"] + [f"xaxis{i or ''}.range[{j}]" for i in ("", *range(2, 8)) for j in (0, 1)]

@@ -1,0 +1,36 @@
+"""A user's effect as it is passed on, to a worker or into a session file: its formula, never code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from accelcal.effects import Own, from_expression
+
+
+@dataclass(frozen=True, slots=True)
+class OwnFormula:
+    """What `accelcal.effects.from_expression` needs to make the effect again."""
+
+    name: str
+    expression: str
+    unit: str
+    port: Literal["output", "position"]
+    channels: tuple[str, ...] = ()
+    """Side channels that the formula uses."""
+
+    @classmethod
+    def of(cls, own: Own) -> OwnFormula:
+        """The formula of an effect that is in the catalogue."""
+        effect = own.effect
+        return cls(effect.name, own.expression, effect.unit, effect.port, effect.needs)  # type: ignore[arg-type]
+
+    def enter(self) -> Own:
+        """Enter the effect into the catalogue; a second time changes nothing.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is taken or anything in it is not allowed.
+        """
+        return from_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)

@@ -1,0 +1,160 @@
+"""The session file: a zip of `session.json` and model files that holds the work of a workbench, and no recorded data.
+
+Recordings are named by path and SHA-256. What is read is believed in nothing: names, counts, sizes and types of a file
+are checked before its content is used.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from accelcal import _core
+from accelcal.app import mapping
+from accelcal.app.own_formula import OwnFormula
+from accelcal.app.session_schema import MOST_MODELS, SCHEMA, Content, Formula, Source, StoredStep
+from accelcal.app.state import State
+from accelcal.data.recording import Recording
+from accelcal.serialization import model_file
+
+SUFFIX = ".accelcal"
+CONTENT = "session.json"
+MOST_MEMBER = 8_000_000
+"""Largest part of a session file, unpacked, bytes."""
+MOST_FILE = 64_000_000
+"""Largest session file, packed, and all its parts together, bytes."""
+
+
+class SessionError(ValueError):
+    """A file that is no session file. The text names it, what was found and what was expected."""
+
+
+def dumps(state: State, *, when: datetime | None = None) -> bytes:
+    """Return the work on a recording as a session file.
+
+    Raises
+    ------
+    SessionError
+        If no recording is loaded.
+    """
+    if state.file is None or state.recording is None:
+        raise SessionError("load a recording first; a session without one is empty")
+    content = Content(
+        schema="accelcal/session/1",
+        version=_core.__version__,
+        saved=(when or datetime.now(UTC)).isoformat(timespec="seconds"),
+        recording=Source(file=str(state.file), sha256=state.recording.digest),
+        sidecar=mapping.text_of(state.file, state.sidecar, "") or None,
+        other=_source(state.other, state.other_file),
+        other_sidecar=None if state.other_file is None else mapping.text_of(state.other_file, None, "") or None,
+        held_out=state.held_out,
+        excluded=list(state.excluded),
+        own=[Formula.of(OwnFormula.of(own)) for own in state.own],
+        steps=[
+            StoredStep(
+                key=step.key,
+                parent=step.parent,
+                kind=step.change.kind,
+                name=step.change.name,
+                value=step.change.value,
+            )
+            for step in state.steps
+        ],
+        current=state.current,
+    )
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(CONTENT, content.model_dump_json(by_alias=True, indent=2))
+        for step in state.steps:
+            archive.writestr(model_name(step.key), model_file.dumps(model_file.to_dict(step.fit)))
+    return packed.getvalue()
+
+
+def read(path: Path) -> tuple[Content, dict[int, str]]:
+    """Read a session file: its content, and the text of each model file by its key.
+
+    Raises
+    ------
+    SessionError
+        If it is not whole, not a session file of a version that is understood, or larger than one can be.
+    """
+    with _reading(path):
+        texts = _texts(path)
+        content = Content.model_validate_json(texts.pop(CONTENT))
+        models = {step.key: texts.pop(model_name(step.key)) for step in content.steps}
+    if texts:
+        raise SessionError(f"{path.name}: holds {len(texts)} parts that belong to no model; take a copy that is whole")
+    return content, models
+
+
+def peek(path: Path) -> Content:
+    """Read what a session file says of itself, without its models; errors as `read`."""
+    with _reading(path):
+        return Content.model_validate_json(_texts(path, (CONTENT,))[CONTENT])
+
+
+@contextmanager
+def _reading(path: Path) -> Iterator[None]:
+    """Whatever is wrong with a session file becomes one sentence."""
+    try:
+        yield
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        place = _plain(".".join(str(part) for part in first["loc"]) or CONTENT)
+        raise SessionError(
+            f"{path.name}: {CONTENT}: {place}: {_plain(first['msg'])}; expected the schema {SCHEMA} as this version "
+            "writes it. Take a copy that is whole, or begin anew with the recording"
+        ) from None
+    except KeyError as error:
+        raise SessionError(f"{path.name}: {error.args[0]} is missing in it; take a copy that is whole") from None
+    except SessionError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
+        what = _plain(getattr(error, "strerror", None) or str(error) or type(error).__name__)
+        text = f"{path.name}: cannot be read as a session file ({what}); take a copy that is whole"
+        raise SessionError(text) from None
+
+
+def model_name(key: int) -> str:
+    """Name of a model in the archive."""
+    return f"models/{key}.json"
+
+
+def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
+    """Parts of the archive as text; sizes are counted while it is unpacked, whatever the archive declares."""
+    if path.stat().st_size > MOST_FILE:
+        raise SessionError(f"{path.name}: larger than {MOST_FILE / 1e6:.0f} MB, more than a session file can be")
+    found: dict[str, str] = {}
+    total = 0
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MODELS + 1 or len({m.filename for m in members}) < len(members):
+            raise SessionError(f"{path.name}: has {len(members)} parts, more than a session can have, or some twice")
+        for member in members:
+            if wanted is not None and member.filename not in wanted:
+                continue
+            with archive.open(member) as part:
+                raw = part.read(MOST_MEMBER + 1)
+            total += len(raw)
+            if len(raw) > MOST_MEMBER or total > MOST_FILE:
+                raise SessionError(f"{path.name}: unpacks to more than a session file can hold; it was not read on")
+            found[member.filename] = raw.decode("utf-8")
+    return found
+
+
+def _source(recording: Recording | None, path: Path | None) -> Source | None:
+    if recording is None or path is None:
+        return None
+    return Source(file=str(path), sha256=recording.digest)
+
+
+def _plain(text: str) -> str:
+    """What an error says, on one line without control characters."""
+    return "".join(c for c in text if c.isprintable())[:200]

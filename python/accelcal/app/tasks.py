@@ -1,0 +1,126 @@
+"""The long work of a workbench, one function each: what goes in and what comes out can be sent to another process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from accelcal import io
+from accelcal.app import mapping
+from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
+from accelcal.data import summary
+from accelcal.data.recording import Recording
+from accelcal.data.rig import Rig
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import Effect, find
+from accelcal.estimation.estimate import Fit
+from accelcal.model import Model
+from accelcal.plots.interactive import marks
+from accelcal.plots.interactive.timeline import Marks
+from accelcal.report import gather, html
+from accelcal.serialization import model_file
+from accelcal.signals.signals import Origins
+from accelcal.simulation.sensor import CXL02_RIG, simulate
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.ruler import Ruler
+from accelcal.workflow import add, compare, diagnose, drop, fit
+
+EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+"""True parameters of the simulated example."""
+Report = Callable[[float], None]
+Export = Literal["C", "Rust", "JSON", "DCC"]
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What was found in a recording."""
+
+    marks: Marks
+    summary: Mapping[str, Any]
+    """As `accelcal check --json` prints it."""
+
+
+def columns(path: Path, *, report: Report) -> tuple[tuple[str, ...], str]:
+    """Names of the columns of a file, and the template of a sidecar for it."""
+    return mapping.columns_of(path), io.template(path)
+
+
+def load(path: Path, rig: Path | Rig | None, *, report: Report) -> Recording:
+    """Read a recording."""
+    return io.load(path, rig)
+
+
+def check(recording: Recording, *, report: Report) -> Checked:
+    """Look for breaks, faults and rest."""
+    found = marks(recording)
+    report(0.9)
+    return Checked(found, summary.describe(recording))
+
+
+def fitted(model: Model, train: Recording, origins: Origins | None, *, report: Report) -> Fit:
+    """Fit a model."""
+    return fit(model, train, origins=origins, report=report)
+
+
+def added(before: Fit, train: Recording, name: str, own: Sequence[str], *, report: Report) -> Fit:
+    """Fit again with an effect more; `own` names effects of the user."""
+    return add(before, train, name, extra=effects(own), report=report)
+
+
+def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
+    """Fit again with an effect less."""
+    return drop(before, train, name, report=report)
+
+
+def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler | None, *, report: Report) -> tuple[Comparison, ...]:
+    """Compare models with data, all with the filter of `ruler`."""
+    found = []
+    for i, each in enumerate(fits):
+        found.append(compare(each, data) if ruler is None else compare(each, data, ruler=ruler))
+        report((i + 1) / len(fits))
+    return tuple(found)
+
+
+def diagnosed(found: Fit, train: Recording, own: Sequence[str], *, report: Report) -> Diagnosis:
+    """Search for missing effects."""
+    return diagnose(found, train, extra=effects(own), report=report)
+
+
+def reported(found: Fit, train: Recording, holdout: Recording, own: Sequence[str], *, report: Report) -> str:
+    """The report as a page of HTML."""
+    content = gather(
+        found,
+        train,
+        holdout=holdout,
+        extra=effects(own),
+        command="accelcal app",
+        report=lambda share: report(0.9 * share),
+    )
+    return html(content)
+
+
+def exported(found: Fit, kind: Export, name: str, *, report: Report) -> str:
+    """The sensor's own calibration in one of the formats, as the content of a file called `name`."""
+    made = calibrate(found)
+    texts: dict[Export, Callable[[], str]] = {
+        "C": lambda: header(made, name),
+        "Rust": lambda: module(made),
+        "JSON": lambda: model_file.dumps(to_dict(made)),
+        "DCC": lambda: draft(made, Laboratory()).text,
+    }
+    return texts[kind]()
+
+
+def simulated(path: Path, *, report: Report) -> None:
+    """Write a simulated recording with a hidden effect, and its sidecar."""
+    made = simulate("interleaved", seconds=60.0, rig=CXL02_RIG, parameters=EXAMPLE, rng=np.random.default_rng())
+    io.write_sidecar(made.recording.rig, io.write_csv(made.recording, path), io.sidecar_of(path))
+
+
+def effects(names: Sequence[str]) -> tuple[Effect, ...]:
+    """Effects of the catalogue by their names."""
+    return tuple(find(name) for name in names)

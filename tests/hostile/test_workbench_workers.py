@@ -1,0 +1,149 @@
+"""Workers that are killed, cancelled, out of memory or left alone: a sentence each, and the session works on."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from accelcal.app.own_formula import OwnFormula
+from accelcal.app.state import Cancelled, State
+from accelcal.app.workbench import Workbench
+from accelcal.app.worker import Known
+from accelcal.app.workers import WorkerLost, Workers
+
+from . import workbench_tasks as work
+from .case import LONG
+from .workbench import has_ended, write
+
+NOTHING = Known()
+SIGNALS = [signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV, signal.SIGABRT] if LONG else [signal.SIGSEGV]
+
+
+def ignore(share: float) -> None:
+    """No progress is shown."""
+
+
+@pytest.fixture
+def workers(tmp_path: Path) -> Iterator[Workers]:
+    made = Workers(tmp_path, 2)
+    yield made
+    made.close()
+
+
+@pytest.fixture(autouse=True)
+def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let workers import the tasks of this folder."""
+    import os
+
+    root = str(Path(__file__).parents[2])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_worker_that_dies_is_reported_and_replaced(workers: Workers, number: int) -> None:
+    with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
+        workers(work.die, int(number), report=ignore, known=NOTHING)
+    assert workers(work.speak, report=ignore, known=NOTHING) == "heard"
+
+
+def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:
+    with pytest.raises(ValueError, match="row 3"):
+        workers(work.fail, "row 3", report=ignore, known=NOTHING)
+    first = workers.pids()
+    with pytest.raises(RuntimeError, match="Odd: 1 and 2"):
+        workers(work.oddly, report=ignore, known=NOTHING)
+    with pytest.raises(TypeError, match="pickle"):
+        workers(work.unsendable, report=ignore, known=NOTHING)
+    with pytest.raises(WorkerLost, match="more memory than there is"):
+        workers(work.swallow, report=ignore, known=NOTHING)
+    assert workers.pids() == first  # none of these cost the process
+    with pytest.raises(WorkerLost, match="status 3"):
+        workers(work.leave, 3, report=ignore, known=NOTHING)
+
+
+def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_path: Path) -> None:
+    note, shares = tmp_path / "note", []
+
+    def report(share: float) -> None:
+        shares.append(share)
+        if note.exists():
+            raise Cancelled
+
+    with pytest.raises(Cancelled):
+        workers(work.sleep, note, report=report, known=NOTHING)
+    assert all(has_ended(int(pid)) for pid in note.read_text().split())
+    assert workers.pids() == []
+
+
+def test_who_waits_for_a_worker_can_be_cancelled(tmp_path: Path) -> None:
+    workers = Workers(tmp_path, 1)
+    note, ended = tmp_path / "note", threading.Event()
+
+    def long() -> None:
+        with pytest.raises(WorkerLost):
+            workers(work.sleep, note, report=ignore, known=NOTHING)
+        ended.set()
+
+    threading.Thread(target=long).start()
+    while not note.exists():
+        time.sleep(0.01)
+
+    def report(share: float) -> None:
+        raise Cancelled
+
+    with pytest.raises(Cancelled):
+        workers(work.speak, report=report, known=NOTHING)
+    workers.close()
+    assert ended.wait(30.0)
+    with pytest.raises(WorkerLost, match="being ended"):
+        workers(work.speak, report=ignore, known=NOTHING)
+
+
+def test_a_session_knows_its_own_effects_alone(workers: Workers) -> None:
+    mine = Known((OwnFormula("my_drag", "v * abs(v)", "1/m", "output"),), (("supply", "V"),))
+    yours = Known((OwnFormula("my_drag", "v**3", "s/m²", "output"),))  # the same name for another effect
+    workers.most = 1
+    assert workers(work.names, report=ignore, known=mine) == ["my_drag", "supply", "supply_scale"]
+    assert workers(work.names, report=ignore, known=yours) == ["my_drag"]
+    assert workers(work.names, report=ignore, known=NOTHING) == []
+
+
+def test_workers_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from accelcal.app.workers import Workers;"
+        "from accelcal.app.worker import Known; from tests.hostile import workbench_tasks as work;"
+        "Workers(Path(sys.argv[1]), 1)(work.sleep, Path(sys.argv[1], 'note'), report=lambda s: None, known=Known())"
+    )
+    server = subprocess.Popen([sys.executable, "-c", code, str(tmp_path)])
+    while not (tmp_path / "note").exists():
+        assert server.poll() is None
+        time.sleep(0.01)
+    server.kill()
+    server.wait(30)
+    assert has_ended(int((tmp_path / "note").read_text().split()[0]))
+    subprocess.run(["kill", (tmp_path / "note").read_text().split()[1]], check=False)
+
+
+def test_a_session_outlives_its_worker(workers: Workers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "home").mkdir()
+    bench = Workbench(tmp_path / "home", workers)
+    bench.load(write(tmp_path / "run.csv", 1))
+    before = bench.state
+
+    def lost(state: State, report: object) -> State:
+        workers(work.die, int(signal.SIGKILL), report=ignore, known=NOTHING)
+        return State()
+
+    bench._perform("a long fit", lost)
+    assert "the process that did this work has ended" in bench.sentence
+    assert bench.state is before
+    bench.fit()
+    assert bench.sentence == ""
+    assert bench.state.step is not None

@@ -1,0 +1,154 @@
+"""A workbench that runs as a user would run it, in folders of its own, and raw requests to it."""
+
+from __future__ import annotations
+
+import http.client
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import io
+from accelcal.app.server import HOST, free_port
+
+LONG = 90_000
+"""ms; a loaded machine takes its time."""
+
+
+class Served:
+    """A server in a process of its own; `start` and `stop` may be repeated, its folders stay."""
+
+    def __init__(self, place: Path) -> None:
+        self.temporary, self.state = place / "temporary", place / "state"
+        self.temporary.mkdir()
+        self.port = free_port(int(np.random.default_rng(os.getpid()).integers(20_000, 40_000)))
+        self.log = place / "log"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def address(self) -> str:
+        """Where it is served."""
+        return f"http://{HOST}:{self.port}"
+
+    def start(self) -> None:
+        """Start it, and wait until it listens."""
+        passed = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
+        with self.log.open("ab") as log:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "accelcal", "app", "--no-browser", "--port", str(self.port)],
+                cwd=self.temporary.parent,
+                env={**passed, "TMPDIR": str(self.temporary), "ACCELCAL_STATE": str(self.state)},
+                stdout=log,
+                stderr=log,
+            )
+        while True:
+            assert self.process.poll() is None, self.log.read_text()
+            with socket.socket() as probe:
+                if probe.connect_ex((HOST, self.port)) == 0:
+                    return
+            time.sleep(0.1)
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        """Send a signal, wait, and return the exit code."""
+        assert self.process is not None
+        self.process.send_signal(number)
+        return self.process.wait(60)
+
+    def workers(self) -> list[int]:
+        """Process numbers of its workers."""
+        assert self.process is not None
+        return [pid for pid in descendants(self.process.pid) if "accelcal.app.worker" in command_of(pid)]
+
+    def sessions(self) -> set[str]:
+        """Names of the sessions that it holds."""
+        return {folder.name for folder in self.temporary.glob("accelcal-*/*") if folder.is_dir()}
+
+    def ask(
+        self, path: str = "/", method: str = "GET", headers: Mapping[str, str] | None = None, body: bytes | None = None
+    ) -> tuple[int, dict[str, str], str]:
+        """Answer to one request: status, headers in small letters, text."""
+        connection = http.client.HTTPConnection(HOST, self.port, timeout=60)
+        try:
+            connection.request(method, path, body, dict(headers or {}))
+            answer = connection.getresponse()
+            text = answer.read().decode(errors="replace")
+            return answer.status, {name.lower(): value for name, value in answer.getheaders()}, text
+        finally:
+            connection.close()
+
+
+def command_of(pid: int) -> str:
+    """Command line of a process; empty where it has gone."""
+    try:
+        return Path(f"/proc/{pid}/cmdline").read_bytes().decode(errors="replace")
+    except OSError:
+        return ""
+
+
+def descendants(root: int) -> list[int]:
+    """Processes below another."""
+    children: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        children.setdefault(int(fields[1]), []).append(int(stat.parent.name))
+    found, left = [], [root]
+    while left:
+        below = children.get(left.pop(), [])
+        found += below
+        left += below
+    return found
+
+
+def has_ended(pid: int, within: float = 30.0) -> bool:
+    """Whether a process ends within a time, s."""
+    end = time.monotonic() + within
+    while time.monotonic() < end:
+        if not command_of(pid):
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@contextmanager
+def serving() -> Iterator[Served]:
+    """A running workbench; it is stopped, and its folders removed."""
+    place = Path(tempfile.mkdtemp())
+    made = Served(place)
+    try:
+        made.start()
+        yield made
+    finally:
+        if made.process is not None and made.process.poll() is None:
+            made.stop(signal.SIGKILL)
+        shutil.rmtree(place, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    """One workbench for the tests of a file."""
+    pytest.importorskip("nicegui")
+    with serving() as made:
+        yield made
+
+
+def write(path: Path, seed: int, seconds: float = 20.0) -> Path:
+    """A simulated recording with a hidden cubic, and its sidecar."""
+    parameters = {"bias": 0.05, "scale_factor": 0.01, "cubic": 4e-3}
+    rng = np.random.default_rng(seed)
+    made = ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=parameters, rng=rng).recording
+    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
+    return path

@@ -1,0 +1,76 @@
+"""Work for a worker that goes wrong, or on."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from accelcal.app.workers import Report
+
+
+def sleep(note: Path, *, report: Report) -> None:
+    """Note the process and one that it starts, then work on without an end."""
+    child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    note.with_suffix(".part").write_text(f"{os.getpid()} {child.pid}")
+    note.with_suffix(".part").rename(note)
+    report(0.25)
+    time.sleep(600.0)
+
+
+def die(number: int, *, report: Report) -> None:
+    """End by a signal, as a damaged file or the system that needs memory may do it."""
+    os.kill(os.getpid(), number)
+    time.sleep(600.0)
+
+
+def leave(status: int, *, report: Report) -> None:
+    """End without an answer."""
+    os._exit(status)
+
+
+def swallow(*, report: Report) -> int:
+    """Take ten times the memory of the machine."""
+    return len(np.ones(int(10 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 8)))
+
+
+def fail(text: str, *, report: Report) -> None:
+    """Raise what the library raises."""
+    raise ValueError(text)
+
+
+def unsendable(*, report: Report) -> Any:
+    """Return what cannot be sent."""
+    return threading.Lock()
+
+
+class Odd(Exception):
+    """An error that cannot be made again from its text."""
+
+    def __init__(self, one: int, two: int) -> None:
+        super().__init__(f"{one} and {two}")
+
+
+def oddly(*, report: Report) -> None:
+    """Raise an error that cannot be sent as it is."""
+    raise Odd(1, 2)
+
+
+def speak(*, report: Report) -> str:
+    """Print among the answers."""
+    print("a library prints this", flush=True)
+    os.write(1, b"and writes this")
+    return "heard"
+
+
+def names(*, report: Report) -> list[str]:
+    """Effects of the catalogue that come from a user or a channel."""
+    from accelcal.effects import BUILT_IN, CATALOGUE
+
+    return sorted(set(CATALOGUE) - {effect.name for effect in BUILT_IN})
