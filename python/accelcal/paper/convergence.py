@@ -62,7 +62,7 @@ class Race:
 
 def convergence_item(plan: Plan) -> Item:
     """Second order against first, CWPA against ACI."""
-    runs = plan.runs(120, 300)
+    runs = plan.runs(100, 300)
     aci = replace(ACI, form="inverse")
     races = (
         ("second-order ACI settles faster than first-order", replace(aci, order=2), aci, "III-B1; equations (5), (9)"),
@@ -81,7 +81,7 @@ def convergence_item(plan: Plan) -> Item:
 
 def robustness_item(plan: Plan) -> Item:
     """An initial error far beyond the prior, and models that omit K2 and K3."""
-    runs = plan.runs(5, 20)
+    runs = plan.runs(4, 20)
     aci = replace(ACI, form="inverse")
     counts = {trust: (failures(plan, aci, trust, runs), failures(plan, CWPA, trust, runs)) for trust in TRUST}
 

@@ -52,7 +52,7 @@ OWN = Noise(
 
 def consistency_item(plan: Plan) -> Item:
     """Every filter on its own model, then on the rig."""
-    runs, rig_runs = plan.runs(20, 100), plan.runs(20, 50)
+    runs, rig_runs = plan.runs(13, 100), plan.runs(13, 50)
     seconds = float(plan.runs(10, 30))
     own = [_own_row(f, result) for pair in PAIRS for f, result in own_model(plan, pair, runs, seconds).items()]
     mismatched = {f: result for pair in PAIRS for f, result in on_rig(plan, pair, rig_runs, seconds).items()}

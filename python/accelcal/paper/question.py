@@ -61,7 +61,7 @@ class Drifts:
 
 def question_item(plan: Plan) -> Item:
     """Linear against cubic when the sensor is curved too little, plainly, or not at all."""
-    few, many = plan.runs(3, 24), plan.runs(2, 12)
+    few, many = plan.runs(2, 24), plan.runs(2, 12)
     absent, small, large = (curved(plan, times, few) for times in (0.0, 1.0, PLAIN))
     windy = windage(plan, many)
     named = sum("velocity_squared" in names for names in windy.names)

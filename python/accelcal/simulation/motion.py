@@ -67,11 +67,16 @@ class Tones:
         for A, f, phi in zip(self.amplitude, self.frequency, self.phase, strict=True):
             w = 2.0 * math.pi * f
             angle = w * t + phi
-            p, v = A * np.sin(angle), A * w * np.cos(angle)
+            p = np.sin(angle)
+            p *= A
+            v = np.cos(angle, out=angle)
+            v *= A * w
             out[0] += p
             out[1] += v
-            out[2] -= w**2 * p
-            out[3] -= w**2 * v
+            p *= w**2
+            v *= w**2
+            out[2] -= p
+            out[3] -= v
         return out
 
 
