@@ -34,6 +34,9 @@ DWELL_STEPS = 3
 ASTRAY = 1.0
 """A trial whose steps grow when its noise is settled, and move a parameter by more standard deviations than this, is
 given up: it does not converge in the rounds that are left."""
+TRIAL_SETTLED = 0.3
+"""A trial whose last step moves no parameter by more standard deviations than this has an answer: bands are ranked by
+uncertainties, and a limit cycle far below one takes nothing from them."""
 PER_RUN_OWNERS = ("timing",)
 """Owners whose coefficients belong to each run of a joint fit."""
 
@@ -186,6 +189,7 @@ def _estimated(
         astray = trial and round_number >= NOISE_ROUNDS and moved > max(ASTRAY, before)
         if astray or (round_number + 1 >= least and converged):
             break
+    converged = converged or (trial and moved <= TRIAL_SETTLED)
     if any(state.band is not None for state in states):
         covariance = robust(covariance, layout, normals, np.diag(belief) + drawn)
     covariance = covariance + np.diag(clock_variance(layout, states))
