@@ -69,3 +69,13 @@ def test_the_motion_passes_and_noise_does_not(tmp_path):
     assert np.std((shrinkage(a) - a)[inside]) < 0.01 * np.std(a)
     left = np.gradient(shrinkage(a + noise) - a, 1.0 / rate)[inside]
     assert np.std(left) < 0.1 * np.std(np.gradient(noise, 1.0 / rate)[inside])
+
+
+@pytest.mark.parametrize("edge", [0, 30, 99, 200])
+def test_as_many_samples_come_out_as_go_in(edge):
+    """A delay of half a record makes its edges longer than what lies between them."""
+    y = np.cumsum(np.random.default_rng(2).standard_normal(200))
+    shrinkage = Shrinkage(np.linspace(0.0, 50.0, 9), np.ones(9), 100.0, edge)
+    assert shrinkage(y).shape == y.shape
+    inside = slice(edge if edge < 67 else 67, len(y) - (edge if edge < 67 else 67))
+    assert shrinkage(y)[inside] == pytest.approx(y[inside], abs=1e-9)

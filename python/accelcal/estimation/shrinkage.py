@@ -94,13 +94,14 @@ class Shrinkage:
 
         Smoothed noise is a second derivative; a mirrored acceleration has its low frequencies, a mirrored jerk has not.
         """
-        inner = y[self.edge : len(y) - self.edge]
-        n = min(len(inner) - 1, self.edge + 2 * len(self.f))
+        edge = min(self.edge, (len(y) - 1) // 3)  # what is mirrored must be there
+        inner = y[edge : len(y) - edge]
+        n = min(len(inner) - 1, edge + 2 * len(self.f))
         padded = np.concatenate([inner[n:0:-1], inner, inner[-2 : -n - 2 : -1]])
         length = scipy.fft.next_fast_len(len(padded), real=True)
         spectrum = scipy.fft.rfft(padded - inner[0], length)
         spectrum *= self.at(np.asarray(np.fft.rfftfreq(length, 1.0 / self.rate), dtype=np.float64))
-        begin = n - self.edge
+        begin = n - edge
         return np.asarray(scipy.fft.irfft(spectrum, length)[begin : begin + len(y)] + inner[0])
 
 
