@@ -17,10 +17,10 @@ import pytest
 from accelcal.app import session_file
 from accelcal.app.kept import MOST, Keeper
 from accelcal.app.session_file import CONTENT, MOST_FILE, MOST_MEMBER, SessionError, peek, read
-from accelcal.app.session_schema import MOST_MODELS
 from accelcal.app.state import Change
 from accelcal.app.workbench import Workbench
 from accelcal.serialization import model_file
+from accelcal.serialization.schema.session import MOST_MODELS
 
 from .case import case_rng, cases
 from .workbench import write

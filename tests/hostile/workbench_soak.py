@@ -55,7 +55,7 @@ class Soak:
         return (
             f"{self.sessions} sessions for {self.seconds:.0f} s: {self.fits} fits and {self.diagnoses} diagnoses; "
             f"idle page asked {len(self.answers)} times: median {ordered[len(ordered) // 2]:.3f} s, 99 % within "
-            f"{ordered[int(0.99 * (len(ordered) - 1))]:.3f} s, slowest {ordered[-1]:.3f} s (bar 1 s); "
+            f"{ordered[int(0.99 * (len(ordered) - 1))]:.3f} s, slowest {ordered[-1]:.3f} s (at most 1 s); "
             f"{len(self.lost)} lost, {len(self.errors)} errors"
         )
 

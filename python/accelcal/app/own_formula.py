@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from accelcal.effects import Own, from_expression
+from accelcal.serialization.schema.session import Formula
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +25,18 @@ class OwnFormula:
         """The formula of an effect that is in the catalogue."""
         effect = own.effect
         return cls(effect.name, own.expression, effect.unit, effect.port, effect.needs)  # type: ignore[arg-type]
+
+    @classmethod
+    def of_stored(cls, stored: Formula) -> OwnFormula:
+        """What a session file holds."""
+        return cls(stored.name, stored.expression, stored.unit, stored.port, tuple(stored.channels))
+
+    @property
+    def stored(self) -> Formula:
+        """As a session file holds it."""
+        return Formula(
+            name=self.name, expression=self.expression, unit=self.unit, port=self.port, channels=list(self.channels)
+        )
 
     def enter(self) -> Own:
         """Enter the effect into the catalogue; a second time changes nothing.

@@ -19,10 +19,10 @@ from pydantic import ValidationError
 from accelcal import _core
 from accelcal.app import mapping
 from accelcal.app.own_formula import OwnFormula
-from accelcal.app.session_schema import MOST_MODELS, SCHEMA, Content, Formula, Source, StoredStep
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
 from accelcal.serialization import model_file
+from accelcal.serialization.schema.session import MOST_MODELS, SCHEMA, Content, Source, StoredStep
 
 SUFFIX = ".accelcal"
 CONTENT = "session.json"
@@ -56,7 +56,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
         other_sidecar=None if state.other_file is None else mapping.text_of(state.other_file, None, "") or None,
         held_out=state.held_out,
         excluded=list(state.excluded),
-        own=[Formula.of(OwnFormula.of(own)) for own in state.own],
+        own=[OwnFormula.of(own).stored for own in state.own],
         steps=[
             StoredStep(
                 key=step.key,

@@ -246,7 +246,7 @@ class Workbench:
         if missing is not None:
             return State(opened=replace(opened, awaited=missing))
         content = opened.content
-        own = tuple(formula.own.enter() for formula in content.own)
+        own = tuple(OwnFormula.of_stored(formula).enter() for formula in content.own)
         path = opened.path(content.recording)
         beside = content.sidecar == (mapping.text_of(path, None, "") or None)
         state = self._load(path, None if beside else content.sidecar, share_of(report, 0.0, 0.5))

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from accelcal.serialization.schema import results
 from accelcal.serialization.schema.model import ModelFile
+from accelcal.serialization.schema.session import Content
 
 FILES: tuple[type[BaseModel], ...] = (
     ModelFile,
@@ -25,8 +26,9 @@ FILES: tuple[type[BaseModel], ...] = (
     results.FleetFile,
     results.TriadFile,
     results.PaperFile,
+    Content,
 )
-"""Of every kind of JSON that a command writes."""
+"""Of every kind of JSON that a command or the workbench writes."""
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 

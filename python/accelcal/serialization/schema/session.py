@@ -7,8 +7,6 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
 
-from accelcal.app.own_formula import OwnFormula
-
 SCHEMA = "accelcal/session/1"
 MOST_MODELS = 200
 MOST_LINES = 1_000_000
@@ -49,16 +47,6 @@ class Formula(_Strict):
     port: Literal["output", "position"]
     channels: list[Name] = Field(default_factory=list, max_length=100)
 
-    @classmethod
-    def of(cls, own: OwnFormula) -> Formula:
-        """What the catalogue has, as the file holds it."""
-        return cls(name=own.name, expression=own.expression, unit=own.unit, port=own.port, channels=list(own.channels))
-
-    @property
-    def own(self) -> OwnFormula:
-        """What the file holds, as the catalogue takes it."""
-        return OwnFormula(self.name, self.expression, self.unit, self.port, tuple(self.channels))
-
 
 class StoredStep(_Strict):
     """One model of the tree; its numbers are in ``models/KEY.json``."""
@@ -73,7 +61,7 @@ class StoredStep(_Strict):
 class Content(_Strict):
     """What `session.json` holds."""
 
-    accelcal_schema: Literal["accelcal/session/1"] = Field(alias="schema")
+    schema_: Literal["accelcal/session/1"] = Field(alias="schema")
     version: Text
     """Of the program that wrote it."""
     saved: Text
