@@ -18,6 +18,8 @@ MAKERS = ("effects", "simulation", "paper", "demo.py")
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
     ("app/workbench.py", "cubic"): "model of `fit`, and the simulated example",
+    ("app/tasks.py", "cubic"): "the simulated example",
+    ("serialization/schema/session.py", "cubic"): "model of `fit`: linear or cubic",
     ("fleet/task.py", "cubic"): "model of `fit`, and the simulated example",
     ("calibration/budget.py", "encoder_scale"): "key of a sidecar",
     ("calibration/budget.py", "misalignment"): "key of a sidecar",

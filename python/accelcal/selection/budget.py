@@ -19,7 +19,8 @@ class SearchBudget:
 
     seconds: float
     """s"""
-    clock: Callable[[], float] = time.process_time
+    clock: Callable[[], float] = time.thread_time
+    """Of the thread of the search alone: others may search in the same process."""
     begun: float = field(init=False)
     models: int = 1
     """Models that were fitted and judged, the base model included."""

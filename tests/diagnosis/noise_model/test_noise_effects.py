@@ -141,7 +141,7 @@ def test_a_damaged_spectrum_is_refused(tmp_path):
     _, train, _ = halves("vibration", tmp_path, seed=23)
     content = model_file.to_dict(ac.add(ac.fit(ac.Model.linear(), train), train, "vibration"))
     content["noise_effects"][0]["spectrum"]["floor"].pop()
-    with pytest.raises(ValueError, match="values of different number"):
+    with pytest.raises(ValueError, match="values each, as there are frequencies"):
         model_file.from_dict(content)
 
 
