@@ -15,7 +15,7 @@ import pytest
 import accelcal as ac
 from accelcal import io
 from accelcal._support import internal_error
-from accelcal.app import workbench
+from accelcal.app import tasks
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app, write_recording
 from accelcal.data import summary
@@ -172,7 +172,7 @@ def test_an_effect_of_the_user_that_fails_is_named_by_its_line(here, monkeypatch
 @pytest.mark.parametrize("kind", FOREIGN)
 def test_nothing_ends_in_silence_in_the_workbench(here, monkeypatch, kind):
     bench = Workbench(here / "bench")
-    monkeypatch.setattr(workbench, "marks", raising(kind))
+    monkeypatch.setattr(tasks, "marks", raising(kind))
     bench.load(here / "run.csv")
     assert bench.sentence.startswith("this is an error of accelcal: ")
     assert bench.job is None

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from accelcal._support import internal_error
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.state import Cancelled, State
 from accelcal.app.workbench import Workbench
@@ -66,6 +67,19 @@ def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:
     assert workers.pids() == first  # none of these cost the process
     with pytest.raises(WorkerLost, match="status 3"):
         workers(work.leave, 3, report=ignore, known=NOTHING)
+
+
+def test_what_a_worker_raised_is_judged_by_where_it_was_raised(workers: Workers, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="math domain error") as caught:
+        workers(work.foreign, report=ignore, known=NOTHING)
+    assert not internal_error.is_for_user(caught.value)
+    said = internal_error.sentence(caught.value, ["accelcal", "app"])
+    report = Path(said.partition("please send ")[2].partition(" to its authors")[0])
+    assert "workbench_tasks.py" in report.read_text()  # the place in the worker, not that of its messenger
+    report.unlink()
+    with pytest.raises((ValueError, OSError)) as caught:
+        workers(work.own, report=ignore, known=NOTHING)
+    assert internal_error.is_for_user(caught.value)
 
 
 def test_cancelling_ends_the_process_and_what_it_started(workers: Workers, tmp_path: Path) -> None:

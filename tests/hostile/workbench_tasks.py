@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+import accelcal
 from accelcal.app.workers import Report
 
 
@@ -74,3 +76,13 @@ def names(*, report: Report) -> list[str]:
     from accelcal.effects import BUILT_IN, CATALOGUE
 
     return sorted(set(CATALOGUE) - {effect.name for effect in BUILT_IN})
+
+
+def foreign(*, report: Report) -> float:
+    """Raise what a library raises: no words for a user."""
+    return math.sqrt(float("-1"))
+
+
+def own(*, report: Report) -> None:
+    """Raise what accelcal says of a file that is not there."""
+    accelcal.load(Path("absent.csv"))

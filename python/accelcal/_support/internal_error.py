@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import opcode
 import os
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -20,8 +21,17 @@ RAISE = opcode.opmap["RAISE_VARARGS"]
 SPEAKING = (ValueError, OSError, ImportError)
 """Base classes of exceptions whose text is for users, if accelcal raised them."""
 PACKAGES = ("numpy", "scipy", "pyarrow", "pint", "typer", "rich", "nicegui", "matplotlib", "plotly", "h5py")
+_FRAME = re.compile(r'^ +File "(.+)", line (\d+), in (.+)$', re.MULTILINE)
 MOST_FRAMES = 60
 """Frames at either end of a traceback that a report lists."""
+
+
+class RemoteTraceback(Exception):
+    """Cause of an exception that another process sent: where it was raised there, as text."""
+
+    def __init__(self, tb: str) -> None:
+        super().__init__(tb)
+        self.tb = tb
 
 
 def is_for_user(error: BaseException) -> bool:
@@ -117,7 +127,8 @@ def _report(error: BaseException, command: Sequence[str]) -> Iterator[str]:
     while seen is not None:
         yield ""
         yield f"{type(seen).__module__}.{type(seen).__qualname__}, raised through"
-        yield from _shortened([f"  {_place(frame, line)}" for frame, line in _frames(seen.__traceback__)])
+        places = [_place(f.f_code.co_filename, line, f.f_code.co_qualname) for f, line in _frames(seen.__traceback__)]
+        yield from _shortened([f"  {place}" for place in (*places, *_remote(seen))])
         seen = seen.__cause__ or (None if seen.__suppress_context__ else seen.__context__)
 
 
@@ -158,19 +169,25 @@ def _is_own(frame: FrameType) -> bool:
     return Path(frame.f_code.co_filename).is_relative_to(PACKAGE)
 
 
-def _place(frame: FrameType, line: int) -> str:
+def _remote(error: BaseException) -> Iterator[str]:
+    """Places of a traceback that another process sent as text."""
+    for name, line, function in _FRAME.findall(str(getattr(error, "tb", ""))):
+        yield _place(name, int(line), function)
+
+
+def _place(name: str, line: int, function: str) -> str:
     """File below the folder that holds it, line and function; paths of the user's machine are left out."""
-    path = Path(frame.f_code.co_filename)
+    path = Path(name)
     for folder in (str(PACKAGE.parent), *_libraries()):
         if path.is_relative_to(folder):
             path = path.relative_to(folder)
             break
-    return f"{path}:{line} in {frame.f_code.co_qualname}"
+    return f"{path}:{line} in {function}"
 
 
 def _where(traceback: TracebackType | None) -> str:
     """The innermost line of accelcal."""
-    own = [_place(frame, line) for frame, line in _frames(traceback) if _is_own(frame)]
+    own = [_place(f.f_code.co_filename, line, "") for f, line in _frames(traceback) if _is_own(f)]
     return own[-1].partition(" in ")[0] if own else "code that it calls"
 
 

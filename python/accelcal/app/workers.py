@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
+from accelcal._support import internal_error
 from accelcal.app.worker import Answer, Known, Request
 
 MOST = 4
@@ -84,8 +85,7 @@ class Workers:
             raise WorkerLost("this takes more memory than there is; use a shorter recording, or the command line")
         if answer.error is not None:
             logging.getLogger(__name__).debug("%s", answer.trace)
-            answer.error.add_note(answer.trace)
-            raise answer.error
+            raise answer.error from internal_error.RemoteTraceback(answer.trace)
         return answer.found
 
     def start_one(self) -> None:
