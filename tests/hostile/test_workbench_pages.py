@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from .case import LONG as EVERYTHING
-from .workbench import LONG, Served, has_ended, served, serving, write  # noqa: F401  (served: a fixture)
+from .workbench import LONG, Served, has_ended, is_emptied, served, serving, write  # noqa: F401  (served: a fixture)
 from .workbench_soak import opened, soak
 
 SESSIONS, SECONDS = (20, 1800.0) if EVERYTHING else (3, 30.0)
@@ -163,7 +163,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         workers = server.workers()
         assert server.stop(signal.SIGTERM) == 128 + signal.SIGTERM
         assert all(has_ended(pid) for pid in workers)
-        assert list(server.temporary.iterdir()) == []
+        assert is_emptied(server.temporary)
         server.start()
         fresh = opened(context, server)
         fresh.get_by_role("button", name="Open run.csv, 1 model").click(timeout=LONG)
@@ -184,4 +184,4 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         workers = server.workers()
         server.stop(signal.SIGINT)
         assert all(has_ended(pid) for pid in workers)
-        assert list(server.temporary.iterdir()) == []
+        assert is_emptied(server.temporary)

@@ -123,6 +123,14 @@ def has_ended(pid: int, within: float = 30.0) -> bool:
     return False
 
 
+def is_emptied(folder: Path, within: float = 30.0) -> bool:
+    """Whether nothing is left in a folder within a time, s: the last worker may still be leaving."""
+    end = time.monotonic() + within
+    while any(folder.iterdir()) and time.monotonic() < end:
+        time.sleep(0.05)
+    return not any(folder.iterdir())
+
+
 @contextmanager
 def serving() -> Iterator[Served]:
     """A running workbench; it is stopped, and its folders removed."""
