@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -41,8 +42,6 @@ def workers(tmp_path: Path) -> Iterator[Workers]:
 @pytest.fixture(autouse=True)
 def tests_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let workers import the tasks of this folder."""
-    import os
-
     root = str(Path(__file__).parents[2])
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([root, os.environ.get("PYTHONPATH", "")]))
 
@@ -52,6 +51,16 @@ def test_a_worker_that_dies_is_reported_and_replaced(workers: Workers, number: i
     with pytest.raises(WorkerLost, match=f"ended before it \\(signal {int(number)}\\).*nothing was changed"):
         workers(work.die, int(number), report=ignore, known=NOTHING)
     assert workers(work.speak, report=ignore, known=NOTHING) == "heard"
+
+
+@pytest.mark.skipif(not hasattr(os, "getsid"), reason="needs process groups")
+def test_a_worker_waits_for_the_server_and_not_for_the_terminal(workers: Workers) -> None:
+    workers(work.speak, report=ignore, known=NOTHING)
+    (pid,) = workers.pids()
+    # Linux weighs processes by their patience within one session only.
+    assert os.getsid(pid) == os.getsid(0)
+    assert os.getpgid(pid) == pid != os.getpgid(0)
+    assert os.getpriority(os.PRIO_PROCESS, pid) > os.getpriority(os.PRIO_PROCESS, 0)
 
 
 def test_what_goes_wrong_in_a_worker_is_an_error_here(workers: Workers) -> None:

@@ -143,7 +143,10 @@ class Workers:
 
 
 class _Worker:
-    """One process, in a process group of its own, so that Ctrl-C in the terminal does not reach it."""
+    """One process, in a process group of its own, so that Ctrl-C in the terminal does not reach it.
+
+    Not in a session of its own: Linux shares the processor between sessions first, and patience counts within one only.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.process = subprocess.Popen(
@@ -152,7 +155,7 @@ class _Worker:
             stdout=subprocess.PIPE,
             cwd=folder,
             env={**os.environ, "TMPDIR": str(folder)},
-            start_new_session=True,
+            process_group=0,
         )
         self._answers: queue.SimpleQueue[Answer | None] = queue.SimpleQueue()
         threading.Thread(target=self._listen, daemon=True).start()
