@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-hostile embedded check wheel try-wheel constraints bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -28,7 +28,11 @@ test-long: $(STAMP) ## Compare the filters with their twins on ten times as many
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
 
 test-hostile: $(STAMP) ## Mutated files and models, kills, full disks, many sessions: every case, hours.
+	ACCELCAL_FUZZ=300000 cargo test --release --quiet -p ekf-core-fuzz -- --nocapture
 	ACCELCAL_HOSTILE=long ACCELCAL_REQUIRE_BROWSER=1 $(BIN)/python -m pytest -q -s tests/hostile
+
+fuzz: ## Drive the fuzz targets of ekf-core by coverage, a minute each; needs a nightly toolchain and cargo-fuzz.
+	tools/fuzz.sh 60
 
 embedded: $(STAMP) ## Run the filter on a Cortex-M in QEMU: bits, instructions, flash, stack. Installs Debian packages.
 	firmware/install.sh

@@ -168,6 +168,8 @@ pub enum SetupError {
         /// The pivot found there.
         pivot: f64,
     },
+    /// The initial mean and covariance are none that a filter could have.
+    Belief(StepError),
     /// A channel has fewer samples than the filter needs.
     TooFew {
         /// The channel.
@@ -213,6 +215,7 @@ impl SetupError {
             Self::Setting { .. } => "Setting",
             Self::Consider { .. } => "Consider",
             Self::Prior { .. } => "Prior",
+            Self::Belief(_) => "Belief",
             Self::TooFew { .. } => "TooFew",
             Self::Lengths { .. } => "Lengths",
             Self::NotFinite { .. } => "NotFinite",
@@ -233,6 +236,7 @@ impl fmt::Display for SetupError {
             Self::Prior { state, pivot } => {
                 write!(f, "the initial covariance is not positive definite: pivot {pivot} at state {state}")
             }
+            Self::Belief(error) => write!(f, "the initial belief: {error}"),
             Self::TooFew { channel, count, needed } => {
                 write!(f, "{channel}: {count} samples, at least {needed} are needed")
             }

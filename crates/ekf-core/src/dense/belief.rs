@@ -78,7 +78,7 @@ pub fn check_covariance(n: usize, P: impl Fn(usize, usize) -> f64) -> Result<(),
 /// `(A + A') / 2`.
 #[must_use]
 pub(crate) fn symmetric_part<const N: usize>(A: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    (A + A.transpose()) * 0.5
+    A * 0.5 + A.transpose() * 0.5 // halves first: a sum could overflow
 }
 
 #[cfg(test)]

@@ -112,6 +112,7 @@ impl<S> Filter<S> {
                 let belief = factored.belief();
                 let step = self.integrator.transition(&self.system, &belief, drive, self.order)?;
                 let factored = factored.predict(step.x, &step.Phi, &step.Q)?;
+                factored.belief().checked()?;
                 Ok((CarriedBelief::Factored(factored), step.Phi))
             }
         }
@@ -146,6 +147,7 @@ impl<S> Filter<S> {
             }
             CarriedBelief::Factored(prior) => {
                 let (factored, innovation, gain) = prior.update(&reading, R, event.value)?;
+                factored.belief().checked()?;
                 (CarriedBelief::Factored(factored), innovation, gain)
             }
         };
@@ -183,10 +185,13 @@ impl<S: System<N>, const N: usize> Engine<N> for Filter<S> {
         if !(asymmetry <= 1e-12 * prior.P.amax()) {
             return Err(SetupError::Setting { name: "asymmetry of P0", value: asymmetry });
         }
-        Ok(match self.carrier {
+        let carried = match self.carrier {
             Carrier::Dense => CarriedBelief::Dense(*prior),
             Carrier::Factored => CarriedBelief::Factored(factored),
-        })
+        };
+        // A pivot that counts as zero hides the covariances beside it.
+        carried.belief().checked().map_err(SetupError::Belief)?;
+        Ok(carried)
     }
 
     fn belief(&self, state: &CarriedBelief<N>) -> Belief<N> {

@@ -7,7 +7,7 @@
 
 use nalgebra::{RowSVector, SMatrix, SVector};
 
-use crate::dense::belief::{Belief, symmetric_part};
+use crate::dense::belief::{Belief, check_mean, symmetric_part};
 use crate::dense::filter::{Correction, Filter, Outcome};
 use crate::dense::system::{Drive, System};
 use crate::dense::ud::factorise_within;
@@ -29,7 +29,8 @@ const SLACK: f64 = 1e-6;
 ///
 /// # Errors
 /// The index of the outcome, and [`StepError::Variance`] where `P` of the filter has a negative pivot: Runge-Kutta can lose
-/// positive definiteness in more than two states at once, which the filter does not see.
+/// positive definiteness in more than two states at once, which the filter does not see. [`StepError::Mean`] or
+/// [`StepError::Variance`] where a product overflows.
 pub fn smooth<S: System<N>, const N: usize>(
     filter: &Filter<S>,
     prior: &Belief<N>,
@@ -43,6 +44,7 @@ pub fn smooth<S: System<N>, const N: usize>(
         let failed = |error: StepError| (at, error);
         let Belief { x, P } = outcome.belief;
         outcome.belief = Belief { x: x - P * lambda, P: information.reduce(&P).map_err(failed)? };
+        require_finite(&outcome.belief).map_err(failed)?;
         if let Some(correction) = outcome.correction.filter(|correction| correction.reading.accepted) {
             let Correction { reading, H, gain, R } = correction;
             let IKH = SMatrix::<f64, N, N>::identity() - gain * H;
@@ -55,6 +57,15 @@ pub fn smooth<S: System<N>, const N: usize>(
         }
     }
     Ok(())
+}
+
+/// Refuses what has overflowed: gains and transitions of absurd size can be finite where their products are not.
+fn require_finite<const N: usize>(belief: &Belief<N>) -> Result<(), StepError> {
+    check_mean(N, |i| belief.x[i])?;
+    match (0..N).find(|&i| !belief.P[(i, i)].is_finite()) {
+        Some(state) => Err(StepError::Variance { state, variance: belief.P[(state, state)] }),
+        None => Ok(()),
+    }
 }
 
 /// The square root `R` of the information of later readings, `R'R = Y`: upper triangular.

@@ -31,7 +31,8 @@ pub fn cells(grid: Grid, rows: usize, from: f64, to: f64, mut take: impl FnMut(C
     let place = (from - grid.start) / grid.step;
     let end = (to - grid.start) / grid.step;
     let slack = 1e-6; // rounding of times, in grid steps
-    if rows < NODES || place < -slack || end > (rows - 1) as f64 + slack {
+    // A grid without a step, or times that are no numbers, cover nothing.
+    if rows < NODES || !(place >= -slack && end <= (rows - 1) as f64 + slack) {
         return None;
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // 0 <= place <= rows - 1, checked above

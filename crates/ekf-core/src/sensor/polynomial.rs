@@ -43,6 +43,9 @@ pub struct Response {
 
 const BIAS: usize = 2;
 
+/// A residual beyond this share of its terms is no rounding: the iteration has not found the root.
+const UNSOLVED: f64 = 1e-9;
+
 impl Form {
     /// The true acceleration behind `output`, m/s^2; the input of the partials is `output`.
     ///
@@ -77,10 +80,10 @@ impl Form {
     /// of fourth order, up to 2e-3 m/s^2 at 20 m/s^2 for a 0.1 %FS part. A covariance travels as `J P J'`.
     ///
     /// # Errors
-    /// [`DomainError::Slope`] if `s` is not positive.
+    /// [`DomainError::Slope`] if `s` is not positive and finite.
     pub fn swap(self, parameters: &Parameters) -> Result<(Parameters, Matrix4<f64>), DomainError> {
         let Curve { s, K2, K3, sign } = self.curve(parameters);
-        if !(s > 0.0) {
+        if !(s > 0.0 && s.is_finite()) {
             return Err(DomainError::Slope { slope: s });
         }
         let s2 = s * s;
@@ -177,9 +180,9 @@ impl Curve {
         let side = if y < 0.0 { -1.0 } else { 1.0 };
         let end = if y < 0.0 { low } else { high };
         let target = y.abs();
+        let outside = || DomainError::Outside { value: y, low: self.reach(low), high: self.reach(high) };
         if !(target < self.reach(end).abs()) {
-            let (low, high) = (self.reach(low), self.reach(high));
-            return Err(DomainError::Outside { value: y, low, high });
+            return Err(outside());
         }
         let (mut inner, mut outer) = (0.0, end.abs());
         let mut r = target / self.s;
@@ -203,7 +206,14 @@ impl Curve {
                 break;
             }
         }
-        Ok(side * r)
+        r *= side;
+        // Coefficients that are no numbers, or so large that the terms overflow, lead nowhere.
+        let terms = r.abs() * (self.s + r.abs() * (self.K2.abs() + r.abs() * self.K3.abs()));
+        let solved = (self.at(r) - y).abs() <= UNSOLVED * terms && terms.is_finite();
+        if !(solved && self.slope(r) > 0.0) {
+            return Err(outside());
+        }
+        Ok(r)
     }
 
     /// `G` at an end of the monotone interval, which may be infinite.

@@ -155,7 +155,7 @@ impl<'a> Cursor<'a> {
         let (start, end) = (from + self.conditioning.delay, to + self.conditioning.delay);
         let last = t.len() - 2;
         self.seek(start);
-        if start < t[0] || end > t[last + 1] {
+        if !(start >= t[0] && end <= t[last + 1]) {
             return None;
         }
         let (mut velocity, mut position, mut a) = (0.0, 0.0, start);

@@ -371,12 +371,7 @@ fn construction<'a, S>(
     if let Some(&value) = x.iter().chain(P).find(|value| !value.is_finite()) {
         return Err(SetupError::Setting { name: "prior", value });
     }
-    if let Err(error) = check_covariance(states, |i, j| P[i * states + j]) {
-        return Err(match error {
-            StepError::Variance { state, variance } => SetupError::Prior { state, pivot: variance },
-            _ => SetupError::Prior { state: states, pivot: f64::NAN },
-        });
-    }
+    check_covariance(states, |i, j| P[i * states + j]).map_err(SetupError::Belief)?;
     Ok(Construction { filter: filter.with_system(dynamics), dt, prior })
 }
 
