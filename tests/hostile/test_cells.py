@@ -1,4 +1,4 @@
-"""What looks like a number and is none: in any column it is refused by its row and column, and never read as another."""
+"""What looks like a number and is none: refused in any column by row and column, and never read as another number."""
 
 from __future__ import annotations
 

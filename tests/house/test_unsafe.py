@@ -1,4 +1,4 @@
-"""Where `unsafe` may stand: in no crate of the extension; in one allocator of a test; on the device, each place named."""
+"""Where `unsafe` may stand: in no crate of the extension, in the allocator of one test, and on the device."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def test_unsafe_stands_where_it_is_allowed_and_nowhere_else() -> None:
 
 
 def test_the_search_sees_code_and_no_comments(tmp_path: Path) -> None:
-    (tmp_path / "one.rs").write_text("// unsafe\n/* unsafe\nunsafe */\nunsafe fn f() {}\n#[unsafe(no_mangle)]\nunsafety")
+    (tmp_path / "one.rs").write_text("// unsafe\n/* unsafe\n*/\nunsafe fn f() {}\n#[unsafe(no_mangle)]\nunsafety")
     (tmp_path / "target").mkdir()
     (tmp_path / "target" / "made.rs").write_text("unsafe {}")
     assert unsafe_places(tmp_path) == {"one.rs": 2}
