@@ -24,9 +24,9 @@ COMMANDS = {
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS")
 SETTINGS = (("1", "0"), ("2", "1"), ("4", "4242")) if LONG else (("1", "0"), ("4", "4242"))
 """Threads and hash seed of each process."""
-DATED = ("created", "date")
-"""Keys that hold the time at which a file was made."""
-ORDERED = ("run.csv", "other.csv", "curved.csv")
+ORDERED = ("run.csv", "other.csv", "sensors/a/r1.csv")
+APART = 1e-9
+"""Most change of an estimate with the order of its recordings, in sigma: sums are rounded in another order."""
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,28 @@ def test_threads_hash_seeds_and_processes_give_the_same_bytes(inputs: Path, name
     assert len(set(found)) == 1
 
 
-@pytest.mark.parametrize("name", ["fit"])
-def test_another_recording_gives_other_bytes(inputs: Path, name: str) -> None:
-    words = [word.replace("run.csv", "other.csv") for word in COMMANDS[name]]
-    assert outputs(inputs, COMMANDS[name])[0] != outputs(inputs, words)[0]
+def test_another_recording_gives_other_bytes(inputs: Path) -> None:
+    words = [word.replace("run.csv", "other.csv") for word in COMMANDS["fit"]]
+    assert outputs(inputs, COMMANDS["fit"])[0] != outputs(inputs, words)[0]
+
+
+def estimates(content: bytes) -> dict[tuple[str, str], tuple[float, float]]:
+    """Value and standard deviation of each parameter, by its name and the recording that it belongs to."""
+    made = json.loads(content)
+    files = [run["file"] for run in made["data"]]
+    return {
+        (p["name"], "" if p["run"] is None else files[p["run"]]): (p["value"], p["std"]) for p in made["parameters"]
+    }
+
+
+def test_the_order_of_recordings_changes_no_estimate(inputs: Path) -> None:
+    orders = list(itertools.permutations(ORDERED)) if LONG else [ORDERED, ORDERED[::-1]]
+    first, *others = (estimates(outputs(inputs, ("fit", *order, "-o", "made.json"))[0]) for order in orders)
+    assert len(first) == 5
+    worst = 0.0
+    for other in others:
+        assert other.keys() == first.keys()
+        for key, (value, std) in first.items():
+            worst = max(worst, abs(other[key][0] - value) / std, abs(other[key][1] / std - 1.0))
+    print(f"{len(orders)} orders of recordings: apart by {worst:.1e} sigma (threshold {APART:.0e})")
+    assert worst < APART
