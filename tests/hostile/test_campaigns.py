@@ -1,4 +1,4 @@
-"""The file of a campaign under kills, a second writer, hostile content and a full disk: all of it or what was stored."""
+"""The file of a campaign under kills, a second writer, hostile content and a full disk: what was stored stays."""
 
 from __future__ import annotations
 
@@ -85,7 +85,6 @@ def of_another_program(path: Path) -> None:
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("CREATE TABLE campaign (key TEXT, value BLOB)")
         connection.execute("INSERT INTO campaign VALUES ('source', zeroblob(1000))")
-
 
 
 def of_bytes(path: Path) -> None:

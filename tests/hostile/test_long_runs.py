@@ -21,7 +21,7 @@ PART = 50_000
 """Steps after which the covariance is looked at; each has its variances looked at."""
 FEW = 100_000
 ROUNDING = 1e-14
-"""Of a product of factors, which is worked out above and below the diagonal apart; a covariance itself has one value."""
+"""Of a product of factors, which is computed above and below the diagonal apart; a dense covariance has one value."""
 APART = 1e-6
 """Most distance of UD factors from the dense covariance, in sigma."""
 

@@ -29,6 +29,15 @@ C_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 RUST_COMMENT = re.compile(r"//[^\n]*")
 
 
+def sentence_of(act: Callable[[], object]) -> str:
+    """What an act is refused with; "" where it is not."""
+    try:
+        act()
+    except RecordingError as error:
+        return str(error)
+    return ""
+
+
 @pytest.fixture
 def mark(tmp_path: Path) -> Path:
     """The file that code would make."""
@@ -94,11 +103,9 @@ def test_tables_and_sidecars_run_nothing(tmp_path: Path, mark: Path) -> None:
             ):
                 path.write_text(header + rows)
                 path.with_suffix(".toml").write_text(f"{key} = {json.dumps(piece)}\n")
-                try:
-                    io.load(path)
-                    loaded += 1
-                except RecordingError as error:
-                    assert str(path.with_suffix("")) in str(error)
+                said = sentence_of(lambda: io.load(path))
+                loaded += not said
+                assert not said or str(path.with_suffix("")) in said
     assert loaded > 0
     assert not mark.exists()
 
@@ -147,10 +154,7 @@ def test_pickles_in_arrays_run_nothing(tmp_path: Path, mark: Path) -> None:
     for name in ("t_s", "accel_g", "position_mm", "other"):
         columns = {"t_s": T, "accel_g": np.sin(T), "position_mm": np.cos(T)} | {name: objects}
         np.savez(path, **columns)  # type: ignore[arg-type]
-        try:
-            io.load(path)
-        except RecordingError:
-            assert name != "other"
+        assert bool(sentence_of(lambda: io.load(path))) == (name != "other"), name
     assert not mark.exists()
     pickle.loads(raw)
     assert mark.exists()

@@ -12,11 +12,12 @@ import sys
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
 
-import numpy as np
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from accelcal import paper
+from accelcal._support.extras import MissingExtra
 from tests.house.test_supply import PROJECT, declared
 
 from .case import LONG
@@ -139,3 +140,10 @@ def test_the_extras_are_hidden_and_nothing_else(place: Path) -> None:
         done = bare(place, "-c", f"import {module}")
         assert f"ModuleNotFoundError: No module named '{module.partition('.')[0]}'" in done.stderr, module
     assert bare(place, "-c", "import numpy, scipy, pyarrow, pint, pydantic, rich, typer, tomlkit").returncode == 0
+
+
+def test_paper_asks_for_matplotlib_before_its_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setattr(paper, "_ITEMS", (lambda plan: pytest.fail("work was done"),))
+    with pytest.raises(MissingExtra, match="figures need matplotlib"):
+        paper.reproduce(out=tmp_path)
