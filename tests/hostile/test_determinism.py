@@ -54,7 +54,7 @@ def outputs(folder: Path, words: Sequence[str], threads: str = "1", seed: str = 
     return content, done.stdout
 
 
-@pytest.mark.parametrize("name", COMMANDS if LONG else ("diagnose",))
+@pytest.mark.parametrize("name", COMMANDS if LONG else ("add", "diagnose"))
 def test_threads_hash_seeds_and_processes_give_the_same_bytes(inputs: Path, name: str) -> None:
     found = [outputs(inputs, COMMANDS[name], *setting) for setting in SETTINGS]
     print(f"{name}: {len(found)} processes, {len(set(found))} different answers (expected 1)")
