@@ -18,6 +18,15 @@ from .workbench_soak import opened, soak
 
 SESSIONS, SECONDS = (20, 1800.0) if EVERYTHING else (3, 30.0)
 ATTACK = '"><img src=x onerror="window.hit=1"><script>window.hit=2</script>\'`${window.hit=3}`{{constructor}}'
+ATTACKS = (
+    ATTACK,
+    '</script><script>window.hit=1</script><svg onload="window.hit=2">',
+    "</style></textarea></title><img src=x onerror=window.hit=1>",
+    "' onmouseover='window.hit=1' autofocus onfocus='window.hit=2",
+    "[x](javascript:window.hit=1) ![x](x)<iframe srcdoc='<script>parent.hit=1</script>'>",
+    "{{window.hit=1}} ${window.hit=2} <%= window.hit=3 %> {% raw %}",
+)
+"""Text that a careless page would run: one in the slice."""
 
 NAMES = [
     "a\0b.csv",
@@ -86,13 +95,14 @@ def test_an_upload_that_the_server_refuses_is_said_on_the_page(page: Any, status
     page.get_by_text("the upload has failed: the server did not take it").wait_for(timeout=LONG)
 
 
-def test_names_in_a_file_run_nothing_on_any_screen_or_in_the_report(page: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("attack", ATTACKS if EVERYTHING else ATTACKS[:1])
+def test_names_in_a_file_run_nothing_on_any_screen_or_in_the_report(page: Any, tmp_path: Path, attack: str) -> None:
     path = write(tmp_path / "run.csv", 3)
     header, *rows = path.read_text().splitlines()
-    quoted = '"' + ATTACK.replace('"', '""') + '"'
+    quoted = '"' + attack.replace('"', '""') + '"'
     path.write_text("\n".join([f"{header},{quoted}", *(f"{row},{i % 7}" for i, row in enumerate(rows))]) + "\n")
     sidecar = path.with_suffix(".toml")
-    sidecar.write_text(f"# {ATTACK}\n{sidecar.read_text()}\n[run]\noperator = '''{ATTACK}'''\n")
+    sidecar.write_text(f"# {attack}\n{sidecar.read_text()}\n[run]\noperator = '''{attack}'''\n")
     page.locator("input[type=file]").first.set_input_files([str(path), str(sidecar)])
     page.locator(".problem, [aria-label='Fit the linear model']").first.wait_for(timeout=LONG)
     if page.locator("[aria-label='Fit the linear model']").count():
@@ -101,13 +111,13 @@ def test_names_in_a_file_run_nothing_on_any_screen_or_in_the_report(page: Any, t
         page.get_by_role("tab", name=name).click()
         page.wait_for_timeout(300)
         assert page.evaluate("window.hit") is None, name
-        assert page.locator("main img[src=x], main script").count() == 0, name
+        assert page.locator("main img[src=x], main script, main iframe[srcdoc]").count() == 0, name
     with page.expect_download(timeout=LONG) as report:
         page.get_by_role("button", name="Report (.html)").click()
     page.goto(Path(report.value.path()).as_uri())
     page.wait_for_timeout(500)
     assert page.evaluate("window.hit") is None
-    assert page.locator("img[src=x]").count() == 0
+    assert page.locator("img[src=x], iframe[srcdoc]").count() == 0
 
 
 def test_a_killed_worker_costs_one_action(page: Any, served: Served, tmp_path: Path) -> None:  # noqa: F811

@@ -77,6 +77,17 @@ def test_a_tool_may_read_and_must_not_write(served: Served) -> None:  # noqa: F8
     assert (status, "type its address" in text) == (403, True)
 
 
+def test_it_listens_on_this_machine_alone(served: Served) -> None:  # noqa: F811
+    with socket.create_connection((HOST, served.port), 5):
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outward:
+        outward.connect(("192.0.2.1", 9))  # sends nothing; the system says by which address it would
+        addresses = {outward.getsockname()[0], "127.0.0.2"} - {HOST}
+    for address in addresses:
+        with pytest.raises(ConnectionRefusedError), socket.create_connection((address, served.port), 5):
+            pass
+
+
 @pytest.mark.parametrize(
     "host", ["evil.example", "127.0.0.1.evil.example", "10.0.0.1", "[::1]", "", "localhost.evil.example:80"]
 )

@@ -121,6 +121,26 @@ def test_what_a_command_reads_is_never_written_over(refused, command, lost):
     assert f"{lost} is an input of this command and would be overwritten; give another name" in refused(*command)
 
 
+@pytest.mark.parametrize("lost", ["run.csv", "run.toml"])
+def test_a_link_to_what_a_command_reads_is_never_written_through(refused, here, lost):
+    Path("near").symlink_to(lost)
+    Path("folder/far").symlink_to("../near")
+    for name in ("near", "folder/far", f"folder/../{lost}", str(here / lost)):
+        assert "is an input of this command and would be overwritten" in refused("fit", "run.csv", "-o", name)
+    Path("other.csv").symlink_to("run.csv")
+    Path("other.toml").symlink_to("run.toml")
+    assert "is an input of this command and would be overwritten" in refused("fit", "other.csv", "-o", lost)
+
+
+@pytest.mark.parametrize("lost", ["run.csv", "run.toml"])
+def test_a_hard_link_to_what_a_command_reads_leaves_the_other_name_as_it_was(here, lost):
+    before = Path(lost).read_bytes()
+    os.link(lost, "second")
+    with pytest.raises(SystemExit):
+        app(["fit", "run.csv", "-o", "second"])
+    assert Path(lost).read_bytes() == before
+
+
 def test_a_model_may_be_replaced_by_the_next_one(here):
     with pytest.raises(SystemExit) as ended:
         app(["freeze", "m.json", "run.csv", "--at", "time_offset=0", "-o", "m.json"])

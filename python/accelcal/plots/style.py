@@ -131,6 +131,20 @@ def theme_of(name: ThemeName) -> Theme:
     return THEMES[name]
 
 
+def require_matplotlib() -> None:
+    """Ask for matplotlib before long work whose figures need it.
+
+    Raises
+    ------
+    MissingExtra
+        If it is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise MissingExtra('figures need matplotlib; install it with: pip install "accelcal[plot]"') from error
+
+
 def new_figure(width: float, height: float, theme: Theme) -> Figure:
     """Return an empty figure with a canvas of its own.
 
@@ -143,11 +157,10 @@ def new_figure(width: float, height: float, theme: Theme) -> Figure:
     MissingExtra
         If matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise MissingExtra('figures need matplotlib; install it with: pip install "accelcal[plot]"') from error
+    require_matplotlib()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(
         figsize=(width, height), dpi=PIXELS_PER_INCH, facecolor=theme.page, edgecolor=theme.page, layout="constrained"
     )
