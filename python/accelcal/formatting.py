@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.data.units import display
-from accelcal.effects import CATALOGUE, spelled
+from accelcal.effects import CATALOGUE, spelled, static_terms
 
 
 def concise(value: float, std: float) -> str:
@@ -116,9 +116,72 @@ def probability(p: float) -> str:
     return number(p, 2) if p > 0.0 else "<1e−300"
 
 
-def usual(unit: str, value: float, std: float) -> str:
-    """A value in the customary unit, such as mg; empty where that is SI."""
-    return typeset(display(unit, value, std) or "").replace(" u", " µ")
+def plain(unit: str, value: float, std: float) -> str:
+    """A value as people say it: in the customary unit, else in SI, with ± and without powers of ten; never empty.
+
+    Examples
+    --------
+    >>> plain("(m/s²)⁻²", 9.99e-4, 2.0e-5), plain("1", 0.01929, 2.2e-4), plain("K⁻¹", 1.25e-5, 3.1e-6)
+    ('96100 ± 1900 µg/g³', '1.929 ± 0.022 %', '0.0000125 ± 0.0000031 K⁻¹')
+    """
+    shown = display(unit, value, std)
+    if shown:
+        return typeset(shown).replace(" u", " µ")
+    if unit == "1":
+        return f"{decimal(100.0 * value, 100.0 * std)} %"
+    return with_unit(decimal(value, std), unit)
+
+
+def decimal(value: float, std: float) -> str:
+    """A value with its uncertainty to two digits of that, without powers of ten as far as twelve decimals go.
+
+    Examples
+    --------
+    >>> decimal(9.99e-4, 2.0e-5), decimal(95640.0, 280.0), decimal(0.05, 0.0)
+    ('0.000999 ± 0.000020', '95640 ± 280', '0.05')
+    """
+    if not (math.isfinite(std) and std > 0.0):
+        return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace("-", "−")
+    last = 1 - math.floor(math.log10(std))
+    places = min(MOST_PLACES, max(0, last))
+    return f"{round(value, last):.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
+
+
+def with_plain(value: float, std: float, unit: str) -> str:
+    """A value as people say it, then with the standard uncertainty of its last digits in SI.
+
+    Examples
+    --------
+    >>> with_plain(9.99e-4, 2.0e-5, "(m/s²)⁻²")
+    '96100 ± 1900 µg/g³ = 0.000999(20) (m/s²)⁻²'
+    """
+    first, exact = plain(unit, value, std), amount(value, std, unit)
+    return exact if std <= 0.0 else f"{first} = {exact}"
+
+
+def at_full_scale(name: str, unit: str, value: float, std: float, full_scale: float | None) -> str:
+    """What a coefficient adds to the output at full scale, in per cent of that; empty where it is not known.
+
+    Parameters
+    ----------
+    name : the coefficient. Terms of the static characteristic count with their power; of others those in m/s².
+    unit, value, std : of the coefficient.
+    full_scale : declared range of the sensor, m/s².
+
+    Examples
+    --------
+    >>> at_full_scale("bias", "m/s²", 0.05, 0.001, 20.0), at_full_scale("quadratic", "(m/s²)⁻¹", 1e-4, 1e-5, 20.0)
+    ('0.2500 ± 0.0050 % FS', '0.200 ± 0.020 % FS')
+    """
+    static = static_terms().get(name)
+    if not full_scale or (static is None and unit != "m/s²") or (static is not None and static.thermal):
+        return ""
+    per_unit = 100.0 / full_scale * (1.0 if static is None else abs(static.per_unit(full_scale, 0.0)))
+    return f"{decimal(per_unit * value, per_unit * std)} % FS"
+
+
+MOST_PLACES = 12
+"""Decimals of a plain number."""
 
 
 def readable(text: str) -> str:

@@ -7,6 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from accelcal._support.arguments import check_fields, checked
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.short_repr import short_repr
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find, polynomial
 from accelcal.effects.registry import Owner, Port
@@ -19,6 +23,7 @@ NOMINAL = (*BASE, "lowpass_error", "clock_skew")
 """Coefficients at which the output itself is taken; all others add to it."""
 
 
+@immutable
 @dataclass(frozen=True, slots=True)
 class Prior:
     """Normal distribution of a coefficient before the fit."""
@@ -85,6 +90,9 @@ def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
         yield columns[:, term.part]
 
 
+@immutable
+@notebook_repr
+@short_repr
 @dataclass(frozen=True, slots=True)
 class Model:
     """Base and effects in forward sense: output(t + t0) = (1 + k) a + K0 + sum c_j e_j.
@@ -104,6 +112,7 @@ class Model:
     """Coefficients that differ from run to run: one value for each run of a joint fit, drawn about a common mean."""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.effects[: len(BASE)] != BASE:
             raise ValueError(f"a model begins with {', '.join(BASE)}; found {', '.join(self.effects)}")
         if len(set(self.effects)) != len(self.effects):
@@ -143,6 +152,7 @@ class Model:
         """The linear model with K2 and K3 (paper, eq. 4)."""
         return cls((*BASE, *polynomial(3)))
 
+    @checked
     def add(
         self,
         *names: str,
@@ -165,6 +175,7 @@ class Model:
             priors={**self.priors, **physics, **(priors or {})},
         )
 
+    @checked
     def drop(self, *names: str) -> Model:
         """Return the model without some of its effects.
 
@@ -189,14 +200,17 @@ class Model:
             per_run=tuple(n for n in self.per_run if n not in dropped),
         )
 
+    @checked
     def vary(self, *names: str) -> Model:
         """Return the model with some coefficients that differ from run to run."""
         return replace(self, per_run=(*self.per_run, *(n for n in names if n not in self.per_run)))
 
+    @checked
     def alike(self, *names: str) -> Model:
         """Return the model with one value for all runs of some coefficients."""
         return replace(self, per_run=tuple(n for n in self.per_run if n not in names))
 
+    @checked
     def freeze(self, **values: float) -> Model:
         """Return the model with some coefficients or shape parameters (creep.tau) held at given values (SI)."""
         shapes = {name: dict(shape) for name, shape in self.shapes.items()}
@@ -206,11 +220,13 @@ class Model:
                 shapes[effect][shape] = value
         return replace(self, fixed={**self.fixed, **values}, shapes=shapes)
 
+    @checked
     def reshaped(self, **values: float) -> Model:
         """Return the model with other values of some shape parameters, by names such as creep.tau."""
         held = self.freeze(**values)
         return replace(held, fixed=self.fixed)
 
+    @checked
     def release(self, *names: str) -> Model:
         """Return the model with some held coefficients free again.
 
@@ -246,6 +262,8 @@ class Model:
         return tuple(term for term in self.terms if term.name not in self.fixed)
 
 
+@immutable
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """One parameter with its standard uncertainty."""
@@ -259,3 +277,8 @@ class Estimate:
     owner: str
     run: int | None = None
     """Number of the run that it belongs to in a joint fit; None when all runs share it."""
+
+    def __repr__(self) -> str:
+        spread = f" ± {self.std:.2g}" if self.std > 0.0 else " (held)"
+        run = "" if self.run is None else f", run {self.run}"
+        return f"Estimate({self.name} {self.value:.5g}{spread} {self.unit}".removesuffix(" 1") + f"{run})"

@@ -5,6 +5,7 @@ Everything is escaped, and only opacity is set, no colour, so that light and dar
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
@@ -18,15 +19,26 @@ from accelcal.calibration.budget import COVERAGE_FACTOR
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.summary import describe
+from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import Effect, spelled
+from accelcal.effects.registry import CARD
 from accelcal.estimation.estimate import Fit, tied_sum
-from accelcal.formatting import number, typeset, usual, with_unit
+from accelcal.experiment.detectability import Power
+from accelcal.filters.choice import STATE_UNITS
+from accelcal.filters.record import FilterRun
+from accelcal.formatting import amount, at_full_scale, number, plain, probability, typeset, with_unit
+from accelcal.model import Estimate, Model
 from accelcal.report.view import VERDICTS
 from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Comparison
 
 CANDIDATES = 6
 """Candidates that a diagnosis shows."""
+DETECTABLE = 8
+"""Detection limits that are shown."""
+TERMS = 12
+"""Coefficients of a model that are shown."""
 LONGEST_BAR = 150.0
 """Pixels."""
 SHORT = 26
@@ -54,7 +66,7 @@ def html(result: object) -> str:
 
     Parameters
     ----------
-    result : a Recording, Fit, Comparison, Diagnosis, History or Improvement.
+    result : a Recording, Dwells, Model, Fit, Estimate, Comparison, Diagnosis, History, Improvement, ...: see `CARDS`.
 
     Raises
     ------
@@ -73,6 +85,18 @@ def html(result: object) -> str:
         parts.append(f"<table {TABLE}><thead><tr>{titles}</tr></thead><tbody>{rows}</tbody></table>")
     parts += [f"<p {MUTED}>{escape(text)}</p>" for text in shown.notes]
     return f'<div class="accelcal" style="overflow-x:auto">{"".join(parts)}</div>'
+
+
+def text(result: object) -> str:
+    """Return a result as plain text: title, sentence, table and remarks, the content of `html`.
+
+    Parameters and errors are those of `html`.
+    """
+    shown = card(result)
+    rows = [shown.head, *shown.rows] if shown.rows else []
+    widths = [max(len(row[k]) for row in rows) for k in range(len(shown.head))] if rows else []
+    table = ["  ".join(t.ljust(w) for t, w in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join([shown.title, shown.sentence, *table, *shown.notes])
 
 
 def cell(kind: str, text: str) -> str:
@@ -162,13 +186,14 @@ def _(fit: Fit) -> Card:
     return Card(
         title=f"Fit of {names}, {fit.method}",
         sentence=f"{len(fit.free)} parameters from {' and '.join(made_from)}{agreement}.",
-        head=("parameter", "value (u)", "U", "usual unit", "sum estimated on this rig"),
+        head=("parameter", "value", "at full scale", "SI value (u)", "U", "sum estimated on this rig"),
         rows=tuple(
             (
                 e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]",
+                plain(e.unit, e.value, e.std),
+                at_full_scale(e.name, e.unit, e.value, e.std, fit.rig.sensor.range),
                 f"{e.symbol} = {value(e)}",
                 with_unit(number(fit.expanded(e, COVERAGE_FACTOR), 2), e.unit) if e.std > 0.0 else "held",
-                usual(e.unit, e.value, e.std),
                 tied_sum(fit, e.name),
             )
             for e in (*fit.estimates, *fit.shapes)
@@ -267,7 +292,105 @@ def _(found: Improvement) -> Card:
     )
 
 
-CARDS = ("Recording", "Dwells", "Fit", "Comparison", "Diagnosis", "History", "Improvement")
+@card.register
+def _(found: DwellDiagnosis) -> Card:
+    return Card(
+        title=f"Diagnosis of dwells: {found.verdict}",
+        sentence=as_sentence(typeset(found.sentence)),
+        head=("candidate", "value", "SI value (u)", "significance"),
+        rows=tuple(
+            (
+                spelled(c.effect),
+                plain(c.unit, c.estimate, c.std),
+                amount(c.estimate, c.std, c.unit),
+                f"{c.sigma:.1f} σ, p {probability(c.p_value)}",
+            )
+            for c in found.candidates[:CANDIDATES]
+        ),
+        notes=tuple(map(as_sentence, found.remarks)),
+    )
+
+
+@card.register
+def _(found: Power) -> Card:
+    seen = [each for each in found.detectabilities if each.seen]
+    return Card(
+        title=f"Detection limits of {found.name or 'a recording'}",
+        sentence=f"{len(seen)} of {len(found.detectabilities)} effects would be detected at some size "
+        f"({found.examined} candidates, false alarms {100.0 * found.alpha:.2g} % per record).",
+        head=("effect", "smallest size (95 % probability)", "largest contribution at that size"),
+        rows=tuple(
+            (
+                spelled(each.effect),
+                with_unit(number(min(each.smallest), 3), each.unit),
+                with_unit(number(each.largest, 2), each.largest_unit),
+            )
+            for each in seen[:DETECTABLE]
+        ),
+        notes=(f"The {DETECTABLE} first; to_dataframe() has all.",) if len(seen) > DETECTABLE else (),
+    )
+
+
+@card.register
+def _(model: Model) -> Card:
+    return Card(
+        title="Model",
+        sentence=f"{len(model.terms)} coefficients, {len(model.free)} of them free.",
+        head=("coefficient", "symbol", "unit", "owner", "state"),
+        rows=tuple((spelled(t.name), t.symbol, t.unit, t.owner, state_of(model, t.name)) for t in model.terms[:TERMS]),
+        notes=(
+            *(f"{spelled(e.name)} acts on the noise." for e in model.noise_effects),
+            *((f"{len(model.terms) - TERMS} more coefficients.",) if len(model.terms) > TERMS else ()),
+        ),
+    )
+
+
+@card.register
+def _(e: Estimate) -> Card:
+    return Card(
+        title=f"Estimate of {spelled(e.name)}",
+        sentence=f"{e.symbol} = {plain(e.unit, e.value, e.std)}.",
+        head=("SI value (u)", "standard uncertainty", "owner"),
+        rows=((amount(e.value, e.std, e.unit), with_unit(number(e.std, 2), e.unit) if e.std else "held", e.owner),),
+    )
+
+
+@card.register
+def _(effect: Effect) -> Card:
+    about = " ".join(effect.card.split("\nEquation:")[0].split())
+    rows = [(label, written) for label in CARD if (written := effect.line(label))]
+    rows.append(("Unit", f"{effect.unit}; owner: {effect.owner}"))
+    return Card(title=f"Effect {effect.name}", sentence=about, head=("", ""), rows=tuple(rows))
+
+
+@card.register
+def _(run: FilterRun) -> Card:
+    return Card(
+        title=f"Filter {run.choice.system}, {run.choice.model} model",
+        sentence=f"{formatting.grouped(len(run.times))} events, {number(run.times[0], 6)} s to "
+        f"{number(run.times[-1], 6)} s; {len(run.rejections)} readings rejected.",
+        head=("state", "last value", "SI value (u)"),
+        rows=tuple(
+            (name, plain(unit, x, std), amount(x, std, unit))
+            for name, x, v in zip(run.names, run.states[-1].tolist(), run.variances[-1].tolist(), strict=True)
+            for unit, std in ((STATE_UNITS[name], math.sqrt(max(v, 0.0))),)
+        ),
+    )
+
+
+def state_of(model: Model, name: str) -> str:
+    """Whether a coefficient is free, held, has a prior, or differs from run to run."""
+    if name in model.fixed:
+        return f"held at {number(model.fixed[name])}"
+    prior = model.priors.get(name)
+    text = "free" if prior is None else f"free, prior {number(prior.mean)} ± {number(prior.std)}"
+    return f"{text}, one for each run" if name in model.per_run else text
+
+
+CARDS = (
+    *("Recording", "Dwells", "Fit", "Comparison", "Diagnosis", "History", "Improvement", "DwellDiagnosis", "Power"),
+    *("Model", "Estimate", "Effect", "FilterRun"),
+)
 
 
 def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:

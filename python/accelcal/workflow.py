@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from accelcal._support.arguments import checked
 from accelcal._support.threads import one_thread
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
@@ -75,6 +76,7 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
     return several
 
 
+@checked
 @one_thread
 def diagnose(
     fit: Fit,
@@ -130,6 +132,7 @@ def diagnose(
     return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
 
 
+@checked
 @one_thread
 def formulas(
     fit: Fit,
@@ -180,6 +183,7 @@ def formulas(
     return formulas_of(fitted(recording), model, effect, holdout=other, alpha=alpha)
 
 
+@checked
 @one_thread
 def fit(
     model: Model,
@@ -292,6 +296,7 @@ def fit_without_outliers(
     return replace(kept, remarks=remarks), clean.solution
 
 
+@checked
 @one_thread
 def add(
     fit: Fit,
@@ -357,6 +362,7 @@ def add(
     return with_breaks(grown, broken)
 
 
+@checked
 @one_thread
 def drop(
     fit: Fit,
@@ -375,6 +381,7 @@ def drop(
     return with_breaks(with_noise_effects(left, several, solution.states), broken)
 
 
+@checked
 def history(fits: Sequence[Fit], recording: Recording) -> History:
     """Compare several models with one recording: how the error falls from model to model.
 
@@ -399,6 +406,7 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     return History(tuple(fits), tuple(compare(fit, recording, ruler=ruler) for fit in fits))
 
 
+@checked
 @one_thread
 def improve(
     recordings: Recording | Dwells | Sequence[Recording | Dwells],
@@ -505,6 +513,7 @@ def clean_holdout(
     return clean.recordings[0], tuple(named)
 
 
+@checked
 def compare(
     fit: Fit,
     recording: Recording,
@@ -543,6 +552,7 @@ def compare(
     return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
 
 
+@checked
 def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
     """Predict position over `horizon` seconds after the last reading at or before `start`, without using any later one.
 

@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import notebook, workflow
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
-from accelcal.formatting import concise
+from accelcal.formatting import concise, plain
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 
@@ -87,7 +87,8 @@ def test_every_parameter_stands_with_its_uncertainties(results):
     rows = {row[0]: row for row in cells(shown(fit))[1:]}
     assert list(rows) == [e.name for e in fit.estimates]
     for e in fit.estimates:
-        assert concise(e.value, e.std) in rows[e.name][1]
+        assert concise(e.value, e.std) in rows[e.name][3]
+        assert rows[e.name][1] == plain(e.unit, e.value, e.std)
         shown_twice = float(rows[e.name][2].replace("−", "-").split()[0])
         assert shown_twice == pytest.approx(2.0 * e.std, rel=0.05)  # two digits are shown
 

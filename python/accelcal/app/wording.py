@@ -10,7 +10,7 @@ from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.formatting import amount, number, probability, readable, with_unit
+from accelcal.formatting import amount, number, probability, readable, with_plain, with_unit
 from accelcal.model import Estimate
 from accelcal.plots.numbers import candidate_groups
 from accelcal.report.view import VERDICTS
@@ -58,7 +58,7 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     """One candidate."""
     effect = find(c.effect)
     single = len(c.estimate) == 1
-    size = amount(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+    size = with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
     significant = c.p_value < found.alpha and found.verdict not in ("adequate", "too_short")
     rivals = tuple(spelled(m) for m in c.members if m != c.effect) if significant else ()
     return Card(

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from accelcal.cli.common import UsageError, parse_quantity
 from accelcal.cli.terminal import say, say_line, show_table
-from accelcal.formatting import interval, millionths, plus_minus, short
+from accelcal.formatting import at_full_scale, interval, millionths, plain, plus_minus, short, with_unit
 
 MOST_COLUMNS = 4
 """Coefficients of one effect that are printed one by one; those of a curve or a random process are summarised."""
@@ -114,14 +115,15 @@ def show_formulas(found: FormulaSet) -> None:
     rows = []
     for each in found.formulas:
         for c, std, unit, text in zip(each.coefficients, each.std, each.units, each.texts(4), strict=True):
-            rows.append((text, short(c, std), unit))
+            rows.append((text, plain(unit, c, std), short(c, std), unit))
         if each.inner is not None and each.inner_interval is not None:
             low, high = each.inner_interval
-            rows.append(("  its length, 68 % interval", f"{each.inner:.3g} ({low:.3g} .. {high:.3g})", each.inner_unit))
+            span = f"{each.inner:.3g} ({low:.3g} .. {high:.3g})"
+            rows.append(("  its length, 68 % interval", with_unit(span, each.inner_unit), "", ""))
         held = "" if each.held_out is None else f", held out {each.held_out:.1f}"
-        rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", ""))
+        rows.append((f"  gain {each.gain:.1f}{held}", f"lack of fit p = {each.lack_of_fit:.2g}", "", ""))
     if rows:
-        show_table(("summand", "value (std)", "unit"), rows)
+        show_table(("summand", "value", "SI value (std)", "SI unit"), rows)
 
 
 def show_plan(content: dict[str, Any]) -> None:
@@ -173,9 +175,11 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         rows = [
             (
                 c["effect"],
-                short(c["estimate"], c["std"])
-                if isinstance(c["estimate"], float)
-                else f"{len(c['estimate'])} coefficients",
+                *(
+                    (plain(c["unit"], c["estimate"], c["std"]), short(c["estimate"], c["std"]))
+                    if isinstance(c["estimate"], float)
+                    else (f"{len(c['estimate'])} coefficients", "")
+                ),
                 c["unit"],
                 f"{c['snr']:.1f}",
                 f"{c['p_value']:.2g}" if c["p_value"] > 0.0 else "<1e-300",
@@ -183,7 +187,7 @@ def show_diagnosis(content: dict[str, Any]) -> None:
             )
             for c in content["candidates"][:8]
         ]
-        show_table(("candidate", "estimate (std)", "unit", "sigma", "p", "largest, m/s²"), rows)
+        show_table(("candidate", "estimate", "SI value (std)", "SI unit", "sigma", "p", "largest, m/s²"), rows)
         say(
             f"p is the family-wise p-value over {content['candidates_examined']} candidates; largest is the largest "
             "contribution over the used range",
@@ -296,7 +300,8 @@ def show_fit(found: Fit, *recordings: Recording) -> None:
     show_parameters(found)
     rig = recordings[0].rig if recordings else found.rig
     for key, one in (electrical(found, rig) or {}).items():
-        say(f"{spelled(key)}: {short(one['value'], one['std'])} {one['unit']}")
+        plainly, value = plain(one["unit"], one["value"], one["std"]), short(one["value"], one["std"])
+        say(f"{spelled(key)}: {plainly} ({value} {one['unit']})")
     for run in found.runs:
         for line in noise_lines(run.noise):
             say(line)
@@ -338,10 +343,18 @@ def show_fleet(found: Fleet) -> None:
             for k in ("between_sensors", "run_to_run")
         ]
         rows.append(
-            (name, short(one["mean"], one["mean_std"]), one["unit"], *spread, f"{2.0 * one['next_run_std']:.2g}")
+            (
+                name,
+                plain(one["unit"], one["mean"], one["mean_std"]),
+                short(one["mean"], one["mean_std"]),
+                one["unit"],
+                *spread,
+                f"{2.0 * one['next_run_std']:.2g}",
+            )
         )
     if rows:
-        show_table(("parameter", "mean (std)", "unit", "between sensors", "run to run", "next run +-"), rows)
+        head = ("parameter", "mean", "SI mean (std)", "SI unit", "between sensors", "run to run", "next run +-")
+        show_table(head, rows)
     lines = []
     for i in range(len(found.sensors)):
         content = found.sensor_to_dict(i)
@@ -358,20 +371,27 @@ def show_dwell_diagnosis(found: DwellDiagnosis) -> None:
     """Print what a model lacks on dwells."""
     say_line(f"{found.verdict}: {found.sentence}")
     rows = [
-        (one.effect, short(one.estimate, one.std), one.unit, f"{one.sigma:.1f}", f"{one.p_value:.2g}")
+        (
+            one.effect,
+            plain(one.unit, one.estimate, one.std),
+            short(one.estimate, one.std),
+            one.unit,
+            f"{one.sigma:.1f}",
+            f"{one.p_value:.2g}",
+        )
         for one in found.candidates[:MOST_CANDIDATES]
     ]
-    show_table(("candidate", "value (std)", "unit", "sigma", "p"), rows)
+    show_table(("candidate", "value", "SI value (std)", "SI unit", "sigma", "p"), rows)
     for text in found.remarks:
         say_line(f"note: {text}")
 
 
 def show_parameters(found: Fit) -> None:
     """Print every parameter with its uncertainty, a curve in one line, and the sum that it estimates on this rig."""
-    from accelcal.data.units import display
     from accelcal.effects import CATALOGUE, find
     from accelcal.estimation.estimate import tied_sum
 
+    full_scale = found.rig.sensor.range
     rows, estimated = [], {}
     without = [e for e in found.estimates if e.std <= 0.0 and e.value == 0.0 and find(e.name.partition(".")[0]).family]
     of_effect = Counter(e.name.partition(".")[0] for e in found.estimates if e not in without)
@@ -383,10 +403,11 @@ def show_parameters(found: Fit) -> None:
         rows.append(
             (
                 e.name if e.run is None else f"{e.name} ({found.runs[e.run].name})",
+                plain(e.unit, e.value, e.std),
+                at_full_scale(e.name, e.unit, e.value, e.std, full_scale),
                 f"{e.value:.6g} (held)" if held else short(e.value, e.std),
                 e.unit,
                 "" if held else interval_of(found, e),
-                "" if e in found.shapes else display(e.unit, e.value, e.std) or "",
             )
         )
         total = tied_sum(found, e.name)
@@ -394,13 +415,14 @@ def show_parameters(found: Fit) -> None:
             estimated[e.name] = total
     for noise in found.noise_effects:
         if noise.value <= 0.0:
-            rows.append((noise.name, "none seen", noise.unit, "", ""))
+            rows.append((noise.name, "none seen", "", "", noise.unit, ""))
             continue
         exact = noise.std <= 0.0
         value = f"{noise.value:.6g} (read off)" if exact else short(noise.value, noise.std)
         span = "" if exact else interval(noise.value, noise.std)
-        rows.append((noise.name, value, noise.unit, span, display(noise.unit, noise.value, noise.std) or ""))
-    show_table(("parameter", "value (std)", "unit", "95 % interval", "usual unit"), rows)
+        rows.append((noise.name, plain(noise.unit, noise.value, noise.std), "", value, noise.unit, span))
+    head = ("parameter", "value", "at full scale", "SI value (std)", "SI unit", "95 % interval")
+    show_table(*without_empty(head, rows))
     for noise in found.noise_effects:
         say_line(f"  {noise.name}: {noise.sentence}")
     for spread in found.spreads:
@@ -413,6 +435,12 @@ def show_parameters(found: Fit) -> None:
         say_line(f"  {name}: {size}; --json lists them")
     for name, number in Counter(e.name.partition(".")[0] for e in without).items():
         say_line(f"  {name}: {number} of its columns are not needed")
+
+
+def without_empty(head: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[list[str], list[list[str]]]:
+    """A table without the columns in which every cell is empty."""
+    kept = [k for k in range(len(head)) if any(row[k] for row in rows)]
+    return [head[k] for k in kept], [[row[k] for k in kept] for row in rows]
 
 
 def process_size(model: Model, name: str) -> str:

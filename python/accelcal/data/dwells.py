@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 ATTITUDES = {"up": 0.5 * math.pi, "down": -0.5 * math.pi, "level": 0.0}
 """Elevation of the input axis by the word of a sidecar, rad."""
@@ -31,6 +37,7 @@ class DwellSetup:
     """File of dwells of the same sensor that are fitted together with this recording."""
 
 
+@immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True, eq=False)
 class Dwells:
@@ -82,6 +89,21 @@ class Dwells:
     def __repr__(self) -> str:
         degrees = np.degrees(self.angle)
         return f"Dwells({self.name!r}: {len(self)} between {np.min(degrees):+.4g} and {np.max(degrees):+.4g} degrees)"
+
+    def summary(self) -> str:
+        """Attitudes, means and durations in a small table, as text."""
+        return summary(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the dwells as a pandas DataFrame, a row each.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_dwells(self)
+        return made
 
     @property
     def white(self) -> Array:

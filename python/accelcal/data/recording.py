@@ -6,25 +6,45 @@ import hashlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.arguments import check_fields
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
 
 
 class RecordingError(ValueError):
     """The data cannot be used as they are. The text states what was found, where, and the next step."""
 
 
+@immutable
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One measured quantity on its own clock."""
+    """One measured quantity on its own clock, in SI; values that are given in another unit are converted.
+
+    Raises
+    ------
+    RecordingError
+        If the unit is unknown, or stamps and values do not pair.
+
+    Examples
+    --------
+    >>> Channel("position", [0.0, 0.1], [1.0, 2.5], "mm")
+    Channel(position: 2 samples, 0 s to 0.1 s, m)
+    """
 
     name: str
     t: Array
@@ -34,8 +54,37 @@ class Channel:
     unit: str
     """SI unit of `y` (temperature: "degC")."""
 
+    def __post_init__(self) -> None:
+        t, y = _series(self.name, "t", self.t), _series(self.name, "y", self.y)
+        if len(t) != len(y):
+            raise RecordingError(f"{self.name}: {t.shape} stamps and {y.shape} readings, expected as many of each")
+        try:
+            rule = units.conversion(self.unit)
+        except units.UnitError as error:
+            raise RecordingError(f"{self.name}: {error}") from None
+        unit = self.unit if rule.factor == 1.0 and rule.offset == 0.0 else rule.si
+        for key, value in (("t", t), ("y", rule.apply(y)), ("unit", unit)):
+            object.__setattr__(self, key, value)
+
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        span = f", {self.t[0]:.6g} s to {self.t[-1]:.6g} s" if len(self) else ""
+        return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
+
+
+def _series(name: str, key: str, values: ArrayLike) -> Array:
+    """Numbers in one dimension."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
+        return values
+    numbers = np.asarray(values)
+    if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
+            "dimension"
+        )
+    return numbers.astype(np.float64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +128,14 @@ class PositionStep:
         )
 
 
+@immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """One run: the accelerometer output, the encoder position, side channels, and the rig it came from."""
+    """One run: the accelerometer output, the encoder position, side channels, and the rig it came from.
+
+    `accelcal.load` reads one from a file, `from_arrays` and `from_dataframe` make one of what is in memory.
+    """
 
     accel: Channel
     """Accelerometer output, m/s² (converted from V or counts through the declared scale)."""
@@ -104,6 +157,121 @@ class Recording:
     """When, how mounted, by whom."""
     dwells: Dwells | None = None
     """Static dwells of the same sensor: further rows of the regression of this run."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for channel, unit in ((self.accel, "m/s^2"), (self.position, "m")):
+            if not units.same_unit(channel.unit, unit):
+                scaled = ", with a Rig whose sensor has scale and zero," if channel.unit in ("V", "count") else ""
+                raise RecordingError(
+                    f"{self.name or 'recording'}: {channel.name} is in {channel.unit}; expected {unit}, or a unit that "
+                    f"converts to it. Recording.from_arrays{scaled} converts it"
+                )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        t: ArrayLike,
+        accel: ArrayLike,
+        position: ArrayLike,
+        *,
+        units: Mapping[str, str],
+        rig: Rig | None = None,
+        position_t: ArrayLike | None = None,
+        side: Mapping[str, ArrayLike] | None = None,
+        name: str = "",
+    ) -> Recording:
+        """Make a recording of arrays, with the checks and policies that apply to a file (`accelcal.data.quality`).
+
+        Parameters
+        ----------
+        t : (n,) stamps, s, or in `units["t"]`.
+        accel : (n,) output of the accelerometer; V or counts are converted by `rig.sensor.scale`. NaN = not sampled.
+        position : (n,) position of the carriage; NaN = not sampled. (m,) with `position_t`.
+        units : unit of "accel", of "position" and of every side channel; units are never guessed.
+        rig : what is known of sensor and rig; by default a level axis and nothing else.
+        position_t : (m,) stamps of the position where it has a clock of its own, in the unit of `t`.
+        side : further channels by name, (n,) each: temperature, supply voltage, ...
+        name : for messages.
+
+        Raises
+        ------
+        RecordingError
+            If a unit is missing or of the wrong dimension, or the samples cannot be used.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> t = np.arange(0.0, 1.0, 1e-3)
+        >>> a, p = np.sin(20.0 * t), -2.5 * np.sin(20.0 * t)
+        >>> Recording.from_arrays(t, a, p, units={"accel": "m/s^2", "position": "mm"}, name="sweep")
+        Recording('sweep': 1000 samples of accel, 1000 of position)
+        """
+        found = face("io.memory").from_arrays(
+            t, accel, position, units=units, rig=rig, position_t=position_t, side=side or {}, name=name
+        )
+        assert isinstance(found, Recording)
+        return found
+
+    @classmethod
+    def from_dataframe(
+        cls, frame: DataFrame, *, units: Mapping[str, str] | None = None, rig: Rig | None = None, name: str = ""
+    ) -> Recording:
+        """Make a recording of a pandas DataFrame, whose columns are found as those of a file are.
+
+        Parameters
+        ----------
+        frame : columns t, accel, position (or accel_g, position_mm, ...) and side channels; without a column for time
+            its index is the time: numbers, time deltas, or dates, which count from the first. NaN = not sampled.
+        units : unit by column; by default those in `frame.attrs["units"]`, else those in the names of the columns.
+        rig, name : as in `from_arrays`.
+
+        Raises
+        ------
+        RecordingError
+            If a column or a unit is missing, or the samples cannot be used.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import pandas as pd
+        >>> t = np.arange(0.0, 1.0, 1e-3)
+        >>> frame = pd.DataFrame({"t_s": t, "accel_g": np.sin(20.0 * t), "position_mm": -24.5 * np.sin(20.0 * t)})
+        >>> Recording.from_dataframe(frame)
+        Recording('': 1000 samples of accel, 1000 of position)
+        """
+        found = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
+        assert isinstance(found, Recording)
+        return found
+
+    def to_dataframe(self) -> DataFrame:
+        """Return all channels as a pandas DataFrame: one row for each instant at which anything was sampled.
+
+        The index is t in s, a cell is NaN where its channel was not sampled, and `attrs["units"]` holds the units, so
+        that `from_dataframe` reads it back.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_recording(self)
+        return made
+
+    def to_xarray(self) -> Dataset:
+        """Return all channels as an xarray Dataset, each on a time axis of its own, with units.
+
+        Raises
+        ------
+        MissingExtra
+            If xarray is not installed.
+        """
+        made: Dataset = face("frames.datasets").of_recording(self)
+        return made
+
+    def summary(self) -> str:
+        """What was understood of the recording, as text: channels, rates, ranges, warnings."""
+        return summary(self)
 
     @property
     def session(self) -> str:

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
+from accelcal._support.arguments import check_fields
+from accelcal._support.immutable import immutable
+from accelcal._support.short_repr import short_repr
 from accelcal.data.channel_filter import ChannelFilter, high_passes
 
 STANDARD_GRAVITY = 9.80665
@@ -18,6 +21,8 @@ Axis = Literal["level", "up", "down"]
 Mount = Literal["normal", "reversed", "rolled"]
 
 
+@immutable
+@short_repr
 @dataclass(frozen=True, slots=True)
 class LowPass:
     """A known single-pole RC filter between the sensing element and the sampled output."""
@@ -27,12 +32,17 @@ class LowPass:
     tolerance: float | None = None
     """Relative standard tolerance of the time constant; None = not declared."""
 
+    def __post_init__(self) -> None:
+        check_fields(self)
+
     @property
     def tau(self) -> float:
         """Time constant 1/(2 pi fc), s."""
         return 1.0 / (2.0 * math.pi * self.cutoff)
 
 
+@immutable
+@short_repr
 @dataclass(frozen=True, slots=True)
 class Sensor:
     """The accelerometer as its data sheet describes it; None = not declared."""
@@ -54,7 +64,12 @@ class Sensor:
     random_walk: float | None = None
     """Random walk of the bias, (m/s²)/sqrt(s)."""
 
+    def __post_init__(self) -> None:
+        check_fields(self)
 
+
+@immutable
+@short_repr
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
     """Standard uncertainties declared for the budget; None = not declared."""
@@ -67,6 +82,8 @@ class Uncertainty:
     """rad."""
 
 
+@immutable
+@short_repr
 @dataclass(frozen=True, slots=True)
 class Rig:
     """Sensor, axis, mount, clocks and known filters: everything a fit may assume."""
@@ -89,8 +106,11 @@ class Rig:
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
     tolerance: float | None = None
     """Contribution to the output below which an effect does not matter to the user, m/s²; None = not declared."""
-    assumptions: tuple[str, ...] = ()
+    assumptions: tuple[str, ...] = field(default=(), repr=False)
     """Sentences on what was not declared and therefore assumed."""
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @property
     def gravity(self) -> float:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
+from accelcal._support.arguments import checked
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.dwells import Dwells
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
@@ -16,6 +21,9 @@ from accelcal.estimation.dwell_rows import acts_at_rest, dwell_rows, remainder, 
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.multiplicity import over_all
 from accelcal.model import terms_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 BEYOND = 1e-6
 """Share of a column's power beyond the model and the angle zeros below which dwells do not show it."""
@@ -35,6 +43,8 @@ class DwellCandidate:
     """Of all candidates together."""
 
 
+@immutable
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class DwellDiagnosis:
     """What a model lacks on dwells."""
@@ -49,7 +59,26 @@ class DwellDiagnosis:
     seen: DwellFit
     remarks: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        return f"DwellDiagnosis({self.verdict}: {self.sentence})"
 
+    def summary(self) -> str:
+        """Verdict and candidates, as text."""
+        return summary(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the candidates as a pandas DataFrame, the most significant first.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_dwell_diagnosis(self)
+        return made
+
+
+@checked
 def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA) -> DwellDiagnosis:
     """Say which effect a model lacks on dwells, all its coefficients estimated on them.
 

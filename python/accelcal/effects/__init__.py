@@ -30,6 +30,7 @@ from accelcal.effects.registry import (
     family,
 )
 from accelcal.effects.processes import find, on_demand
+from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError

@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
 from accelcal.effects.guard import guarded
 from accelcal.effects.registry import CATALOGUE, Effect
@@ -83,6 +84,7 @@ class Own:
         return self.effect.text
 
 
+@checked
 def from_expression(
     name: str,
     text: str,

@@ -13,6 +13,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
 from accelcal.signals.signals import Signals
 
@@ -208,6 +210,8 @@ class Traits:
     """Recorded side channel that it is, where it is no physical effect by itself."""
 
 
+@immutable
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Effect:
     """One physical effect: its contribution per unit of its coefficient, and its card."""
@@ -243,6 +247,9 @@ class Effect:
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
+
+    def __repr__(self) -> str:
+        return f"Effect({self.name}: {self.summary}; {self.unit}, {self.owner})"
 
     @property
     def seen_by_sets(self) -> bool:

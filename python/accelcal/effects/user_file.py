@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
 from accelcal._support.stopping import Stopped
 from accelcal.data.rig import Rig
@@ -32,6 +33,7 @@ MOST_BYTES = 2**20
 _NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 
 
+@checked
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
     """Run a user's file and enter its effects into the catalogue.
 

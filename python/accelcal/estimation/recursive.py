@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import unsupported
 from accelcal.data.orientation import DERIVED
@@ -25,6 +26,7 @@ PRIOR_STD = {"k": 0.3, "K0": 3.0, "K2": 1e-2, "K3": 1e-3}
 """Standard deviations before the first sample, SI: wide for any working sensor."""
 
 
+@checked
 def fit_recursive(
     choice: FilterChoice, recording: Recording, *, start: float | None = None, end: float | None = None
 ) -> tuple[Fit, FilterRun]:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
@@ -110,6 +111,7 @@ class Plan:
         }
 
 
+@checked
 def plan(
     effects: Sequence[str],
     *,

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.diagnosis.policy import DETECTION_PROBABILITY
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.experiment.drift_bandwidth import DriftBandwidth
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 SCHEMA = "accelcal/power/1"
 
@@ -54,6 +60,8 @@ class Group:
     experiment: str
 
 
+@immutable
+@notebook_repr
 @dataclass(frozen=True, slots=True)
 class Power:
     """What a record, or a planned motion, can detect."""
@@ -66,11 +74,57 @@ class Power:
     blocks: int
     """Effective blocks."""
     alpha: float
-    detection_model: DetectionModel = field(repr=False, compare=False)
-    """Model from which probabilities of detection are simulated."""
+    detection_model: DetectionModel | None = field(repr=False, compare=False)
+    """Model from which probabilities of detection are simulated; None in one that was pickled."""
     name: str = ""
     drift: DriftBandwidth | None = None
     """Detectable drift bandwidth; None where a plan of several is only compared."""
+
+    def __repr__(self) -> str:
+        seen = sum(each.seen for each in self.detectabilities)
+        return f"Power({self.name!r}: {seen} of {len(self.detectabilities)} effects are detectable)"
+
+    def summary(self) -> str:
+        """The smallest detectable size of every effect, as text."""
+        return summary(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the detection limits as a pandas DataFrame: a row for each part of each effect.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_power(self)
+        return made
+
+    @property
+    def of_run(self) -> DetectionModel:
+        """The model of the run.
+
+        Raises
+        ------
+        ValueError
+            If it was left behind when this was pickled.
+        """
+        if self.detection_model is None:
+            raise ValueError("this was pickled, without the run; accelcal.power(recording) makes it anew")
+        return self.detection_model
+
+    def __getstate__(self) -> list[object]:
+        """What a pickle holds: all but the model of the run, which is as large as the recording."""
+        return [None if f.name == "detection_model" else getattr(self, f.name) for f in fields(self)]
+
+    def __copy__(self) -> Power:
+        return self
+
+    def __deepcopy__(self, memo: object) -> Power:
+        return self
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """Names that a notebook offers behind power[."""
+        return [each.effect for each in self.detectabilities]
 
     def __getitem__(self, effect: str) -> Detectability:
         """Return the detection limit of `effect`."""
@@ -96,7 +150,7 @@ class Power:
         shape : its shape parameters; by default the most visible one.
         """
         detectability = self[effect]
-        truth = self.detection_model.item(effect, detectability.shape if shape is None else shape)
+        truth = self.of_run.item(effect, detectability.shape if shape is None else shape)
         sizes = np.atleast_1d(np.asarray(size, dtype=np.float64))
         if len(sizes) == 1 and len(detectability.parts) > 1:
             sizes = sizes * (np.arange(len(detectability.parts)) == int(np.argmax(detectability.d)))
@@ -104,7 +158,7 @@ class Power:
             raise ValueError(
                 f"{effect!r} has {len(detectability.parts)} parts ({', '.join(detectability.parts)}), not {len(sizes)}"
             )
-        return self.detection_model.detection(truth, sizes)
+        return self.of_run.detection(truth, sizes)
 
     def to_dict(self) -> dict[str, Any]:
         """Content of `power --json`."""

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
@@ -36,6 +37,7 @@ RANDOM_PROCESS_PATHS = 40
 """Simulated paths from which the smallest detectable intensity of a random process is read."""
 
 
+@checked
 def power(
     source: Recording | RunState,
     model: Model | None = None,
@@ -81,7 +83,7 @@ def power(
 
 def with_drift(found: Power) -> Power:
     """The detection limits with the detectable drift bandwidth of the same run."""
-    return replace(found, drift=drift_bandwidth(found.detection_model.state, found.detection_model.model))
+    return replace(found, drift=drift_bandwidth(found.of_run.state, found.of_run.model))
 
 
 def detectability_of(

@@ -31,7 +31,7 @@ def signature_correlation(power: Power) -> SignatureCorrelation:
     ----------
     power : from `accelcal.power`.
     """
-    model = power.detection_model
+    model = power.of_run
     G = model.evidence.G
     rows: dict[str, int] = {}
     for item, columns in zip(model.items, model.evidence.columns, strict=True):

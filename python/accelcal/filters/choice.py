@@ -6,10 +6,22 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from accelcal._support.arguments import check_fields
+from accelcal._support.immutable import immutable
+from accelcal._support.short_repr import short_repr
+
 MOTION = {"aci": ("p", "v"), "cwpa": ("p", "v", "a")}
 PARAMETERS = {"linear": ("k", "K0"), "cubic": ("k", "K0", "K2", "K3")}
 
+STATE_UNITS = {
+    **{"p": "m", "v": "m/s", "a": "m/s²", "y": "m/s²"},
+    **{"k": "1", "K0": "m/s²", "K2": "(m/s²)⁻¹", "K3": "(m/s²)⁻²"},
+}
+"""Unit of every state, by its name."""
 
+
+@immutable
+@short_repr
 @dataclass(frozen=True, slots=True)
 class FilterChoice:
     """A system, a sensor model, and the five choices that are independent of them.
@@ -48,6 +60,7 @@ class FilterChoice:
     """
 
     def __post_init__(self) -> None:
+        check_fields(self)
         unknown = [name for name in self.consider if name not in PARAMETERS[self.model]]
         if unknown:
             raise ValueError(f"consider: {', '.join(unknown)} not in the {self.model} model.")

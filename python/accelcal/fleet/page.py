@@ -13,7 +13,7 @@ from accelcal._support.extras import MissingExtra
 from accelcal.fleet.figures import draw_charts, draw_sensors
 from accelcal.fleet.summary import OUTLYING, Fleet
 from accelcal.fleet.task import STD
-from accelcal.formatting import number, short
+from accelcal.formatting import number, plain, short
 from accelcal.report.page import svg
 
 MOST_CHARTS = 12
@@ -64,7 +64,7 @@ def population_row(fleet: Fleet, name: str) -> tuple[str, ...]:
         for key in ("between_sensors", "run_to_run")
     ]
     share = f"{100.0 * found['calibration_share']:.0f} %"
-    mean = short(found["mean"], found["mean_std"])
+    mean = f"{plain(found['unit'], found['mean'], found['mean_std'])} = {short(found['mean'], found['mean_std'])}"
     return (name, found["unit"], mean, *each, number(2.0 * found["next_run_std"], 2), share)
 
 

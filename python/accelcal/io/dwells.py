@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.arguments import checked
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.rig import STANDARD_GRAVITY
@@ -28,6 +29,7 @@ def declares_dwells(path: Path, rig: Path | None = None) -> bool:
     return setup is not None and setup.angle is not None
 
 
+@checked
 def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     """Read dwells and check them.
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.arguments import checked
 from accelcal.data import quality
 from accelcal.data.recording import Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
@@ -20,6 +22,7 @@ from accelcal.io.sidecar import Clock, Sidecar, has_sidecar, no_sidecar, read_si
 from accelcal.io.table import Column, Table
 
 
+@checked
 def load(
     path: str | Path, rig: str | Path | Rig | None = None, *, need_position: bool = True, need_accel: bool = True
 ) -> Recording:
@@ -55,6 +58,18 @@ def load(
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
+    recording = recording_of(table, declared, notes, need_position=need_position, need_accel=need_accel)
+    recording = replace(recording, digest=digest_of(path))
+    if declared.dwell is None or not declared.dwell.table:
+        return recording
+    return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
+
+
+def recording_of(
+    table: Table, declared: Sidecar, notes: list[Finding], *, need_position: bool = True, need_accel: bool = True
+) -> Recording:
+    """The recording that a table holds, without its digest; parameters and errors are those of `load`."""
+    path = table.path
     needs = {"accel": need_accel, "position": need_position and declared.attitude is None}
     required = tuple(name for name, needed in needs.items() if needed)
     plan, unused = assign(table, declared, required)
@@ -77,19 +92,15 @@ def load(
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
     if len(accel) and len(position):
         quality.require_overlap(str(path), accel, position)
-    recording = Recording(
+    return Recording(
         accel=accel,
         position=position,
         rig=rig,
         side=channels,
         name=path.name,
-        digest=digest_of(path),
         findings=tuple(findings),
         labels=declared.labels,
     )
-    if declared.dwell is None or not declared.dwell.table:
-        return recording
-    return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
 
 
 def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:

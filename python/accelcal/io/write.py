@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelcal.data import units
+from accelcal.data.arrays import Array, Flags
 from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
 from accelcal.data.dwells import DwellSetup
 from accelcal.data.orientation import GRAVITY
@@ -46,7 +47,7 @@ def write_csv(recording: Recording, path: str | Path) -> dict[str, Clock | Sourc
 
     columns = {channel.name: naming.column_name(channel.name, channel.unit) for channel in _channels(recording)}
     _require_readable(recording, columns)
-    table = pa.table({"t_s": _stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
+    table = pa.table({"t_s": common_stamps(recording)} | {columns[name]: cells for name, cells in _cells(recording)})
     with atomic(path) as part:
         csv.write_csv(table, part, csv.WriteOptions(quoting_style="needed"))
     return _sources(recording, "t_s", columns)
@@ -64,7 +65,7 @@ def write_parquet(recording: Recording, path: str | Path) -> dict[str, Clock | S
     _require_readable(recording, columns)
     units = {"t": "s"} | {channel.name: channel.unit for channel in _channels(recording)}
     schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
-    table = pa.table({"t": _stamps(recording)} | dict(_cells(recording)), schema=schema)
+    table = pa.table({"t": common_stamps(recording)} | dict(_cells(recording)), schema=schema)
     with atomic(path) as part:
         parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
     return _sources(recording, "t", columns)
@@ -146,7 +147,7 @@ def _require_readable(recording: Recording, columns: Mapping[str, str]) -> None:
             )
 
 
-def _stamps(recording: Recording) -> Any:
+def common_stamps(recording: Recording) -> Array:
     """Return all instants at which anything was sampled, shape (n,), s."""
     clocks = [channel.t for channel in _channels(recording)]
     if all(np.array_equal(clock, clocks[0]) for clock in clocks[1:]):
@@ -154,15 +155,21 @@ def _stamps(recording: Recording) -> Any:
     return np.unique(np.concatenate(clocks))
 
 
-def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
-    """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
-    import pyarrow as pa
-
-    t = _stamps(recording)
+def common_rows(recording: Recording) -> Iterator[tuple[Channel, Array, Flags]]:
+    """Each channel on the common stamps: the channel, its values, and where it was not sampled, (n,) each."""
+    t = common_stamps(recording)
     for channel in _channels(recording):
         values, missing = np.zeros(len(t)), np.ones(len(t), dtype=bool)
         at = np.searchsorted(t, channel.t)
         values[at], missing[at] = channel.y, False
+        yield channel, values, missing
+
+
+def _cells(recording: Recording) -> Iterator[tuple[str, Any]]:
+    """Yield (channel name, pyarrow array on the common stamps with null where it was not sampled)."""
+    import pyarrow as pa
+
+    for channel, values, missing in common_rows(recording):
         yield channel.name, pa.array(values, mask=missing)
 
 

@@ -12,7 +12,19 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import amount, grouped, label, length, number, probability, readable, usual, with_unit
+from accelcal.formatting import (
+    amount,
+    at_full_scale,
+    grouped,
+    label,
+    length,
+    number,
+    plain,
+    probability,
+    readable,
+    with_plain,
+    with_unit,
+)
 from accelcal.model import Estimate
 from accelcal.plots.numbers import error_reduction_sentence, model_names
 from accelcal.report.content import Content
@@ -100,7 +112,8 @@ def found(content: Content) -> list[dict[str, Any]]:
     d, rows = content.diagnosis, list[dict[str, Any]]()
     for name in (n for n in content.fit.model.added if find(n).traits.visible):
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
-        of_noise = [amount(e.value, e.std, e.unit) for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
+        seen = [e for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
+        of_noise = [with_plain(e.value, e.std, e.unit) for e in seen]
         size = contribution(content, d.sizes.get(name))
         rows.append(
             {
@@ -114,7 +127,7 @@ def found(content: Content) -> list[dict[str, Any]]:
         c = next((c for c in d.scan.candidates if c.effect == one.effect), None)
         if c is not None:
             single = len(c.estimate) == 1
-            text = amount(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
+            text = with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients"
             rows.append(
                 {
                     "effect": c.effect,
@@ -142,7 +155,7 @@ def several(estimates: list[Estimate]) -> str:
     """Estimates of one effect in a cell."""
     if len(estimates) > 2:
         return f"{sum(e.std > 0.0 for e in estimates)} coefficients"
-    return ", ".join(amount(e.value, e.std, e.unit) for e in estimates)
+    return ", ".join(with_plain(e.value, e.std, e.unit) for e in estimates)
 
 
 def contribution(content: Content, size: Size | None) -> str:
@@ -238,7 +251,8 @@ def parameter(content: Content, e: Estimate) -> dict[str, Any]:
         "shown": amount(e.value, e.std, e.unit),
         "shown_std": with_unit(number(e.std, 2), e.unit) if e.std > 0.0 else "held",
         "shown_expanded": with_unit(number(expanded, 2), e.unit) if e.std > 0.0 else "",
-        "usual": "" if e in content.fit.shapes else usual(e.unit, e.value, e.std),
+        "plain": plain(e.unit, e.value, e.std),
+        "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, content.fit.rig.sensor.range),
         "owner": e.owner,
         "stands_for": tied_sum(content.fit, e.name),
         "contribution": contribution(content, size),
@@ -258,6 +272,7 @@ def volts(content: Content) -> list[dict[str, Any]]:
                 "value": value,
                 "std": std,
                 "unit": unit,
+                "plain": plain(unit, value, std),
                 "shown": amount(value, std, unit),
                 "shown_expanded": f"{number(COVERAGE_FACTOR * std, 2)} {unit}",
             }
@@ -291,7 +306,7 @@ def budget(content: Content) -> dict[str, Any]:
                 "expanded": line.expanded,
                 "shown_combined": with_unit(number(line.combined, 2), line.estimate.unit),
                 "shown_expanded": with_unit(number(line.expanded, 2), line.estimate.unit),
-                "usual": usual(line.estimate.unit, line.estimate.value, line.combined),
+                "plain": plain(line.estimate.unit, line.estimate.value, line.combined),
                 "components": [component(c, line.estimate.unit) for c in line.components],
             }
             for line in found.lines

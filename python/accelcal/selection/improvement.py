@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.diagnosis.contribution import Importance, split
 from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
 from accelcal.diagnosis.search.scan import Verdict
@@ -14,7 +17,11 @@ from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
+
+@immutable
 @dataclass(frozen=True, slots=True)
 class Step:
     """One model of the selection, on the data it was fitted to and on held-out data."""
@@ -24,7 +31,11 @@ class Step:
     train: Comparison
     heldout: Comparison
 
+    def __repr__(self) -> str:
+        return f"Step({' + '.join(('base', *self.effects))}: {self.heldout!r})"
 
+
+@immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Improvement:
@@ -41,6 +52,26 @@ class Improvement:
 
     def __repr__(self) -> str:
         return f"Improvement({' + '.join(('base', *self.effects))}; {self.sentence})"
+
+    @property
+    def best(self) -> Fit:
+        """The fit of the last step, which has every effect that was found."""
+        return self.steps[-1].fit
+
+    def summary(self) -> str:
+        """What was found, the errors of every step on held-out data, and what is left, as text."""
+        return summary(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the steps as a pandas DataFrame: a row for each, with its errors on held-out data, m.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_improvement(self)
+        return made
 
     @property
     def found(self) -> tuple[Finding, ...]:
@@ -92,6 +123,7 @@ class Improvement:
         return self.steps[-1].effects
 
 
+@immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class History:
@@ -106,6 +138,21 @@ class History:
             f"{name}: {comparison.simulated_rms:.3g} m" for name, comparison in zip(self.names, self.steps, strict=True)
         )
         return f"History(rms free-running error of {', '.join(each)})"
+
+    def summary(self) -> str:
+        """The errors of every model, as text."""
+        return summary(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the models as a pandas DataFrame: a row for each, with its errors, m.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_history(self)
+        return made
 
     def __len__(self) -> int:
         return len(self.steps)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from accelcal import _core
+from accelcal._support.arguments import checked
 from accelcal.calibration.electrical import electrical
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
@@ -131,11 +132,13 @@ def estimate_from_dict(p: Mapping[str, Any]) -> Estimate:
     return Estimate(p["name"], p["symbol"], p["unit"], float(p["value"]), float(p["std"]), p["owner"], p["run"])
 
 
+@checked
 def save(fit: Fit, path: str | Path, *, seed: int | None = None) -> None:
     """Write a model file, whole or not at all."""
     atomic_write(path, dumps(to_dict(fit, seed=seed)))
 
 
+@checked
 def load(path: str | Path) -> Fit:
     """Read a model file.
 

@@ -11,10 +11,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
+from accelcal._support.arguments import checked
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording
@@ -22,6 +26,9 @@ from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
 from accelcal.simulation.filtered import filtered_samples
 from accelcal.simulation.motion import Motion
 from accelcal.simulation.motion import motion as planned
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 __all__ = ["ADXL105_RIG", "CXL02_RIG", "PARAMETERS", "Simulated", "Truth", "Vibration", "simulate"]
 
@@ -105,7 +112,12 @@ class Truth:
     position_noise: float
     """Standard deviation of the white encoder noise before rounding, m."""
 
+    def __repr__(self) -> str:
+        hidden = ", ".join(f"{name} {value:g}" for name, value in self.parameters.items() if value)
+        return f"Truth({hidden or 'a perfect sensor'}; {self.motion.seconds:g} s)"
 
+
+@immutable
 @dataclass(frozen=True, slots=True)
 class Simulated:
     """A record and its truth."""
@@ -113,7 +125,22 @@ class Simulated:
     recording: Recording
     truth: Truth
 
+    def __repr__(self) -> str:
+        return f"Simulated({self.recording!r}, {self.truth!r})"
 
+    def to_xarray(self) -> Dataset:
+        """Return the recording, and the exact motion (p, v, a, jerk) at the samples of the output, as a Dataset.
+
+        Raises
+        ------
+        MissingExtra
+            If xarray is not installed.
+        """
+        made: Dataset = face("frames.datasets").of_simulated(self)
+        return made
+
+
+@checked
 def simulate(
     motion: Motion | str,
     *,
@@ -220,7 +247,7 @@ def simulate(
         rig=rig,
         name=f"simulated {motion.name}".strip(),
     )
-    return Simulated(recording, Truth(motion, MappingProxyType(theta), rig.sensor.noise, position_noise))
+    return Simulated(recording, Truth(motion, theta, rig.sensor.noise, position_noise))
 
 
 def _complete(parameters: Mapping[str, float]) -> dict[str, float]:

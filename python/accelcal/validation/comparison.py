@@ -4,12 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.faces import face
+from accelcal._support.immutable import immutable
+from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.arrays import Array
 from accelcal.estimation.noise_effects import NoiseScore
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+    from xarray import Dataset
+
+FigureName = Literal["coasting", "simulated", "one_step", "regions", "accel_residual", "histogram", "autocorrelation"]
+"""Figures of a comparison, functions of `accelcal.plots`."""
 
 BINS = 12
 """Bins of the residual against each variable."""
@@ -17,6 +28,7 @@ HORIZONS = (1.0, 5.0, 10.0)
 """Seconds after position is withheld at which the coasting error is taken."""
 
 
+@immutable
 @dataclass(frozen=True, slots=True)
 class Coast:
     """Unaided drift: what position would have been, had it been withheld."""
@@ -31,6 +43,32 @@ class Coast:
     """Predicted position with this run's constant estimated before the start, (n,) m."""
     floor: Array
     """Standard deviation that noise and start state alone would give, (n,) m."""
+
+    def __repr__(self) -> str:
+        end = f" to {self.t[-1]:.6g} s" if len(self.t) else ""
+        return f"Coast(from {self.start:.6g} s{end}: {len(self.t)} readings)"
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the predicted positions as a pandas DataFrame, a row for each reading, m.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_coast(self)
+        return made
+
+    def to_xarray(self) -> Dataset:
+        """Return the predicted positions as an xarray Dataset.
+
+        Raises
+        ------
+        MissingExtra
+            If xarray is not installed.
+        """
+        made: Dataset = face("frames.datasets").of_coast(self)
+        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +137,7 @@ class Outside:
     """Windows by horizon, inside and outside."""
 
 
+@immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Comparison:
@@ -151,6 +190,52 @@ class Comparison:
     def __repr__(self) -> str:
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
         return f"Comparison({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
+
+    def summary(self) -> str:
+        """Unaided drift by horizon with its noise floor, and what must be read with it, as text."""
+        return summary(self)
+
+    def plot(self, figure: FigureName = "coasting", *, theme: Literal["light", "dark"] = "light") -> Figure:
+        """Draw one figure of the comparison.
+
+        Parameters
+        ----------
+        figure : name of the figure, a function of `accelcal.plots`; by default the unaided drift.
+        theme : "light" or "dark".
+
+        Raises
+        ------
+        MissingExtra
+            If matplotlib is not installed.
+        ValueError
+            If there is no such figure.
+        """
+        if figure not in get_args(FigureName):
+            raise ValueError(f"plot: there is no figure {figure!r}; expected one of {', '.join(get_args(FigureName))}")
+        made: Figure = getattr(face("plots"), figure)(self, theme=theme)
+        return made
+
+    def to_dataframe(self) -> DataFrame:
+        """Return the drift by horizon as a pandas DataFrame, m: drift, drift_frozen, noise_floor, start_points.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_comparison(self)
+        return made
+
+    def to_xarray(self) -> Dataset:
+        """Return what was simulated and measured, and the residuals, as an xarray Dataset.
+
+        Raises
+        ------
+        MissingExtra
+            If xarray is not installed.
+        """
+        made: Dataset = face("frames.datasets").of_comparison(self)
+        return made
 
 
 HELD_OUT = 0.3

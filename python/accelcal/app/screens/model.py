@@ -9,7 +9,7 @@ from accelcal.app.page import Page
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import amount, number, usual, with_unit
+from accelcal.formatting import amount, number, plain, with_unit
 from accelcal.model import Estimate
 
 
@@ -72,7 +72,7 @@ def parameters(page: Page) -> None:
                 spelled(e.name),
                 e.symbol,
                 wording.value(e),
-                usual(e.unit, e.value, e.std),
+                plain(e.unit, e.value, e.std),
                 "held" if held else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
                 tied_sum(step.fit, e.name),
                 e.owner,
@@ -84,13 +84,13 @@ def parameters(page: Page) -> None:
         value = with_unit(number(one.value, 4), one.unit) if read_off else amount(one.value, one.std, one.unit)
         spread = "read off the values" if read_off else with_unit(number(one.std, 2), one.unit)
         rows.append(
-            [spelled(one.name), one.symbol, value, usual(one.unit, one.value, one.std), spread, "", one.owner, ""]
+            [spelled(one.name), one.symbol, value, plain(one.unit, one.value, one.std), spread, "", one.owner, ""]
         )
     titles = [
         "parameter",
         "symbol",
         "value",
-        "usual unit",
+        "in plain units",
         "standard uncertainty",
         "what it contains on this rig",
         "owner",

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from accelcal.data.arrays import Array
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
-from accelcal.formatting import concise, grouped, label, length, prefixed
+from accelcal.formatting import concise, grouped, label, length, prefixed, with_unit
 from accelcal.io import together
 from accelcal.model import Estimate
 from accelcal.plots import style
@@ -613,7 +613,6 @@ def _name(estimate: Estimate) -> str:
 
 def _value(estimate: Estimate, fit: Fit) -> str:
     """A value as metrologists write it, with its unit: 0.012 34(5) m/s² is 0.01234 ± 0.00005."""
-    unit = "" if estimate.unit in ("", "1") else f" {estimate.unit}"
     if estimate.name in fit.model.fixed:
-        return f"{estimate.value:g}{unit} (fixed)"
-    return f"{concise(estimate.value, estimate.std)}{unit}"
+        return f"{with_unit(f'{estimate.value:g}', estimate.unit)} (fixed)"
+    return with_unit(concise(estimate.value, estimate.std), estimate.unit)

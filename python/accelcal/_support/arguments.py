@@ -1,0 +1,179 @@
+"""Arguments of public functions and fields of public values, checked against their annotations.
+
+A wrong one is refused before any work, in a sentence with what was found, what was expected and how to come by it.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import numbers
+import os
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from types import NoneType, UnionType
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+HOW_TO = {
+    "Recording": "accelcal.load(PATH) reads one; Recording.from_arrays and Recording.from_dataframe make one",
+    "Fit": "accelcal.fit(model, recording) makes one; accelcal.load_model(PATH) reads one",
+    "Model": 'Model.linear(), Model.cubic() or Model.linear().add("cubic") makes one',
+    "Channel": "Channel(name, t, y, unit) makes one; Recording.from_arrays makes a recording of arrays",
+    "Rig": 'Rig(axis="level") makes one; Recording.rig is that of a recording',
+    "Effect": "accelcal.effects.find(NAME) is one",
+    "Comparison": "accelcal.compare(fit, recording) makes one",
+    "Diagnosis": "accelcal.diagnose(fit, recording) makes one",
+}
+"""Where an object of a class comes from, by its name."""
+NAMES_OF_EFFECTS = "enter a function with @accelcal.effect(...), then give the name of the effect as text"
+
+
+def checked(function: Callable[P, T]) -> Callable[P, T]:
+    """Let a function refuse arguments of the wrong type.
+
+    Raises
+    ------
+    TypeError
+        From the function, naming the argument, what was found and what was expected.
+    """
+    signature = inspect.signature(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            given = signature.bind(*args, **kwargs)
+        except TypeError:
+            return function(*args, **kwargs)  # a wrong number of arguments: Python's own sentence names the function
+        for name, value in given.arguments.items():
+            hint = hints_of(function).get(name, Any)
+            for label, one in labelled(name, value, signature.parameters[name].kind):
+                if name not in ("self", "cls") and not accepts(hint, one):
+                    raise TypeError(refusal(function.__qualname__, order(signature), label, hint, one))
+        return function(*args, **kwargs)
+
+    return call
+
+
+def labelled(name: str, value: Any, kind: Any) -> list[tuple[str, object]]:
+    """What was given for one parameter, each with the name that a message has for it."""
+    if kind is inspect.Parameter.VAR_POSITIONAL:
+        return [(name, one) for one in value]
+    return list(value.items()) if kind is inspect.Parameter.VAR_KEYWORD else [(name, value)]
+
+
+def check_fields(value: Any) -> None:
+    """Refuse a value of a dataclass, one of whose fields is of the wrong type.
+
+    Raises
+    ------
+    TypeError
+        Naming the field, what was found and what was expected.
+    """
+    kind: Any = type(value)
+    for name, hint in hints_of(kind).items():
+        if name in kind.__dataclass_fields__ and not accepts(hint, getattr(value, name)):
+            names = ", ".join(kind.__dataclass_fields__)
+            raise TypeError(refusal(kind.__name__, names, name, hint, getattr(value, name)))
+
+
+@functools.cache
+def hints_of(declared: Hashable) -> Mapping[str, Any]:
+    """Annotations of a function or class, evaluated."""
+    return get_type_hints(declared)  # type: ignore[arg-type]
+
+
+def accepts(hint: Any, value: object) -> bool:
+    """Whether a value is of a declared type; elements of lists and tuples are looked at, those of mappings are not."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        return any(accepts(one, value) for one in inside)
+    if origin is Literal:
+        return isinstance(value, str | int | float | NoneType) and value in inside
+    if hint is Any or isinstance(hint, TypeVar | str):
+        return True
+    if hint is float:
+        return isinstance(value, numbers.Real) and not isinstance(value, bool)
+    if hint is int:
+        return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if hint is None:
+        return value is None
+    if origin is not None and isinstance(origin, type):
+        if issubclass(origin, np.ndarray):
+            return isinstance(value, np.ndarray)
+        if not isinstance(value, origin):
+            return False
+        if origin is tuple or not issubclass(origin, Iterable) or issubclass(origin, Mapping):
+            return True
+        return not isinstance(value, str | bytes) and (
+            not isinstance(value, Sequence) or all(accepts(inside[0], one) for one in value)
+        )
+    return isinstance(value, hint) if isinstance(hint, type) else True
+
+
+def order(signature: inspect.Signature) -> str:
+    """Arguments that are given by place, in their order."""
+    by_name = inspect.Parameter.KEYWORD_ONLY
+    marks: dict[Any, str] = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}
+    shown = (p for p in signature.parameters.values() if p.kind is not by_name and p.name != "self")
+    return ", ".join(f"{marks.get(p.kind, '')}{p.name}" for p in shown)
+
+
+def refusal(owner: str, names: str, name: str, hint: Any, value: object) -> str:
+    """The sentence on one wrong argument."""
+    text = f"{owner}({names}): {name} is {found(value)}; expected {expected(hint)}"
+    if callable(value) and "str" in classes(hint):
+        return f"{text}. To use a function, {NAMES_OF_EFFECTS}"
+    if type(value).__name__ == "Effect" and "str" in classes(hint):
+        return f'{text}. Give its name, "{getattr(value, "name", "")}"'
+    ways = [HOW_TO[kind] for kind in classes(hint) if kind in HOW_TO]
+    return ". ".join([text, *ways[:1]])
+
+
+def found(value: object) -> str:
+    """What a value is, in words."""
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, str | os.PathLike):
+        shown = str(value)
+        return f'the text "{shown[:60]}{"..." if len(shown) > 60 else ""}"'
+    if value is None or isinstance(value, bool | numbers.Real):
+        return repr(value)
+    if inspect.isroutine(value):
+        return "a function"
+    if isinstance(value, list | tuple) and value:
+        return f"a {type(value).__name__} with {found(value[0])}"
+    kind = type(value).__name__
+    return f"{'an' if kind[0] in 'AEIOUaeiou' else 'a'} {kind}"
+
+
+def expected(hint: Any) -> str:
+    """A declared type, in words."""
+    origin, inside = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        several = [expected(one) for one in inside if one is not NoneType]
+        return " or ".join(dict.fromkeys(several)) + (" or None" if NoneType in inside else "")
+    if origin is Literal:
+        return " or ".join(repr(one) for one in inside)
+    if hint in (float, int, str):
+        return {float: "a number", int: "a whole number", str: "text"}[hint]
+    if isinstance(origin, type) and issubclass(origin, np.ndarray):
+        return "an array"
+    if isinstance(origin, type) and issubclass(origin, Mapping):
+        return f"a mapping of {expected(inside[0])} to {expected(inside[1])}"
+    if isinstance(origin, type) and issubclass(origin, Sequence) and inside:
+        return f"a list of {' or '.join(name for name in classes(inside[0]))}"
+    if origin is not None:
+        return "a function" if "Callable" in str(origin) else getattr(origin, "__name__", str(origin))
+    kind = getattr(hint, "__name__", str(hint))
+    return f"{'an' if kind[:1] in 'AEIOUaeiou' else 'a'} {kind}"
+
+
+def classes(hint: Any) -> list[str]:
+    """Names of all classes in a declared type."""
+    if get_args(hint):
+        return [name for one in get_args(hint) for name in classes(one)]
+    return [getattr(hint, "__name__", "")]

@@ -1,0 +1,1 @@
+"""Results as pandas DataFrames and xarray Datasets."""

@@ -1,0 +1,188 @@
+"""Recordings of what is in memory: arrays and pandas DataFrames go the way of a file, and are checked as one."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.rig import Rig
+from accelcal.data.units import same_unit
+from accelcal.io import naming
+from accelcal.io.assign import discover
+from accelcal.io.loading import recording_of
+from accelcal.io.sidecar import Sidecar
+from accelcal.io.table import Column, Table
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+ESSENTIAL = ("time", "accel", "position")
+
+
+def from_arrays(
+    t: ArrayLike,
+    accel: ArrayLike,
+    position: ArrayLike,
+    *,
+    units: Mapping[str, str],
+    rig: Rig | None,
+    position_t: ArrayLike | None,
+    side: Mapping[str, ArrayLike],
+    name: str,
+) -> Recording:
+    """See `accelcal.Recording.from_arrays`."""
+    columns = {"t": t, "accel": accel, "position": position, **side}
+    if position_t is not None:
+        columns["position_t"] = position_t
+    stamps = units.get("t", "s")
+    return from_columns(columns, {"position_t": stamps, **units, "t": stamps}, rig, name)
+
+
+def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Rig | None, name: str) -> Recording:
+    """See `accelcal.Recording.from_dataframe`."""
+    if not all(hasattr(frame, key) for key in ("columns", "index", "attrs")):
+        raise TypeError(
+            f"from_dataframe: frame is a {type(frame).__name__}; expected a pandas DataFrame. "
+            "Recording.from_arrays takes arrays"
+        )
+    columns = {str(key): frame[key].to_numpy() for key in frame.columns}
+    declared = dict(frame.attrs.get("units", {}) if units is None else units)
+    if not any(naming.role(naming.take_apart(key).base) == "time" for key in columns):
+        columns = {"t": index_in_seconds(frame.index), **columns}
+        declared.setdefault("t", "s")
+    return from_columns(columns, declared, rig, name or str(frame.attrs.get("name", "")))
+
+
+def index_in_seconds(index: Any) -> Any:
+    """The index of a frame as stamps: numbers as they are, time deltas and dates in s, dates from the first."""
+    stamps = index.to_numpy()
+    if stamps.dtype.kind == "M":
+        stamps = stamps - stamps[0]
+    return stamps / np.timedelta64(1, "ns") * 1e-9 if stamps.dtype.kind == "m" else stamps
+
+
+def from_columns(columns: Mapping[str, ArrayLike], units: Mapping[str, str], rig: Rig | None, name: str) -> Recording:
+    """A recording of named columns.
+
+    Parameters
+    ----------
+    columns : (n,) by name; NaN = not sampled.
+    units : by name of the column.
+
+    Raises
+    ------
+    RecordingError
+        If a column or a unit is missing, unknown or of the wrong dimension, or the samples cannot be used.
+    """
+    where = name or "recording"
+    numbers = {key: numbers_of(where, key, values) for key, values in columns.items()}
+    unknown = [key for key in units if key not in columns and key != "position_t"]
+    if unknown:
+        raise RecordingError(f'{where}: units names "{unknown[0]}", but the columns are {", ".join(columns)}')
+
+    def read(names: Sequence[str]) -> dict[str, Column]:
+        return {key: with_holes(numbers[key]) for key in names}
+
+    given = {key: unit for key, unit in units.items() if key in columns}
+    table = Table(Path(where), tuple(numbers), read, lambda i: f"row {i}", given, "units")
+    require_roles(table, where)
+    require_scale(table, where, rig)
+    require_lengths(numbers, where)
+    found = recording_of(table, Sidecar(rig=Rig() if rig is None else rig), [])
+    return replace(found, name=name, digest=digest_of(numbers, given))
+
+
+def numbers_of(where: str, key: str, values: ArrayLike) -> Array:
+    """A column as real numbers."""
+    found = np.asarray(values)
+    if found.ndim != 1 or found.dtype.kind not in "fiu":
+        raise RecordingError(
+            f"{where}: {key} is an array of {found.dtype} of shape {found.shape}; expected real numbers in one "
+            "dimension"
+        )
+    return np.asarray(found, dtype=np.float64)
+
+
+def with_holes(values: Array) -> Column:
+    """A column with NaN where it was not sampled."""
+    present = ~np.isnan(values)
+    return Column(values, None if present.all() else present)
+
+
+def require_roles(table: Table, where: str) -> None:
+    """Refuse columns among which time, output or position, or the unit of one of them, is missing.
+
+    Raises
+    ------
+    RecordingError
+        Saying how to name it, and how to give its unit.
+    """
+    by_role = {channel: column for column, (channel, _) in reversed(discover(table).items())}
+    for role in ESSENTIAL:
+        if role not in by_role:
+            raise RecordingError(
+                f"{where}: no column for {role}; the columns are {', '.join(table.columns)}. Name one "
+                f"{'t' if role == 'time' else role}, or map its name before"
+            )
+        named = naming.take_apart(by_role[role])
+        if by_role[role] not in table.units and named.suffix is None and named.brackets is None:
+            example = {"time": "s", "accel": "g", "position": "mm"}[role]
+            raise RecordingError(
+                f"{where}: {by_role[role]} has no unit; units are never guessed. Give it, as in "
+                f'units={{"{by_role[role]}": "{example}"}}'
+            )
+
+
+def require_scale(table: Table, where: str, rig: Rig | None) -> None:
+    """Refuse an electrical output whose scale no rig declares.
+
+    Raises
+    ------
+    RecordingError
+        With the rig to give.
+    """
+    scale = None if rig is None else rig.sensor.scale
+    for column, (channel, _) in discover(table).items():
+        named = naming.take_apart(column)
+        unit = table.units.get(column) or named.suffix or named.brackets or ""
+        if channel == "accel" and scale is None and any(same_unit(unit, one) for one in ("V", "mV", "count")):
+            counted = "count" if same_unit(unit, "count") else "V"
+            raise RecordingError(
+                f"{where}: {column} is in {unit}, and no scale is declared. Give "
+                f'rig=Rig(Sensor(scale=..., scale_unit="{counted}", zero=...)), with the scale in {counted} per m/s²'
+            )
+
+
+def require_lengths(numbers: Mapping[str, Array], where: str) -> None:
+    """Refuse columns that do not pair with their stamps.
+
+    Raises
+    ------
+    RecordingError
+        Naming both lengths.
+    """
+    common = next(key for key in numbers if naming.role(naming.take_apart(key).base) == "time")
+    for key, values in numbers.items():
+        clock = "position_t" if key in ("position", "position_t") and "position_t" in numbers else common
+        if len(values) != len(numbers[clock]):
+            raise RecordingError(
+                f"{where}: {key} has {len(values)} values and {clock} has {len(numbers[clock])}; expected as many of "
+                "each. A position with a clock of its own comes with position_t"
+            )
+
+
+def digest_of(numbers: Mapping[str, Array], units: Mapping[str, str]) -> str:
+    """SHA-256 of columns and units, hex."""
+    found = hashlib.sha256(repr(sorted(units.items())).encode())
+    for key, values in numbers.items():
+        found.update(key.encode())
+        found.update(np.ascontiguousarray(values).tobytes())
+    return found.hexdigest()
