@@ -90,6 +90,8 @@ __all__ = [
     "save_model",
     "simulate",
 ]
+PACKAGES = ("campaign", "data", "effects", "experiment", "filters", "fleet", "io", "plots", "report", "simulation")
+"""Packages that are reached as attributes, imported on first use."""
 _binding: set[int] = set()
 """Threads that are importing the public names."""
 
@@ -103,6 +105,10 @@ def __getattr__(name: str) -> Any:
         _bind()
     if name in globals():
         return globals()[name]
+    if name in PACKAGES:
+        from accelcal._support.faces import face
+
+        return face(name)
     if name not in __all__:
         raise AttributeError(f"module 'accelcal' has no attribute {name!r}")
     from accelcal import experiment, workflow
@@ -144,4 +150,4 @@ def _bind() -> None:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*__all__, *PACKAGES})

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.rig import Rig
@@ -126,3 +127,6 @@ def seal(hidden: Hidden, path: Path) -> None:
     text = base64.b64encode(json.dumps(answer, allow_nan=False).encode()).decode()
     content = {"sealed": text, "open_with": "python -m base64 -d, on the text of 'sealed'"}
     atomic_write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+__dir__ = listing(globals())

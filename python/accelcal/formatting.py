@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.units import display
 from accelcal.effects import CATALOGUE, spelled, static_terms
@@ -238,3 +239,6 @@ def label(quantity: str, unit: str) -> str:
     """
     shown = unit.replace("degC", "°C").replace("^2", "²").replace("^3", "³")
     return f"{quantity} ({shown or 'no unit given'})"
+
+
+__dir__ = listing(globals())

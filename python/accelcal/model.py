@@ -9,6 +9,7 @@ import numpy as np
 
 from accelcal._support.arguments import check_fields, checked
 from accelcal._support.immutable import immutable
+from accelcal._support.listing import listing
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal._support.short_repr import short_repr
 from accelcal.data.arrays import Array
@@ -282,3 +283,6 @@ class Estimate:
         spread = f" ± {self.std:.2g}" if self.std > 0.0 else " (held)"
         run = "" if self.run is None else f", run {self.run}"
         return f"Estimate({self.name} {self.value:.5g}{spread} {self.unit}".removesuffix(" 1") + f"{run})"
+
+
+__dir__ = listing(globals())

@@ -14,11 +14,13 @@ from html import escape
 import numpy as np
 
 from accelcal import formatting
+from accelcal._support.listing import listing
 from accelcal.app.wording import cards, limits, value
 from accelcal.calibration.budget import COVERAGE_FACTOR
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.summary import describe
+from accelcal.data.units import instant
 from accelcal.diagnosis.dwells import DwellDiagnosis
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, spelled
@@ -130,15 +132,15 @@ def _(recording: Recording) -> Card:
     notes += [f.text for f in recording.findings if f.severity != "warning"]
     return Card(
         title=f"Recording {recording.name}".strip(),
-        sentence=f"{number(duration(recording))} s, at rest for {number(rest)} s{used}; {noticed}.",
+        sentence=f"{instant(duration(recording))} s, at rest for {instant(rest)} s{used}; {noticed}.",
         head=("channel", "samples", "rate", "from", "to", "least", "largest"),
         rows=tuple(
             (
                 name,
                 formatting.grouped(c["samples"]),
                 f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
-                f"{number(c['start_s'], 6)} s",
-                f"{number(c['end_s'], 6)} s",
+                f"{instant(c['start_s'])} s",
+                f"{instant(c['end_s'])} s",
                 measured(c["min"], c["unit"]),
                 measured(c["max"], c["unit"]),
             )
@@ -367,8 +369,8 @@ def _(effect: Effect) -> Card:
 def _(run: FilterRun) -> Card:
     return Card(
         title=f"Filter {run.choice.system}, {run.choice.model} model",
-        sentence=f"{formatting.grouped(len(run.times))} events, {number(run.times[0], 6)} s to "
-        f"{number(run.times[-1], 6)} s; {len(run.rejections)} readings rejected.",
+        sentence=f"{formatting.grouped(len(run.times))} events, {instant(run.times[0])} s to "
+        f"{instant(run.times[-1])} s; {len(run.rejections)} readings rejected.",
         head=("state", "last value", "SI value (u)"),
         rows=tuple(
             (name, plain(unit, x, std), amount(x, std, unit))
@@ -442,3 +444,6 @@ def measured(y: float, unit: str) -> str:
 def length(metres: float | None) -> str:
     """A length, or that there is none."""
     return "–" if metres is None else formatting.length(metres)
+
+
+__dir__ = listing(globals())

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from accelcal._support.arguments import checked
+from accelcal._support.listing import listing
 from accelcal._support.threads import one_thread
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
@@ -612,3 +613,6 @@ def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> 
         found.append(whole)
         remarks += broken
     return found, remarks
+
+
+__dir__ = listing(globals())

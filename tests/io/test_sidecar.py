@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import asdict, replace
 
 import pytest
 
@@ -48,21 +49,20 @@ def read(tmp_path, text):
 
 def test_complete_sidecar_is_read_in_si(tmp_path):
     found = read(tmp_path, COMPLETE)
-    assert found.rig == Rig(
-        sensor=Sensor(
-            model="ADXL105",
-            serial="12",
-            noise=pytest.approx(225e-6 * G0, rel=1e-14),
-            range=pytest.approx(5 * G0, rel=1e-14),
-            scale=pytest.approx(0.25 / G0, rel=1e-14),
-            scale_unit="V",
-            zero=2.5,
-        ),
-        gravity_along_axis=0.0,
-        lowpass=LowPass(159.0, 0.0),
-        resolution=1e-6,
-        uncertainty=Uncertainty(1e-5, pytest.approx(math.radians(0.05)), pytest.approx(math.radians(0.1))),
-        tolerance=pytest.approx(1e-3 * G0, rel=1e-14),
+    assert asdict(found.rig.sensor) == {
+        **asdict(Sensor(model="ADXL105", serial="12", scale_unit="V", zero=2.5)),
+        "noise": pytest.approx(225e-6 * G0, rel=1e-14),
+        "range": pytest.approx(5 * G0, rel=1e-14),
+        "scale": pytest.approx(0.25 / G0, rel=1e-14),
+    }
+    assert asdict(found.rig.uncertainty) == {
+        "encoder_scale": 1e-5,
+        "level": pytest.approx(math.radians(0.05)),
+        "misalignment": pytest.approx(math.radians(0.1)),
+    }
+    assert found.rig.tolerance == pytest.approx(1e-3 * G0, rel=1e-14)
+    assert replace(found.rig, sensor=Sensor(), uncertainty=Uncertainty(), tolerance=None) == Rig(
+        gravity_along_axis=0.0, lowpass=LowPass(159.0, 0.0), resolution=1e-6
     )
     assert found.time == Clock(column="t", unit="s")
     assert found.channels["a_y"] == Source("a_y", "m/s^2")

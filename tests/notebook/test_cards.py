@@ -89,7 +89,7 @@ def test_every_parameter_stands_with_its_uncertainties(results):
     for e in fit.estimates:
         assert concise(e.value, e.std) in rows[e.name][3]
         assert rows[e.name][1] == plain(e.unit, e.value, e.std)
-        shown_twice = float(rows[e.name][2].replace("−", "-").split()[0])
+        shown_twice = float(rows[e.name][4].replace("−", "-").split()[0])
         assert shown_twice == pytest.approx(2.0 * e.std, rel=0.05)  # two digits are shown
 
 

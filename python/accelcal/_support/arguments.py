@@ -83,7 +83,7 @@ def check_fields(value: Any) -> None:
 @functools.cache
 def hints_of(declared: Hashable) -> Mapping[str, Any]:
     """Annotations of a function or class, evaluated."""
-    return get_type_hints(declared)  # type: ignore[arg-type]
+    return get_type_hints(declared)
 
 
 def accepts(hint: Any, value: object) -> bool:

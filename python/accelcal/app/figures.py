@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from accelcal import formatting
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
+from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import interactive
@@ -72,7 +73,7 @@ def data(state: State, theme: ThemeName, window: tuple[float, float] | None = No
     assert state.recording is not None
     figure = interactive.linked(state.recording, window=window, marked=marked(state), theme=theme)
     for at in state.breaks:
-        figure.add_vline(x=at, line={"dash": "dash", "width": 2}, annotation_text=f"break at {at:.4g} s")
+        figure.add_vline(x=at, line={"dash": "dash", "width": 2}, annotation_text=f"break at {instant(at)} s")
     figure.update_layout(dragmode="select", selectdirection="h")
     # Plotly selects markers only: two invisible ones make the axes react to brushing.
     low, high = state.recording.position.t[0], state.recording.position.t[-1]

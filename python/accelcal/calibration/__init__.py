@@ -1,1 +1,5 @@
 """Calibration: the static characteristic of a sensor, its uncertainty budget, and code that inverts it."""
+
+from accelcal._support.listing import listing
+
+__dir__ = listing(globals())

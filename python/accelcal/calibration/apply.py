@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from accelcal._support.listing import listing
 from accelcal.calibration.characteristic import STATIC, characteristic
 from accelcal.estimation.estimate import Fit
 
@@ -89,3 +90,6 @@ def example(fit: Fit) -> Application:
 
 def _digits(value: float, count: int) -> float:
     return float(f"{value:.{count}g}")
+
+
+__dir__ = listing(globals())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from accelcal._support.listing import listing
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.effects import find, static_terms
 from accelcal.estimation.estimate import Fit
@@ -136,3 +137,6 @@ def _gravity_share(fit: Fit, angle: float) -> float:
 def _second_order(angle: float) -> float:
     """Standard deviation of d²/2 for a normal angle d."""
     return angle**2 / math.sqrt(2.0)
+
+
+__dir__ = listing(globals())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.effects import BUILT_IN, Effect, static_terms
 from accelcal.estimation.estimate import Fit
@@ -154,3 +155,6 @@ def _left_out(effect: Effect) -> LeftOut:
         f"is no polynomial of acceleration and temperature at the same instant{stated}",
         True,
     )
+
+
+__dir__ = listing(globals())

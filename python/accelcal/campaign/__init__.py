@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.campaign.store import CampaignError, Outcome, Results, begin, forget_failures, items, keep, load, opened
 from accelcal.campaign.task import Item, Task, compute, label
 
@@ -127,3 +128,6 @@ def _completed(pool: Executor, task: Task, batches: Iterator[list[tuple[int, Ite
     finally:
         for future in pending:
             future.cancel()
+
+
+__dir__ = listing(globals())

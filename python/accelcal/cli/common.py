@@ -6,6 +6,7 @@ import functools
 import inspect
 import math
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -35,6 +36,25 @@ app = typer.Typer(
     epilog="Exit codes: 0 fine, 2 usage, 3 bad data, 4 not identifiable, 70 an error of accelcal, 129 terminal closed, "
     "130 interrupted, 141 nobody reads the output, 143 terminated.",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        import accelcal
+
+        print(f"accelcal {accelcal.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and exit.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """"""
+
+
 Rig = Annotated[Path | None, typer.Option("--rig", help="Sidecar to use instead of NAME.toml beside the file.")]
 Json = Annotated[bool, typer.Option("--json", help="JSON on stdout; everything else on stderr.")]
 Band = Annotated[str | None, typer.Option("--band", help='Use the encoder up to this frequency, e.g. "300 Hz".')]
@@ -96,13 +116,26 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except BaseException as error:
             if speaks_for_itself(error):
                 raise
-            exit_with(internal_error.sentence(error), code_of(error))
+            exit_with(internal_error.sentence(error) + template_hint(error, kwargs), code_of(error))
 
     # typer reads options from evaluated annotations.
     signature = inspect.signature(command, eval_str=True)
     run.__signature__ = signature  # type: ignore[attr-defined]
     run.__annotations__ = {name: p.annotation for name, p in signature.parameters.items()} | {"return": None}
     return run
+
+
+def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
+    """How to have a sidecar written, where a recording has none and the error asks for lines of one."""
+    from accelcal.data.recording import RecordingError
+    from accelcal.io import sidecar_of
+
+    if not isinstance(error, RecordingError) or given.get("rig") is not None:
+        return ""
+    for path in (given.get("run"), *(given.get("runs") or ())):
+        if isinstance(path, Path) and f"write in {sidecar_of(path)}" in str(error) and not sidecar_of(path).exists():
+            return f"\nor have the whole sidecar written, to fill in: accelcal init {shlex.quote(str(path))}"
+    return ""
 
 
 def refuse_overwriting(given: Mapping[str, Any]) -> None:

@@ -19,6 +19,7 @@ from accelcal.cli.common import (
     time_range,
     with_exit_codes,
 )
+from accelcal.cli.hints import suggest
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     say_line(summary.summarise(recording))
     for text in broken_lines({"breaks": breaks}):
         say_line(f"suspect data: {text}")
+    suggest("fit", run, "-o", f"{run.stem}.json")
 
 
 @app.command()
@@ -85,6 +87,7 @@ def cut(
     if recording.dwells is not None:
         print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
     print_status(f"wrote {output} and {write_recording(recording, output)}")
+    suggest("check", output)
 
 
 @app.command()
@@ -139,6 +142,7 @@ def simulate(
         print_json({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
     else:
         print_status(f"wrote {output} and {sidecar}; true values: {truth_text(truth)}")
+        suggest("check", output)
 
 
 def truth_text(truth: Mapping[str, float]) -> str:

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
 from accelcal.cli.data import truth_text, write_recording
+from accelcal.cli.hints import suggest
 from accelcal.cli.printing import show_comparison, show_fit, show_improvement
 from accelcal.cli.terminal import say_line
+
+if TYPE_CHECKING:
+    from accelcal.demo import Hidden
 
 
 @app.command()
@@ -66,12 +70,12 @@ def demo(
     for path in write(found, seen, output):
         say_line(f"wrote {path}")
     say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
+    suggest("demo", "--effect", "random", "-o", output)
 
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
     from accelcal.demo import hide, seal
-    from accelcal.effects import find
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with
 
@@ -86,9 +90,25 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
         found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
     model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
     show_improvement(found, diagnosis_json.improvement_to_dict(found))
-    unit = "" if hidden.effect is None else find(hidden.effect).unit
-    truth = "nothing" if hidden.effect is None else f"{hidden.effect}, {hidden.size:.4g} {unit}".removesuffix(" 1")
-    say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {truth}.")
+    say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
+    suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
+
+
+def hidden_text(hidden: Hidden) -> str:
+    """The hidden effect with its coefficient and its shape parameters, each with its unit."""
+    from accelcal.effects import find
+    from accelcal.formatting import plain, with_unit
+
+    if hidden.effect is None:
+        return "nothing"
+    effect = find(hidden.effect)
+    size = f"{plain(effect.unit, hidden.size, 0.0)} = {with_unit(f'{hidden.size:.4g}', effect.unit)}"
+    shapes = [
+        f"{name} {with_unit(f'{value:.4g}', effect.shapes[name].unit)}"
+        for name, value in hidden.shape.items()
+        if name in effect.shapes
+    ]
+    return ", ".join([f"{hidden.effect}, {size}", *shapes])
 
 
 @app.command()

@@ -25,6 +25,7 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
+from accelcal.cli.hints import after_diagnosis, suggest
 from accelcal.cli.models import load_any, load_like, load_run
 from accelcal.cli.printing import (
     limit,
@@ -36,7 +37,7 @@ from accelcal.cli.printing import (
     show_power,
     show_steps,
 )
-from accelcal.cli.terminal import say_line, show_wrapped_table
+from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
     from accelcal.data.rig import Rig as RigOf
@@ -97,6 +98,7 @@ def diagnose(
     show_diagnosis(content)
     if holdout is not None:
         show_steps([(str(model), content["heldout"])])
+    after_diagnosis(model, runs, found.effects, found.verdict)
 
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
@@ -161,6 +163,7 @@ def improve(
         print_json(content)
     else:
         show_improvement(found, content)
+        suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
 
 
 @app.command()
@@ -234,7 +237,8 @@ def effects(
 
     load_own_effects(effects_file)
     if name is not None:
-        say_line(card(find(name)))
+        say_card(card(find(name)))
+        suggest("add", "MODEL.json", "RUN.csv", "--effect", name)
         return
     rows = [(e.name, e.unit, e.port, e.owner, e.card.split("\n", maxsplit=1)[0]) for e in CATALOGUE.values()]
     show_wrapped_table(("effect", "unit", "port", "owner", "description"), rows)
@@ -274,6 +278,7 @@ def power(
         print_json(seen.to_dict())
     else:
         show_power(seen.to_dict())
+        suggest("fit", run if len(recording.accel) else None, "-o", f"{run.stem}.json")
 
 
 @app.command()

@@ -26,6 +26,7 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_file,
 )
+from accelcal.cli.hints import suggest
 from accelcal.cli.models import load_like
 from accelcal.cli.printing import show_export
 
@@ -74,6 +75,7 @@ def report(
                 page.write(page.light(content) if light else page.html(content), path)
     for path in written:
         print_status(f"wrote {path}")
+    suggest("export", model, "--c", "sensor.h")
 
 
 @app.command()

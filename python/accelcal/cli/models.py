@@ -29,6 +29,7 @@ from accelcal.cli.common import (
     with_exit_codes,
     writable_folder,
 )
+from accelcal.cli.hints import UNSEEN, after_fit, suggest
 from accelcal.cli.printing import show_comparison, show_fit, show_steps
 
 if TYPE_CHECKING:
@@ -119,6 +120,8 @@ def fit(
         show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
     if output is not None:
         print_status(f"wrote {output}")
+    if not json:
+        after_fit(output, runs)
 
 
 def varying(model: Model, names: Sequence[str]) -> Model:
@@ -208,6 +211,7 @@ def compare(
         print_json(content)
     else:
         show_comparison(content)
+        suggest("diagnose", model, run)
 
 
 @app.command()
@@ -232,6 +236,8 @@ def add(
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(add_to(fitted, recording, *effects), recording, output, json)
+    if not json and output is not None:
+        suggest("history", model, output, "--on", UNSEEN)
 
 
 @app.command()
@@ -256,6 +262,8 @@ def drop(
     fitted = model_file.load(model)
     recording = load_like(fitted, run, rig)
     finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
+    if not json and output is not None:
+        suggest("history", output, model, "--on", UNSEEN)
 
 
 @app.command()
@@ -283,6 +291,7 @@ def history(
         print_json(content)
     else:
         show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
+        suggest("report", models[-1], on, "-o", f"{models[-1].stem}.html")
 
 
 @app.command()
@@ -322,6 +331,8 @@ def freeze(
             ) from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
     finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
+    if not json and output is not None:
+        suggest("diagnose", output, run)
 
 
 def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from accelcal.cli.common import UsageError, parse_quantity
 from accelcal.cli.terminal import say, say_line, show_table
+from accelcal.data.units import instant
 from accelcal.formatting import at_full_scale, interval, millionths, plain, plus_minus, short, with_unit
 
 MOST_COLUMNS = 4
@@ -282,7 +283,7 @@ def ruler_line(ruler: dict[str, float]) -> str:
 def broken_lines(seen: dict[str, Any]) -> list[str]:
     """A sentence for each instant at which a comparison ends before its recording does."""
     return [
-        f"from t = {at:.6g} s on no relation of output and position holds; only the part before is used"
+        f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
         for at in seen["breaks"]
     ]
 

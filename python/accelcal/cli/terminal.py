@@ -24,6 +24,23 @@ def say_line(text: str, end: str = "\n") -> None:
     print(visible(text), end=end)
 
 
+def say_card(markdown: str) -> None:
+    """Print the card of an effect: its heading in bold, its lines indented and wrapped, no marks of Markdown."""
+    from rich.console import Console
+    from rich.padding import Padding
+    from rich.text import Text
+
+    console = Console()
+    for line in visible(markdown).splitlines():
+        if line.startswith("## "):
+            console.print(Text(line.removeprefix("## "), style="bold"))
+        elif line.startswith("- "):
+            label, colon, rest = line.removeprefix("- ").partition(": ")
+            console.print(Padding(Text.assemble((label, "bold"), colon, rest), (0, 0, 0, 2)))
+        else:
+            console.print(Text(line))
+
+
 def show_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     """Print a table in full: wider than the terminal rather than with truncated numbers."""
     from rich.console import Console

@@ -33,6 +33,7 @@ from accelcal.data.orientation import PLACE
 from accelcal.data.recording import Channel, Finding, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import FEWEST, rounding_std, stamp_grid, uniform_clock
+from accelcal.data.units import instant
 
 ROUNDED, HELD = "stamps_on_grid", "held_repeats"
 """Kinds of findings that the diagnosis reads; their size is the step of the stamps, s."""
@@ -187,7 +188,7 @@ def _require_finite(samples: Samples) -> None:
         bad = ~np.isfinite(values)
         if bad.any():
             i, count = int(np.argmax(bad)), int(np.count_nonzero(bad))
-            place = samples.row(i) if what else f"t = {samples.t[i]:.6g} s, {samples.row(i)}"
+            place = samples.row(i) if what else f"t = {instant(samples.t[i])} s, {samples.row(i)}"
             raise RecordingError(
                 f"{samples.file}: {what}{samples.name}: {_counted(count, 'sample')} not finite (first at {place}). "
                 "Drop them or mark them missing with an empty cell."
@@ -218,7 +219,7 @@ def require_pace(file: str, name: str, t: Array) -> None:
     if len(t) > 1 and (closest := float(np.min(np.diff(t)))) < CLOSEST:
         i = int(np.argmin(np.diff(t)))
         raise RecordingError(
-            f"{file}: {name}: two stamps at t = {t[i]:.6g} s are {closest:.3g} s apart, expected at least "
+            f"{file}: {name}: two stamps at t = {instant(t[i])} s are {closest:.3g} s apart, expected at least "
             f"{CLOSEST:g} s. Delete one of the two samples."
         )
     if len(t) > 1 and (usual := float(np.median(np.diff(t)))) < SHORTEST:
@@ -259,12 +260,12 @@ def _without_duplicates(samples: Samples) -> tuple[Array, Array, list[Finding]]:
         i = int(starts[np.argmax(differs)])
         raise RecordingError(
             f"{samples.file}: {samples.name}: {np.count_nonzero(differs)} time stamps ({share:.0%}) carry several "
-            f"different values (first at t = {t[i]:.9g} s, {samples.row(i)}). The stamps are coarser than the "
+            f"different values (first at t = {instant(t[i])} s, {samples.row(i)}). The stamps are coarser than the "
             'sampling: export them with more digits, or declare rate = "... Hz" in [channels] in their place.'
         )
     mean = np.where(differs, np.add.reduceat(y, starts) / lengths, y[starts])
     count = len(t) - len(starts)
-    text = f"{samples.name}: {count} samples repeat the time stamp before (first at t = {doubled:.6g} s): "
+    text = f"{samples.name}: {count} samples repeat the time stamp before (first at t = {instant(doubled)} s): "
     averaged = int(np.count_nonzero(differs))
     text += (
         f"where the values differ ({averaged} stamps) their mean is used, else one is kept"
@@ -342,7 +343,7 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
         )
     text = (
         f"{name}: {dropped} of {len(y)} samples ({dropped / len(y):.0%}) repeat the one before, far more than "
-        f"quantisation explains (first at t = {first:.6g} s): the logger is faster than the sensor. "
+        f"quantisation explains (first at t = {instant(first)} s): the logger is faster than the sensor. "
         f"The first of each run is kept, {after}"
     )
     # A value is written at the first tick after the sensor's own instant: late by half a tick on average.
@@ -401,7 +402,7 @@ def _codes_between(y: Array) -> float:
 def _clipped(name: str, t: Array, clipped: NDArray[np.bool_], reason: str) -> Finding:
     count, first = int(np.count_nonzero(clipped)), float(t[np.argmax(clipped)])
     text = (
-        f"{name}: {count} samples are {reason} (first at t = {first:.6g} s): the sensor was probably saturated. "
+        f"{name}: {count} samples are {reason} (first at t = {instant(first)} s): the sensor was probably saturated. "
         "They are kept; cut them out, or fit where the motion is smaller"
     )
     return Finding("clipping", name, count, first, text, "warning")
@@ -420,7 +421,7 @@ def _travel(t: Array, y: Array) -> list[Finding]:
         i = int(np.argmax(fast))
         text = (
             f"position moves faster than {HIGHEST_SPEED:g} m/s between {np.count_nonzero(fast)} pairs of samples "
-            f"(first at t = {t[i]:.6g} s): check its unit (mm read as m?) and for jumps"
+            f"(first at t = {instant(t[i])} s): check its unit (mm read as m?) and for jumps"
         )
         findings.append(
             Finding("implausible_speed", "position", int(np.count_nonzero(fast)), float(t[i]), text, "warning")
@@ -447,6 +448,6 @@ def _gaps(name: str, t: Array) -> list[Finding]:
     count, i, worst = int(np.count_nonzero(long)), int(np.argmax(long)), int(np.argmax(interval))
     text = (
         f"{name}: {count} gaps longer than {1.5 * usual + 3.0 * (high - low):.3g} s (usual interval {usual:.3g} s), "
-        f"the longest {interval[worst]:.4g} s at t = {t[worst]:.6g} s; they stay gaps"
+        f"the longest {interval[worst]:.4g} s at t = {instant(t[worst])} s; they stay gaps"
     )
     return [Finding("gap", name, count, float(t[i]), text)]

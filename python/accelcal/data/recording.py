@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from accelcal._support.arguments import check_fields
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
+from accelcal._support.listing import listing
 from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data import units
 from accelcal.data.arrays import Array
@@ -70,7 +71,7 @@ class Channel:
         return len(self.t)
 
     def __repr__(self) -> str:
-        span = f", {self.t[0]:.6g} s to {self.t[-1]:.6g} s" if len(self) else ""
+        span = f", {units.instant(self.t[0])} s to {units.instant(self.t[-1])} s" if len(self) else ""
         return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
 
 
@@ -123,7 +124,7 @@ class PositionStep:
     def sentence(self) -> str:
         """For people."""
         return (
-            f"position: the reading jumps by {self.size * 1e6:+.3g} um at t = {self.time:.6g} s and stays: "
+            f"position: the reading jumps by {self.size * 1e6:+.3g} um at t = {units.instant(self.time)} s and stays: "
             "missed counts, or the encoder was zeroed"
         )
 
@@ -331,7 +332,8 @@ class Recording:
     def _cut(self, start: float, end: float, keep: Callable[[Array], NDArray[np.bool_]], word: str) -> Recording:
         if not start < end:
             raise RecordingError(
-                f"{self.name}: a stretch from {start:g} s to {end:g} s is empty; give start before end"
+                f"{self.name}: a stretch from {units.instant(start)} s to {units.instant(end)} s is empty; "
+                "give start before end"
             )
 
         def kept(channel: Channel) -> Channel:
@@ -341,7 +343,8 @@ class Recording:
         accel, position = kept(self.accel), kept(self.position)
         if (len(self.accel) and not len(accel)) or (len(self.position) and not len(position)):
             raise RecordingError(
-                f"{self.name}: nothing is left {word} {start:g} s to {end:g} s; choose another stretch"
+                f"{self.name}: nothing is left {word} {units.instant(start)} s to {units.instant(end)} s; "
+                "choose another stretch"
             )
         side = {name: kept(channel) for name, channel in self.side.items()}
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
@@ -369,3 +372,6 @@ def require_same_sensor(recording: Recording | Dwells, rig: Rig, other: str) -> 
                 f'{recording.name}: sensor.{key} is "{here}" but that of {other} is "{there}"; expected one sensor. '
                 "Give a recording of that sensor, or correct [sensor] in the sidecar"
             )
+
+
+__dir__ = listing(globals())

@@ -8,6 +8,7 @@ from typing import Literal
 
 from accelcal._support.arguments import check_fields
 from accelcal._support.immutable import immutable
+from accelcal._support.listing import listing
 from accelcal._support.short_repr import short_repr
 from accelcal.data.channel_filter import ChannelFilter, high_passes
 
@@ -151,3 +152,6 @@ class Rig:
     def roll(self) -> float:
         """-1 when the sensor is rolled by 180 degrees about its input axis, else +1."""
         return -1.0 if self.mount == "rolled" else 1.0
+
+
+__dir__ = listing(globals())

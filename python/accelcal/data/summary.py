@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, TURNED
 from accelcal.data.recording import Channel, Recording
+from accelcal.data.units import instant
 
 STILL_SPAN = 0.1
 """s; rest is judged on stretches of this length, or of 20 samples if that is longer."""
@@ -66,20 +68,21 @@ def summarise(recording: Recording) -> str:
     lines = [found["name"] or "recording"]
     for name, channel in found["channels"].items():
         rate = f"{channel['rate_hz']:.6g} Hz" if channel["rate_hz"] else "no rate"
+        span = f"{instant(channel['start_s'])} s to {instant(channel['end_s'])} s"
         lines.append(
-            f"  {name}: {channel['samples']} samples, {rate}, {channel['start_s']:.6g} s to {channel['end_s']:.6g} s, "
+            f"  {name}: {channel['samples']} samples, {rate}, {span}, "
             f"{channel['min']:.6g} to {channel['max']:.6g} {channel['unit']}"
         )
     if found["range_used"] is not None:
         lines.append(f"  range used: {found['range_used']:.0%} of ±{recording.rig.sensor.range:.6g} m/s^2")
     total = sum(end - start for start, end in found["rest_s"])
-    stretches = ", ".join(f"{start:.4g} s to {end:.4g} s" for start, end in found["rest_s"][:3])
+    stretches = ", ".join(f"{instant(start)} s to {instant(end)} s" for start, end in found["rest_s"][:3])
     more = ", ..." if len(found["rest_s"]) > 3 else ""
     if recording.dwells is not None:
         lines.append(f"  dwells: {len(recording.dwells)} of {recording.dwells.name}, fitted together with the motion")
     lines.append(f"  orientation: {_ORIENTATIONS[found['orientation']]}")
     lines.append(
-        f"  at rest: {total:.4g} s in {len(found['rest_s'])} stretches ({stretches}{more})"
+        f"  at rest: {instant(total)} s in {len(found['rest_s'])} stretches ({stretches}{more})"
         if total
         else "  at rest: never"
     )
@@ -133,3 +136,6 @@ def _channel(channel: Channel) -> dict[str, Any]:
         "min": float(channel.y.min()),
         "max": float(channel.y.max()),
     }
+
+
+__dir__ = listing(globals())

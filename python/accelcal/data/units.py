@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.listing import listing
 from accelcal.data.unit_grammar import LONGEST, is_legal
 
 _DEFINITIONS = """
@@ -339,6 +340,18 @@ def _registry() -> Any:
     return registry
 
 
+def instant(t: float) -> str:
+    """An instant or a span in s, to a millisecond (below 1 s to a microsecond), without powers of ten.
+
+    Examples
+    --------
+    >>> instant(1234.5), instant(1.7e9 + 0.25), instant(0.0005)
+    ('1234.5', '1700000000.25', '0.0005')
+    """
+    places = 3 if abs(t) >= 1.0 else 6
+    return f"{round(t, places) + 0.0:.{places}f}".rstrip("0").rstrip(".")
+
+
 MICRO_G = 1e-6 * 9.80665
 """1 ug in m/s²."""
 
@@ -375,3 +388,6 @@ def display(unit: str, value: float, std: float) -> str | None:
     last = 1 - math.floor(math.log10(spread))
     decimals = min(12, max(0, last))
     return f"{round(value / size, last):.{decimals}f} ± {round(spread, last):.{decimals}f} {name}"
+
+
+__dir__ = listing(globals())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from accelcal._support.listing import listing
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.faults import glitches
 from accelcal.diagnosis.policy import (
@@ -176,3 +177,6 @@ def _split(relation: BandRelation) -> float | None:
         return None
     interval = (edges[max(0, best - 1)], edges[min(K, best + 4)])
     return relation.departure(held, float(power1[best]), interval)
+
+
+__dir__ = listing(globals())

@@ -11,8 +11,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, PositionStep, Recording
+from accelcal.data.units import instant
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
@@ -124,7 +126,7 @@ def dropouts(channel: Channel) -> list[Fault]:
             channel.name,
             float(channel.t[i]),
             float(intervals[i]),
-            f"{channel.name}: no readings for {intervals[i]:.3g} s from t = {channel.t[i]:.6g} s on",
+            f"{channel.name}: no readings for {intervals[i]:.3g} s from t = {instant(channel.t[i])} s on",
         )
         for i in np.flatnonzero(intervals > longest)
     ]
@@ -144,7 +146,7 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
     for a, b in zip(begins, ends, strict=True):
         jumps = z[a : b + 1] - np.interp(t[a : b + 1], run.t, run.z)
         size = float(jumps[np.argmax(np.abs(jumps))])
-        text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {t[a]:.6g} s and return"
+        text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {instant(t[a])} s and return"
         found.append(Fault("glitch", "position", float(t[a]), size, text))
     return found
 
@@ -163,7 +165,8 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
             if limit or jump > 8.0 * quantum:
                 begin, size = float(t[a]), float(t[b] - t[a])
-                text = f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {begin:.6g} s on"
+                text = f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s "
+                    f"from t = {instant(begin)} s on"
                 found.append(Fault("rail_hit", "accel", begin, size, text))
     return found
 
@@ -177,7 +180,8 @@ def stuck(run: PreparedRun) -> list[Fault]:
         rows = slice(*np.searchsorted(run.t, [begin, end]))
         if rows.stop - rows.start >= 8 and _departure_from_polynomial(run.t[rows], run.z[rows], 2) > 10.0 * noise:
             text = (
-                f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, from t = {begin:.6g} s on"
+                f"accel: the output repeats {run.accel.y[a]:.6g} m/s² while the stage moves, "
+                f"from t = {instant(begin)} s on"
             )
             found.append(Fault("stuck", "accel", float(begin), float(end - begin), text))
     t, z = run.recording.position.t, run.recording.position.y
@@ -192,7 +196,7 @@ def stuck(run: PreparedRun) -> list[Fault]:
         position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
         random_motion = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
         if _departure_from_polynomial(run.accel.t[rows], position, 1) > 20.0 * noise + 5.0 * random_motion:
-            text = f"position: the reading stays {z[a]:.6g} m while the output changes, from t = {begin:.6g} s on"
+            text = f"position: the reading stays {z[a]:.6g} m while the output changes, from t = {instant(begin)} s on"
             found.append(Fault("stuck", "position", float(begin), float(end - begin), text))
     return found
 
@@ -310,7 +314,7 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
             and agreed > 1
         ):
             text = (
-                f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {time:.6g} s and stays: "
+                f"{channel}: the delay jumps by {jump_s * 1e3:+.3g} ms at t = {instant(time)} s and stays: "
                 f"{abs(round(samples))} samples were lost or duplicated without a trace in the time stamps"
             )
             return [Fault("dropped_samples", channel, time, float(round(samples)), text)]
@@ -347,3 +351,6 @@ def _delay_change(gram: Array, size: Array) -> tuple[int, float, float]:
 def _outer(x: Array) -> Array:
     """Outer product of each row with itself."""
     return x[:, :, None] * x[:, None, :]
+
+
+__dir__ = listing(globals())

@@ -1,20 +1,26 @@
 """The catalogue of effects: each is one function that holds its card and computes its column."""
 
-from accelcal.effects import (  # noqa: F401, I001  (importing a file enters its effects, in this order)
+from accelcal._support.listing import listing
+from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
     base,
     cross_axis,
+    curves,
     disturbances,
     drift,
     dynamics,
     encoder,
-    curves,
+    interactions,
     nonlinear,
     stage,
     thermal,
     turning,
-    interactions,
 )
 from accelcal.effects.cards import card, cards, spelled
+from accelcal.effects.formula import ExpressionError, Own, from_expression
+from accelcal.effects.guard import EffectsFileError
+from accelcal.effects.names import Names, names
+from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
+from accelcal.effects.processes import find, on_demand
 from accelcal.effects.registry import (
     CATALOGUE,
     Effect,
@@ -29,11 +35,7 @@ from accelcal.effects.registry import (
     effect,
     family,
 )
-from accelcal.effects.processes import find, on_demand
-from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
 from accelcal.effects.side_channels import side_channel, side_channels
-from accelcal.effects.formula import ExpressionError, Own, from_expression
-from accelcal.effects.guard import EffectsFileError
 from accelcal.effects.user_file import load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
@@ -96,6 +98,7 @@ __all__ = [
     "EffectsFileError",
     "ExpressionError",
     "Lumped",
+    "Names",
     "NoiseSource",
     "Own",
     "Search",
@@ -112,6 +115,7 @@ __all__ = [
     "from_expression",
     "is_local",
     "load_effects",
+    "names",
     "of_one_record",
     "polynomial",
     "side_channel",
@@ -120,3 +124,6 @@ __all__ = [
     "static_terms",
     "users_own",
 ]
+
+
+__dir__ = listing(globals())

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.data.units import instant
 from accelcal.effects.registry import Effect, Shape
 from accelcal.signals.signals import Signals
 
@@ -109,7 +110,7 @@ def values_of(found: Any, s: Signals, width: int, sentence: Sentence) -> Array:
             raise EffectsFileError(
                 sentence(
                     f"returns values that are not finite at {int(np.sum(wrong))} of {len(s.t)} times, first at "
-                    f"t = {first:.6g} s; guard divisions and roots"
+                    f"t = {instant(first)} s; guard divisions and roots"
                 )
             )
     return values

@@ -9,6 +9,7 @@ import numpy as np
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, solve_runs
@@ -129,3 +130,6 @@ def estimate_from(gram: Array, score: Array, x: Array) -> tuple[Array, Array]:
         return nothing, nothing
     covariance = (vectors / eigenvalues) @ vectors.T / np.outer(size, size)
     return x + covariance @ score, np.sqrt(np.diag(covariance))
+
+
+__dir__ = listing(globals())

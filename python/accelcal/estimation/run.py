@@ -14,6 +14,7 @@ from accelcal.data.quality import require_few_holes, require_pace, require_usabl
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
+from accelcal.data.units import instant
 from accelcal.estimation.axis_gravity import AxisGravity
 from accelcal.estimation.channel_filters import ChannelFilters
 from accelcal.estimation.coarse_counts import distinct_readings, readings_apart
@@ -239,8 +240,8 @@ def prepare(
     z: Array = np.ascontiguousarray(position.y[inside][rows])
     if len(t) < MIN_READINGS:
         raise RecordingError(
-            f"{recording.name or 'recording'}: {len(t)} encoder readings between {first:.6g} s and "
-            f"{last:.6g} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
+            f"{recording.name or 'recording'}: {len(t)} encoder readings between {instant(first)} s and "
+            f"{instant(last)} s, at least {MIN_READINGS} are needed; record longer or widen --from/--to"
         )
     for name, stamps in (("accel", accel.t[:4096]), ("position", t)):
         require_pace(recording.name or "recording", name, stamps)

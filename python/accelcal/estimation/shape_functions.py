@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.effects import Variable, find
 from accelcal.effects.building_blocks import since_reversal
@@ -89,3 +90,6 @@ def _shape(
     variance = np.einsum("ni,ij,nj->n", columns[:, kept], covariance, columns[:, kept])
     std = np.sqrt(np.maximum(variance, 0.0))
     return Shape(name, label, variable, variable_unit, effect.unit, x[rows], value[rows], std[rows])
+
+
+__dir__ = listing(globals())

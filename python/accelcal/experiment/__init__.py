@@ -1,5 +1,6 @@
 """Experiment design: what a record or a planned motion can detect, and how to plan a motion (derivations D3.5)."""
 
+from accelcal._support.listing import listing
 from accelcal.diagnosis.search.thresholds import predicted_detection
 from accelcal.experiment.design import Plan, plan
 from accelcal.experiment.detectability import Detectability, Group, Power
@@ -24,3 +25,6 @@ __all__ = [
     "predicted_detection",
     "through",
 ]
+
+
+__dir__ = listing(globals())

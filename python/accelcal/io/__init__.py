@@ -1,5 +1,6 @@
 """Files become recordings here and only here: nothing guessed, nothing repaired silently."""
 
+from accelcal._support.listing import listing
 from accelcal.io.atomic import atomic, atomic_write, together
 from accelcal.io.dwells import declares_dwells, load_dwells
 from accelcal.io.loading import load
@@ -22,3 +23,6 @@ __all__ = [
     "write_parquet",
     "write_sidecar",
 ]
+
+
+__dir__ = listing(globals())

@@ -11,6 +11,7 @@ from scipy import special
 
 from accelcal import formatting
 from accelcal.data.arrays import Array
+from accelcal.data.units import instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
@@ -121,9 +122,10 @@ def tiles_of(comparison: Comparison) -> Tiles:
         factor, unit = (1.0, b.unit) if b.unit in ("s", "Hz") else formatting.prefixed(b.unit, b.edges)
         shown = formatting.label("", unit).strip(" ()")
         edges = b.edges * factor
-        rows.append(f"{b.variable}, {edges[0]:.3g} to {edges[-1]:.3g} {shown}".replace(" -", " −"))
+        texts = [instant(x) if unit == "s" else f"{x:.3g}" for x in edges]
+        rows.append(f"{b.variable}, {texts[0]} to {texts[-1]} {shown}".replace(" -", " −"))
         sigma.append(np.where(b.std > 0.0, b.score, np.nan))
-        ranges.append(tuple(f"{a:.3g} to {z:.3g} {shown}" for a, z in itertools.pairwise(edges)))
+        ranges.append(tuple(f"{a} to {z} {shown}" for a, z in itertools.pairwise(texts)))
     width = max((len(s) for s in sigma), default=0)
     return Tiles(tuple(rows), np.array(sigma).reshape(len(rows), width), tuple(ranges))
 

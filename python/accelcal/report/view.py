@@ -9,6 +9,7 @@ from accelcal._core import __version__
 from accelcal.calibration.budget import COVERAGE_FACTOR, Component
 from accelcal.calibration.electrical import electrical
 from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.data.units import instant
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
@@ -324,15 +325,15 @@ def data(content: Content) -> dict[str, Any]:
                 "name": name,
                 "samples": grouped(c["samples"]),
                 "rate": f"{c['rate_hz']:.6g} Hz" if c["rate_hz"] else "",
-                "span": f"{number(c['start_s'], 6)} s to {number(c['end_s'], 6)} s",
+                "span": f"{instant(c['start_s'])} s to {instant(c['end_s'])} s",
                 "range": f"{number(c['min'])} to {number(c['max'])} {label('', c['unit']).strip(' ()')}",
             }
             for name, c in seen["channels"].items()
         ],
-        "used": [f"{number(a, 6)} s to {number(b, 6)} s" for a, b in content.diagnosis.used],
-        "breaks": [f"{number(t, 6)} s" for t in content.diagnosis.breaks],
+        "used": [f"{instant(a)} s to {instant(b)} s" for a, b in content.diagnosis.used],
+        "breaks": [f"{instant(t)} s" for t in content.diagnosis.breaks],
         "range_used": None if seen["range_used"] is None else f"{100.0 * seen['range_used']:.0f} %",
-        "rest": f"{number(rest)} s in {len(seen['rest_s'])} stretches",
+        "rest": f"{instant(rest)} s in {len(seen['rest_s'])} stretches",
         "dropped": [dropped.sentence for dropped in content.diagnosis.dropped],
         "warnings": [f["text"] for f in seen["findings"] if f["severity"] == "warning"],
         "notes": [f["text"] for f in seen["findings"] if f["severity"] != "warning"],

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, FORMULA_LACK_OF_FIT_ALPHA, FORMULA_LOG_EVIDENCE
 from accelcal.diagnosis.search.beam import block_length
@@ -409,3 +410,6 @@ def formulas_of(
 def contains(one: Trial, others: Sequence[Trial]) -> bool:
     """Whether a shorter formula that is as good is part of one."""
     return any(set(other.elements) < set(one.elements) and other.log_evidence >= one.log_evidence for other in others)
+
+
+__dir__ = listing(globals())

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
+from accelcal._support.listing import listing
 from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.diagnosis.contribution import Importance, split
 from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
@@ -167,3 +168,6 @@ class History:
     def names(self) -> tuple[str, ...]:
         """Effects of each model beyond the base, as in "base + cubic"."""
         return tuple(" + ".join(("base", *fit.model.added)) for fit in self.fits)
+
+
+__dir__ = listing(globals())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.verdict import Diagnosis
@@ -145,3 +146,6 @@ def _error(comparison: Comparison, horizon: float | None) -> float:
 def _floor(comparison: Comparison, horizon: float | None) -> float:
     value = float(np.sqrt(np.mean(comparison.simulated_std**2))) if horizon is None else comparison.coast_floor[horizon]
     return math.nan if value is None else value
+
+
+__dir__ = listing(globals())

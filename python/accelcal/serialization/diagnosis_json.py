@@ -8,6 +8,7 @@ from dataclasses import asdict
 from itertools import pairwise
 from typing import Any
 
+from accelcal._support.listing import listing
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.diagnosis.contribution import Importance, Size
 from accelcal.diagnosis.dwells import DwellDiagnosis
@@ -290,3 +291,6 @@ def changes(seen: Sequence[Comparison]) -> list[dict[str, Any] | None]:
             }
         )
     return found
+
+
+__dir__ = listing(globals())

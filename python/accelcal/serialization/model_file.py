@@ -12,6 +12,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal._support.arguments import checked
+from accelcal._support.listing import listing
 from accelcal.calibration.electrical import electrical
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
@@ -449,3 +450,6 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
         crossover=content["crossover_hz"],
         band=content["band_hz"],
     )
+
+
+__dir__ = listing(globals())

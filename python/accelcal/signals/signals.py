@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.rig import Rig
@@ -191,3 +192,6 @@ TINY = 1e-12
 def corner(y: Array, std: float) -> float:
     """Half-width over which a corner at zero is rounded, in the unit of `y`."""
     return max(CORNER_NOISE * std, CORNER_SHARE * float(np.max(np.abs(y))), TINY)
+
+
+__dir__ = listing(globals())

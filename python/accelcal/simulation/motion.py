@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY
 
@@ -403,3 +404,6 @@ def _step(t: Array, start: float, duration: float) -> Array:
 def _product(f: Array, g: Array) -> Array:
     """Derivatives of f g from those of f and g (Leibniz); all (4, n)."""
     return np.stack([sum(math.comb(n, m) * f[m] * g[n - m] for m in range(n + 1)) for n in range(4)])
+
+
+__dir__ = listing(globals())

@@ -12,6 +12,7 @@ from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.arrays import Array
+from accelcal.data.units import instant
 from accelcal.estimation.noise_effects import NoiseScore
 
 if TYPE_CHECKING:
@@ -45,8 +46,8 @@ class Coast:
     """Standard deviation that noise and start state alone would give, (n,) m."""
 
     def __repr__(self) -> str:
-        end = f" to {self.t[-1]:.6g} s" if len(self.t) else ""
-        return f"Coast(from {self.start:.6g} s{end}: {len(self.t)} readings)"
+        end = f" to {instant(self.t[-1])} s" if len(self.t) else ""
+        return f"Coast(from {instant(self.start)} s{end}: {len(self.t)} readings)"
 
     def to_dataframe(self) -> DataFrame:
         """Return the predicted positions as a pandas DataFrame, a row for each reading, m.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 
 ConsistencyVerdict = Literal["consistent", "overconfident", "underconfident"]
@@ -291,3 +292,6 @@ def coverage(error: Array, sigma: Array, promised: float = 0.95, probability: fl
     low = float(special.betaincinv(inside, count - inside + 1, tail)) if inside else 0.0
     high = float(special.betaincinv(inside + 1, count - inside, 1.0 - tail)) if inside < count else 1.0
     return Coverage(inside, count, promised, low, high, probability)
+
+
+__dir__ = listing(globals())

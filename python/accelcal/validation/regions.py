@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.units import instant
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
@@ -67,7 +68,8 @@ def worst_of(bins: Sequence[Bins]) -> str:
     score, worst, i = best
     if score < NOTABLE:
         return f"no region stands out: the largest of {sum(len(b.mean) for b in bins)} deviations is {score:.1f} sigma"
-    where = f"{worst.variable} between {worst.edges[i]:.4g} and {worst.edges[i + 1]:.4g} {worst.unit}".rstrip()
+    ends = (instant(x) if worst.variable == "time" else f"{x:.4g}" for x in worst.edges[i : i + 2])
+    where = f"{worst.variable} between {' and '.join(ends)} {worst.unit}".rstrip()
     if worst.variable == "frequency":
         return f"{where}: the residual is {math.sqrt(worst.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
     return f"{where}: mean residual {worst.mean[i]:+.3g} m/s² ({score:.1f} sigma)"

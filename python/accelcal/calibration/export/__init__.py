@@ -1,5 +1,6 @@
 """Exports: the sensor's own calibration as C99, Rust, JSON and a draft certificate, with a proven error bound."""
 
+from accelcal._support.listing import listing
 from accelcal.calibration.export.c99 import header
 from accelcal.calibration.export.calibration import Calibration, calibrate
 from accelcal.calibration.export.content import to_dict
@@ -23,3 +24,6 @@ __all__ = [
     "require_valid",
     "to_dict",
 ]
+
+
+__dir__ = listing(globals())

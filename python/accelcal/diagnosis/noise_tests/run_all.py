@@ -7,6 +7,7 @@ whitened innovations carry the encoder's cyclic error, lines below that, and col
 
 from __future__ import annotations
 
+from accelcal._support.listing import listing
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
@@ -53,3 +54,6 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
 
 
 __all__ = ["NoiseTest", "run_noise_tests"]
+
+
+__dir__ = listing(globals())

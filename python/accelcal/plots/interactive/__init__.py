@@ -1,5 +1,6 @@
 """Interactive figures: each draws finished results as a plotly Figure; plotly is imported when one is drawn."""
 
+from accelcal._support.listing import listing
 from accelcal.plots.interactive.distribution import quantile_plot
 from accelcal.plots.interactive.drift import coasting
 from accelcal.plots.interactive.drift_limits import drift_limits
@@ -39,3 +40,6 @@ __all__ = [
     "tracks",
     "whiteness_plot",
 ]
+
+
+__dir__ = listing(globals())

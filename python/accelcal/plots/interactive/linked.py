@@ -10,6 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
+from accelcal.data.units import instant
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
@@ -77,7 +78,7 @@ def linked(
     drawing.format_figure(
         figure,
         palette,
-        f"From {low:.5g} s to {high:.5g} s",
+        f"From {instant(low)} s to {instant(high)} s",
         note=drawing.thinning_note(*drawn),
         height=drawing.BOTTOM + PANEL * rows,
         legend=previous is not None and residual,

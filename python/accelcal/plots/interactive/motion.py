@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal import formatting
+from accelcal.data.units import instant
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
@@ -46,7 +47,8 @@ def simulated(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     drawing.format_figure(
         figure,
         palette,
-        f"Simulated without position from {t[0]:.3g} s on: rms error {formatting.length(comparison.simulated_rms)}",
+        f"Simulated without position from {instant(t[0])} s on: "
+        f"rms error {formatting.length(comparison.simulated_rms)}",
         note=drawn.note,
         height=460,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.data.recording import Recording
 from accelcal.data.summary import rest
+from accelcal.data.units import instant
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import Fault, fault_remarks, faults
 from accelcal.diagnosis.remarks import Remark
@@ -88,7 +89,7 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
         figure.add_vline(
             x=at,
             line={"color": palette.other.colour, "dash": "dash", "width": 2},
-            annotation={"text": f"break at {at:.4g} s", "yanchor": "top", "xanchor": "left"},
+            annotation={"text": f"break at {instant(at)} s", "yanchor": "top", "xanchor": "left"},
             row=1,
             col=1,
         )
@@ -111,7 +112,7 @@ def timeline(recording: Recording, seen: Marks, *, theme: ThemeName = "light") -
     drawing.format_figure(
         figure,
         palette,
-        f"Used from {seen.start:.4g} s to {seen.end:.4g} s: {broken}, {counted}",
+        f"Used from {instant(seen.start)} s to {instant(seen.end)} s: {broken}, {counted}",
         note="; ".join(filter(None, ("shaded: at rest" if seen.rest else "", drawing.thinning_note(*drawn)))),
         height=400,
     )

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
+from accelcal.data.units import instant
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.formatting import concise, grouped, label, length, prefixed, with_unit
@@ -439,7 +441,7 @@ def _simulated(part: Figure | SubFigure, comparison: Comparison, palette: Theme,
     style.legend(bottom, palette)
     style.legend(top, palette)
     style.note(bottom, drawn.note, palette)
-    text = f"Simulated without position from {t[0]:.3g} s on: rms error {length(comparison.simulated_rms)}"
+    text = f"Simulated without position from {instant(t[0])} s on: rms error {length(comparison.simulated_rms)}"
     style.headline(part, text, palette, size)
 
 
@@ -616,3 +618,6 @@ def _value(estimate: Estimate, fit: Fit) -> str:
     if estimate.name in fit.model.fixed:
         return f"{with_unit(f'{estimate.value:g}', estimate.unit)} (fixed)"
     return with_unit(concise(estimate.value, estimate.std), estimate.unit)
+
+
+__dir__ = listing(globals())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal import formatting
+from accelcal._support.listing import listing
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import style
@@ -198,3 +199,6 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     axes.set_yticks(range(len(seen.rows)), seen.rows)
     axes.grid(False)
     return figure
+
+
+__dir__ = listing(globals())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from accelcal import formatting
+from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.effects import Effect, spelled
@@ -204,3 +205,6 @@ def explained_share(x: Array, y: Array) -> float:
     if scatter <= 1e-12 * float(np.mean(y**2)):
         return 0.0
     return 1.0 - 0.5 * float(np.mean(np.diff(y[np.argsort(x, kind="stable")]) ** 2)) / scatter
+
+
+__dir__ = listing(globals())
