@@ -165,8 +165,9 @@ def rail_hits(run: PreparedRun) -> list[Fault]:
             jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
             if limit or jump > 8.0 * quantum:
                 begin, size = float(t[a]), float(t[b] - t[a])
-                text = f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s "
-                    f"from t = {instant(begin)} s on"
+                text = (
+                    f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {instant(begin)} s on"
+                )
                 found.append(Fault("rail_hit", "accel", begin, size, text))
     return found
 
