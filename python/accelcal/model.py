@@ -27,7 +27,13 @@ NOMINAL = (*BASE, "lowpass_error", "clock_skew")
 @immutable
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Normal distribution of a coefficient before the fit."""
+    """Normal distribution of a coefficient before the fit.
+
+    Examples
+    --------
+    >>> Model.linear().add("cubic", priors={"cubic": Prior(0.0, 1e-3)}).priors["cubic"]
+    Prior(mean=0.0, std=0.001)
+    """
 
     mean: float
     std: float
@@ -101,6 +107,11 @@ class Model:
     Every coefficient is free unless `fixed` gives its value; `priors` holds priors of free ones. Both go by the name of
     the coefficient, which is the effect's where it has one column. Shape parameters are estimated from the values in
     `shapes`, unless `fixed` holds them under the name of effect and parameter (creep.tau).
+
+    Examples
+    --------
+    >>> Model.linear().add("cubic").freeze(bias=0.05)
+    Model(effects=('bias', 'scale_factor', 'time_offset', 'cubic'), fixed={'bias': 0.05})
     """
 
     effects: tuple[str, ...] = BASE
@@ -267,7 +278,13 @@ class Model:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One parameter with its standard uncertainty."""
+    """One parameter with its standard uncertainty.
+
+    Examples
+    --------
+    >>> Estimate("bias", "K0", "m/s²", 0.05, 1e-4, "sensor")
+    Estimate(bias 0.05 ± 0.0001 m/s²)
+    """
 
     name: str
     symbol: str

@@ -109,6 +109,17 @@ def diagnose(
     ------
     NotIdentifiable
         If the motion does not excite what the model already contains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> ac.diagnose(fit, made.recording).effects
+    ('cubic',)
     """
     several = runs_of(recordings)
     if "scale_factor" not in fit.model.fixed:
@@ -163,6 +174,17 @@ def formulas(
         If there is no such curve, or its variable does not change.
     NotIdentifiable
         If the motion does not excite what the model contains.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> ac.formulas(fit, made.recording, "shape_of_acceleration").variable
+    'acceleration'
     """
     effect, model = find(curve), model_in_motion(fit)
     model = model.drop(curve) if curve in model.added else model
@@ -320,6 +342,18 @@ def add(
     ------
     ValueError
         If an effect is unknown, already in the model, or cannot be evaluated on the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> better = ac.add(fit, made.recording, "cubic")
+    >>> abs(better["cubic"].value - 1e-3) < 4 * better["cubic"].std
+    True
     """
     several, broken = usable_recordings(runs_of(recordings))
     for one in several:  # their channels are effects by name
@@ -374,6 +408,17 @@ def drop(
     """Return a new fit without some effects, outliers rejected.
 
     `report` is called with the share of the work that is done, 0 to 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> cubic = ac.fit(ac.Model.linear().add("cubic"), made.recording)
+    >>> ac.drop(cubic, made.recording, "cubic").model.added
+    ()
     """
     several, broken = usable_recordings(runs_of(recordings))
     model = model_in_motion(fit).drop(*names)
@@ -400,6 +445,18 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     ------
     ValueError
         If there is no model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> better = ac.add(fit, made.recording, "cubic")
+    >>> ac.history([fit, better], made.recording).names
+    ('base', 'base + cubic')
     """
     if not fits:
         raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
@@ -442,6 +499,16 @@ def improve(
     ------
     NotIdentifiable, RecordingError
         From the fit of the base model.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> ac.improve(made.recording, most=1).effects
+    ('cubic',)
     """
     original = runs_of(recordings)
     if holdout is None and len(original) >= WHOLE_RUNS:
@@ -542,6 +609,18 @@ def compare(
     ------
     RecordingError
         If the channels do not overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> seen = ac.compare(fit, made.recording)
+    >>> seen.coast_rms[1.0] > 0.0
+    True
     """
     broken: list[Remark] = []
     if start is None and end is None:
@@ -566,6 +645,17 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
     ------
     ValueError
         If no reading precedes `start` or the accelerometer record ends before the horizon.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> ac.coast(fit, made.recording, 2.0, 5.0)
+    Coast(from 2 s to 6.999 s: 4167 readings)
     """
     return evaluation.coast(fit, with_position_steps(recording), start, horizon)
 

@@ -37,7 +37,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
 
     Raises
     ------
-    TypeError
+    TypeError, ValueError
         From the function, naming the argument, what was found and what was expected.
     """
     signature = inspect.signature(function)
@@ -52,7 +52,7 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
             hint = hints_of(function).get(name, Any)
             for label, one in labelled(name, value, signature.parameters[name].kind):
                 if name not in ("self", "cls") and not accepts(hint, one):
-                    raise TypeError(refusal(function.__qualname__, order(signature), label, hint, one))
+                    raise error_of(hint, one)(refusal(function.__qualname__, order(signature), label, hint, one))
         return function(*args, **kwargs)
 
     return call
@@ -70,14 +70,15 @@ def check_fields(value: Any) -> None:
 
     Raises
     ------
-    TypeError
+    TypeError, ValueError
         Naming the field, what was found and what was expected.
     """
     kind: Any = type(value)
     for name, hint in hints_of(kind).items():
         if name in kind.__dataclass_fields__ and not accepts(hint, getattr(value, name)):
             names = ", ".join(kind.__dataclass_fields__)
-            raise TypeError(refusal(kind.__name__, names, name, hint, getattr(value, name)))
+            wrong = getattr(value, name)
+            raise error_of(hint, wrong)(refusal(kind.__name__, names, name, hint, wrong))
 
 
 @functools.cache
@@ -112,6 +113,11 @@ def accepts(hint: Any, value: object) -> bool:
             not isinstance(value, Sequence) or all(accepts(inside[0], one) for one in value)
         )
     return isinstance(value, hint) if isinstance(hint, type) else True
+
+
+def error_of(hint: Any, value: object) -> type[TypeError | ValueError]:
+    """ValueError for a word that is none of those allowed, else TypeError."""
+    return ValueError if get_origin(hint) is Literal and isinstance(value, str | int) else TypeError
 
 
 def order(signature: inspect.Signature) -> str:

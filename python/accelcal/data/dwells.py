@@ -41,7 +41,19 @@ class DwellSetup:
 @notebook_repr
 @dataclass(frozen=True, slots=True, eq=False)
 class Dwells:
-    """Means of the output of one sensor at rest. All arrays are (n,), one value for each dwell."""
+    """Means of the output of one sensor at rest. All arrays are (n,), one value for each dwell.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> angle = np.arange(8) * np.pi / 4.0
+    >>> mean = 9.80665 * np.sin(angle) + 0.05
+    >>> many = np.ones(8)
+    >>> dwells = ac.Dwells(angle, mean, 1e-3 * many, 60.0 * many, 6000.0 * many, ("0",) * 8, ac.Rig())
+    >>> dwells
+    Dwells('': 8 between +0 and +315 degrees)
+    """
 
     angle: Array
     """Elevation of the input axis above the horizontal, rad; beyond ±90 degrees as on a dividing head."""

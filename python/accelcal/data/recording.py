@@ -28,7 +28,16 @@ if TYPE_CHECKING:
 
 
 class RecordingError(ValueError):
-    """The data cannot be used as they are. The text states what was found, where, and the next step."""
+    """The data cannot be used as they are. The text states what was found, where, and the next step.
+
+    Examples
+    --------
+    >>> try:
+    ...     Channel("position", [0.0, 1.0], [0.0], "m")
+    ... except RecordingError as error:
+    ...     print(error)
+    position: (2,) stamps and (1,) readings, expected as many of each
+    """
 
 
 @immutable
@@ -136,6 +145,14 @@ class Recording:
     """One run: the accelerometer output, the encoder position, side channels, and the rig it came from.
 
     `accelcal.load` reads one from a file, `from_arrays` and `from_dataframe` make one of what is in memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(0.0, 1.0, 1e-3)
+    >>> run = Recording(Channel("accel", t, np.sin(20 * t), "g"), Channel("position", t, np.cos(20 * t), "mm"), Rig())
+    >>> run.position.unit, len(run.part(0.2, 0.4).accel)
+    ('m', 201)
     """
 
     accel: Channel

@@ -26,7 +26,13 @@ Mount = Literal["normal", "reversed", "rolled"]
 @short_repr
 @dataclass(frozen=True, slots=True)
 class LowPass:
-    """A known single-pole RC filter between the sensing element and the sampled output."""
+    """A known single-pole RC filter between the sensing element and the sampled output.
+
+    Examples
+    --------
+    >>> round(LowPass(159.0).tau, 6)
+    0.001001
+    """
 
     cutoff: float
     """Corner frequency fc, Hz."""
@@ -46,7 +52,13 @@ class LowPass:
 @short_repr
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """The accelerometer as its data sheet describes it; None = not declared."""
+    """The accelerometer as its data sheet describes it; None = not declared.
+
+    Examples
+    --------
+    >>> Sensor(model="CXL02TG3", range=2 * 9.80665)
+    Sensor(model='CXL02TG3', range=19.6133)
+    """
 
     model: str = ""
     serial: str = ""
@@ -87,7 +99,13 @@ class Uncertainty:
 @short_repr
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """Sensor, axis, mount, clocks and known filters: everything a fit may assume."""
+    """Sensor, axis, mount, clocks and known filters: everything a fit may assume.
+
+    Examples
+    --------
+    >>> Rig(axis="up", lowpass=LowPass(159.0)).gravity
+    9.80665
+    """
 
     sensor: Sensor = field(default_factory=Sensor)
     axis: Axis = "level"

@@ -93,6 +93,18 @@ def diagnose_dwells(fit: Fit, dwells: Dwells, *, alpha: float = FAMILYWISE_ALPHA
     Each candidate is one column beside the model and the angle zeros. Where what is declared explains the scatter, its
     gain is chi-square; where it does not, the scatter is unknown and the gain an F ratio with what the candidate
     leaves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> angle = np.arange(8) * np.pi / 4.0
+    >>> mean = 9.80665 * np.sin(angle) + 0.05
+    >>> many = np.ones(8)
+    >>> dwells = ac.Dwells(angle, mean, 1e-3 * many, 60.0 * many, 6000.0 * many, ("0",) * 8, ac.Rig())
+    >>> fit = ac.fit(ac.Model.linear(), dwells)
+    >>> ac.diagnose_dwells(fit, dwells).verdict
+    'adequate'
     """
     solution = solve_dwells(fit.model, dwells, fit.origins)
     model, seen = solution.model, solution.seen

@@ -64,7 +64,20 @@ SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sens
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What a model lacks on a recording."""
+    """What a model lacks on a recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> found = ac.diagnose(fit, made.recording)
+    >>> found.scan.candidates[0].effect
+    'cubic'
+    """
 
     verdict: Verdict
     """On what the model lacks."""

@@ -366,6 +366,14 @@ def effect(
     ValueError
         If the name is taken, or port, owner or a shape's keyword does not exist; if the prior is not a mean and a
         standard deviation of one constant coefficient.
+
+    Examples
+    --------
+    >>> @effect("my_fifth", unit="(m/s^2)^-4", symbol="K5", scale=1e-7)
+    ... def my_fifth(s):
+    ...     return s.a**5
+    >>> find("my_fifth").unit
+    '(m/s^2)^-4'
     """
     if port not in get_args(Port):
         raise ValueError(f"effect {name!r}: port {port!r} is none of {', '.join(get_args(Port))}")
@@ -452,6 +460,11 @@ def find(name: str) -> Effect:
     ------
     ValueError
         If there is none; the text offers the nearest names.
+
+    Examples
+    --------
+    >>> find("cubic")
+    Effect(cubic: third-order nonlinearity (IEEE 1293 K3); (m/s²)⁻², sensor)
     """
     try:
         return CATALOGUE[name]

@@ -50,6 +50,19 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     EffectsFileError
         If the file is missing, does not run, takes a name that is taken, or returns something other than one finite
         value per time. The catalogue is then as it was.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> file = pathlib.Path(tempfile.mkdtemp(), "mine.py")
+    >>> _ = file.write_text(
+    ...     "from accelcal.effects import effect\\n"
+    ...     "@effect('my_quartic', unit='(m/s^2)^-3', symbol='K4', scale=1e-6)\\n"
+    ...     "def my_quartic(s):\\n"
+    ...     "    return s.a**4\\n"
+    ... )
+    >>> load_effects(file)[0].name
+    'my_quartic'
     """
     path = Path(path)
     raw, text = _read(path)

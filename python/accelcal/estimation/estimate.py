@@ -69,7 +69,19 @@ PLAUSIBLE_SCALE = (0.5, 2.0)
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Estimates of a model with their covariance, and where they come from."""
+    """Estimates of a model with their covariance, and where they come from.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> fit["scale_factor"].unit, fit["bias"].std > 0.0
+    ('1', True)
+    """
 
     model: Model
     estimates: tuple[Estimate, ...]

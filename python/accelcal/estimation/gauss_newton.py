@@ -42,7 +42,22 @@ PER_RUN_OWNERS = ("timing",)
 
 
 class NotIdentifiable(ValueError):
-    """The record cannot determine the model. The text says what was not excited and what to do."""
+    """The record cannot determine the model. The text says what was not excited and what to do.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> still = ac.Recording.from_arrays(
+    ...     np.arange(1000.0) / 100.0, np.random.default_rng(1).standard_normal(1000), np.zeros(1000),
+    ...     units={"accel": "m/s^2", "position": "m"},
+    ... )
+    >>> try:
+    ...     _ = ac.fit(ac.Model.linear(), still)
+    ... except ac.NotIdentifiable:
+    ...     print("the stage never moves")
+    the stage never moves
+    """
 
 
 @dataclass(frozen=True, slots=True)

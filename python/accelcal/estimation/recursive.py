@@ -56,6 +56,17 @@ def fit_recursive(
     -----
     A declared low-pass is a state in CWPA and reads p + tau v in ACI. CWPA takes its jerk density from the rms change
     of acceleration between samples, q dt = (delta a)² (Bar-Shalom 2001, 6.2.3; derivations 4.1).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit, run = ac.fit_recursive(ac.FilterChoice("aci", "cubic"), made.recording)
+    >>> run.names
+    ('p', 'v', 'k', 'K0', 'K2', 'K3')
     """
     choice.refuse_consider("a fit by a live filter")
     refused = unsupported(recording.rig.filters, "a fit by a live filter")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, NoReturn
 
 import numpy as np
 
@@ -135,6 +135,11 @@ class LiveModel:
         self._x, self._variances = np.zeros(MOTION + 2 + m), np.zeros(MOTION + 2 + m)
         self._columns = np.zeros((3, m))
         self._side: dict[str, float] = {}
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a LiveModel is a running filter: it cannot be pickled or copied; make another one, and give it the samples"
+        )
 
     def step(self, u: float, z: float | None = None, **side: float) -> float | None:
         """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.

@@ -29,7 +29,19 @@ if TYPE_CHECKING:
 @notebook_repr
 @dataclass(frozen=True, slots=True, eq=False)
 class FilterRun:
-    """Result of a filter over one record: one row per event, n events, N states."""
+    """Result of a filter over one record: one row per event, n events, N states.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> _, run = ac.fit_recursive(ac.FilterChoice(), made.recording)
+    >>> run.states.shape == (len(run.times), 4)
+    True
+    """
 
     choice: FilterChoice
     names: tuple[str, ...]

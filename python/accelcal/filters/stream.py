@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NoReturn
 
 from numpy.typing import ArrayLike
 
@@ -20,6 +21,17 @@ class LiveFilter:
     Give samples in time order, the accelerometer first at a tie. ACI with interpolation waits for the future it needs
     (linear: one output sample, cubic: two) and lags by as much; `finish` processes what is queued. Where a step fails,
     estimate and covariance are left as they were before it and its sample is dropped. Settings are those of `run`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> live = LiveFilter(
+    ...     FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.diag([1e-6, 1e-6, 1e-2, 1e-1])
+    ... )
+    >>> for k in range(100):
+    ...     _ = live.step(0.001 * k, accel=0.05, position=0.0)
+    >>> live.names
+    ('p', 'v', 'k', 'K0')
     """
 
     choice: FilterChoice
@@ -39,6 +51,11 @@ class LiveFilter:
             self.choice, self.q, self.r_position, self.r_accel, self.q_accel, self.tau, self.parameters, self.gate
         )
         self._stream = _core.FilterStream(setup, *core_prior(self.names, self.x0, self.P0))
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "a LiveFilter is a running filter: it cannot be pickled or copied; estimate and covariance are x0 and P0 of a new one"
+        )
 
     def step(self, t: float, *, accel: float | None = None, position: float | None = None) -> float | None:
         """Process a measurement at `t` (s): accel in m/s², position in m, or both.

@@ -43,6 +43,16 @@ def load_dwells(path: str | Path, rig: str | Path | None = None) -> Dwells:
     ------
     RecordingError
         Naming file, column and row, what was expected and the next step.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> table = pathlib.Path(tempfile.mkdtemp(), "tumble.csv")
+    >>> rows = "90,9.86,0.001,60,,6000,0\\n0,0.05,0.001,60,,6000,0\\n-90,-9.76,0.001,60,,6000,0\\n"
+    >>> _ = table.write_text("attitude_deg,mean,std,duration_s,temperature_degC,samples,group\\n" + rows)
+    >>> _ = table.with_suffix(".toml").write_text("[channels]\\naccel = { column = 'mean', unit = 'm/s^2' }\\n")
+    >>> len(load_dwells(table))
+    3
     """
     path = Path(path)
     beside = Path(rig) if rig is not None else sidecar_of(path)

@@ -40,7 +40,19 @@ class Step:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Improvement:
-    """The error reduction: every step, and what the last model still lacks."""
+    """The error reduction: every step, and what the last model still lacks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> found = ac.improve(made.recording, most=1)
+    >>> found.best["cubic"].std > 0.0
+    True
+    """
 
     steps: tuple[Step, ...]
     diagnosis: Diagnosis
@@ -128,7 +140,19 @@ class Improvement:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class History:
-    """Models in the order of their selection, each compared with one recording: the error reduction."""
+    """Models in the order of their selection, each compared with one recording: the error reduction.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> ac.history([fit], made.recording)[0].recording
+    'simulated interleaved'
+    """
 
     fits: tuple[Fit, ...]
     steps: tuple[Comparison, ...]

@@ -135,7 +135,22 @@ def estimate_from_dict(p: Mapping[str, Any]) -> Estimate:
 
 @checked
 def save(fit: Fit, path: str | Path, *, seed: int | None = None) -> None:
-    """Write a model file, whole or not at all."""
+    """Write a model file, whole or not at all.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
+    >>> ac.save_model(fit, path)
+    >>> ac.load_model(path)["bias"] == fit["bias"]
+    True
+    """
     atomic_write(path, dumps(to_dict(fit, seed=seed)))
 
 
@@ -148,6 +163,20 @@ def load(path: str | Path) -> Fit:
     ModelFileError
         If the file is missing, is no strict JSON, was written by a newer version, or holds a leaf or a combination of
         leaves that no fit has. The text names file and leaf.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> import pathlib, tempfile
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "m.json")
+    >>> ac.save_model(fit, path)
+    >>> ac.load_model(path).model.added
+    ()
     """
     path = Path(path)
     content = read_json(path)

@@ -32,7 +32,19 @@ HORIZONS = (1.0, 5.0, 10.0)
 @immutable
 @dataclass(frozen=True, slots=True)
 class Coast:
-    """Unaided drift: what position would have been, had it been withheld."""
+    """Unaided drift: what position would have been, had it been withheld.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> ac.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0
+    True
+    """
 
     start: float
     """Last reading used, s."""
@@ -142,7 +154,19 @@ class Outside:
 @notebook_repr
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """A fitted model against a recording."""
+    """A fitted model against a recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 1e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fit = ac.fit(ac.Model.linear(), made.recording)
+    >>> sorted(ac.compare(fit, made.recording).coast_rms)
+    [1.0, 5.0, 10.0]
+    """
 
     recording: str
     one_step_rms: float

@@ -1,0 +1,187 @@
+"""Results as DataFrames and Datasets: the numbers of the result, with units, and back again where there is a way."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import accelcal as ac
+from accelcal._support.extras import MissingExtra
+from accelcal.estimation.parameter_tracks import track
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+
+
+def simulated(seed: int) -> Any:
+    rng = np.random.default_rng(seed)
+    return ac.simulate("interleaved", seconds=15.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng)
+
+
+@pytest.fixture(scope="module")
+def made() -> Any:
+    return simulated(1)
+
+
+@pytest.fixture(scope="module")
+def run(made: Any) -> ac.Recording:
+    return made.recording
+
+
+@pytest.fixture(scope="module")
+def fit(run: ac.Recording) -> ac.Fit:
+    return ac.fit(ac.Model.linear(), run)
+
+
+@pytest.fixture(scope="module")
+def seen(fit: ac.Fit) -> ac.Comparison:
+    return ac.compare(fit, simulated(2).recording)
+
+
+def test_a_recording_goes_through_a_frame_and_is_fitted_alike(run: ac.Recording, fit: ac.Fit) -> None:
+    frame = run.to_dataframe()
+    assert frame.attrs["units"]["position"] == "m"
+    assert int(frame["position"].notna().sum()) == len(run.position)
+    again = ac.Recording.from_dataframe(frame, rig=run.rig)
+    np.testing.assert_array_equal(again.position.y, run.position.y)
+    np.testing.assert_array_equal(again.accel.t, run.accel.t)
+    for e in ac.fit(ac.Model.linear(), again).estimates:
+        assert e.value == fit[e.name].value
+
+
+@pytest.mark.parametrize("clock", ["numbers", "deltas", "dates", "column"])
+def test_time_is_an_index_or_a_column(run: ac.Recording, clock: str) -> None:
+    frame = pd.DataFrame({"accel_g": run.accel.y / 9.80665, "position_mm": 1e3 * np.sin(run.accel.t)})
+    t = run.accel.t
+    if clock == "column":
+        frame["t_ms"] = 1e3 * t
+    else:
+        index = {"numbers": t, "deltas": pd.to_timedelta(t, unit="s"), "dates": pd.Timestamp(2026, 1, 1)}[clock]
+        frame.index = pd.Index(index + pd.to_timedelta(t, unit="s") if clock == "dates" else index)
+    found = ac.Recording.from_dataframe(frame, rig=run.rig)
+    np.testing.assert_allclose(found.accel.t, t, atol=2e-9)
+    np.testing.assert_allclose(found.accel.y, run.accel.y, rtol=1e-12)
+    np.testing.assert_allclose(found.position.y, np.sin(t), rtol=1e-12)
+
+
+def test_arrays_with_two_clocks_and_side_channels(run: ac.Recording) -> None:
+    found = ac.Recording.from_arrays(
+        1e3 * run.accel.t,
+        run.accel.y,
+        run.position.y,
+        units={"t": "ms", "accel": "m/s^2", "position": "m", "temperature": "degF"},
+        position_t=1e3 * run.position.t,
+        side={"temperature": np.where(run.accel.t < 1.0, 212.0, np.nan)},
+        rig=run.rig,
+    )
+    np.testing.assert_allclose(found.position.t, run.position.t, atol=1e-12)
+    assert found.side["temperature"].t[-1] < 1.0
+    np.testing.assert_allclose(found.side["temperature"].y, 100.0)
+    assert found.digest
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [
+        ({"accel": "g"}, "position has no unit"),
+        ({"accel": "g", "position": "kg"}, "does not measure a length"),
+        ({"accel": "V", "position": "mm"}, "no scale is declared"),
+        ({"accel": "g", "position": "mm", "acell": "g"}, "acell"),
+    ],
+)
+def test_units_are_never_guessed(units: dict[str, str], said: str) -> None:
+    t = np.arange(100.0)
+    with pytest.raises(ac.RecordingError, match=said):
+        ac.Recording.from_arrays(t, t, t, units=units)
+
+
+@pytest.mark.parametrize(
+    ("t", "accel", "said"),
+    [
+        (np.arange(99.0), np.arange(100.0), "as many of each"),
+        (np.arange(100.0)[::-1], np.arange(100.0), "backward"),
+        (np.arange(100.0), np.full(100, np.inf), "inf"),
+    ],
+)
+def test_samples_are_checked_as_those_of_a_file(t: Any, accel: Any, said: str) -> None:
+    with pytest.raises(ac.RecordingError, match=said):
+        ac.Recording.from_arrays(t, accel, np.arange(100.0), units={"accel": "g", "position": "mm"})
+
+
+def test_a_fit_as_frames(fit: ac.Fit) -> None:
+    frame = fit.to_dataframe()
+    for e in fit.estimates:
+        row = frame.loc[e.name]
+        assert (row["value"], row["std"], row["unit"]) == (e.value, e.std, e.unit)
+        assert row["low"] < e.value < row["high"]
+    correlations = fit.correlations()
+    assert list(correlations.index) == list(correlations.columns) == [e.name for e in fit.free]
+    np.testing.assert_allclose(np.diag(correlations), 1.0)
+    std = fit.to_xarray()["std"].sel(parameter="bias")
+    assert float(std) == fit["bias"].std
+    assert fit.to_xarray()["covariance"].shape == fit.covariance.shape
+
+
+def test_a_comparison_as_frames(seen: ac.Comparison) -> None:
+    frame = seen.to_dataframe()
+    assert frame.loc[10.0, "drift"] == seen.coast_rms[10.0]
+    data = seen.to_xarray()
+    np.testing.assert_array_equal(data["one_step"].values, seen.residual[1])
+    assert data["measured"].attrs["units"] == "m"
+
+
+def test_a_diagnosis_as_a_frame(fit: ac.Fit, run: ac.Recording) -> None:
+    found = ac.diagnose(fit, run)
+    frame = found.to_dataframe()
+    assert frame.attrs["verdict"] == found.verdict
+    assert "cubic" in frame.index
+    assert frame["named"].any()
+    assert len(frame) == sum(len(c.estimate) for c in found.scan.candidates)
+
+
+def test_filters_tracks_and_motions_have_axes(fit: ac.Fit, run: ac.Recording, made: Any) -> None:
+    _, filtered = ac.fit_recursive(ac.FilterChoice(), run)
+    data = filtered.to_xarray()
+    np.testing.assert_array_equal(data["state"].sel(state_name="k").values, filtered.states[:, 2])
+    np.testing.assert_array_equal(filtered.to_dataframe()["K0"], filtered.states[:, 3])
+    course_of = track(fit, run)
+    np.testing.assert_array_equal(
+        course_of.to_xarray()["value"].sel(parameter="bias").values, course_of.to_dataframe()["bias"]
+    )
+    exact = made.to_xarray()
+    np.testing.assert_array_equal(exact["a"].values, made.truth.motion.acceleration(run.accel.t))
+
+
+def test_other_results_as_frames(fit: ac.Fit, run: ac.Recording) -> None:
+    history = ac.history([fit], run)
+    assert history.to_dataframe().loc["base", "simulation"] == history[0].simulated_rms
+    power = ac.power(run)
+    assert power.to_dataframe().loc["cubic", "smallest"] == power["cubic"].smallest[0]
+    coast = ac.coast(fit, run, 2.0, 5.0)
+    np.testing.assert_array_equal(coast.to_dataframe()["floor"], coast.floor)
+    np.testing.assert_array_equal(coast.to_xarray()["floor"].values, coast.floor)
+
+
+@pytest.mark.parametrize("library", ["pandas", "xarray"])
+def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, library, None)
+    with pytest.raises(MissingExtra, match=rf"pip install \"accelcal\[{library}\]\""):
+        fit.to_dataframe() if library == "pandas" else fit.to_xarray()
+
+
+def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: ac.Comparison, run: ac.Recording) -> None:
+    for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
+        assert figure.axes or figure.subfigs
+    with pytest.raises(ValueError, match="expected one of coasting"):
+        seen.plot("nonsense")  # type: ignore[arg-type]
+
+
+def test_nothing_that_draws_is_imported_before_it_draws() -> None:
+    import subprocess
+
+    code = "import accelcal as ac, sys; ac.Fit; ac.fit; print({'matplotlib', 'pandas', 'xarray'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "set()"

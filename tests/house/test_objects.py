@@ -1,0 +1,189 @@
+"""Public objects as a notebook and another process meet them: short, copied, pickled, immutable, in HTML, completed."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import importlib
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal import notebook
+from accelcal.data.rig import Uncertainty
+from accelcal.effects import CATALOGUE, find, names
+from accelcal.estimation.parameter_tracks import track
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+LONGEST = 600
+"""Letters of a representation."""
+
+
+def simulated(seed: int) -> Any:
+    rng = np.random.default_rng(seed)
+    return ac.simulate("interleaved", seconds=15.0, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng)
+
+
+def tumble() -> ac.Dwells:
+    angle, many = np.arange(8) * np.pi / 4.0, np.ones(8)
+    return ac.Dwells(angle, 9.8 * np.sin(angle) + 0.05, 1e-3 * many, 60.0 * many, 6000.0 * many, ("0",) * 8, ac.Rig())
+
+
+@pytest.fixture(scope="module")
+def objects() -> dict[str, Any]:
+    made, other, dwells = simulated(1), simulated(2).recording, tumble()
+    run = made.recording
+    fit = ac.fit(ac.Model.linear(), run)
+    on_dwells = ac.fit(ac.Model.linear(), dwells)
+    _, filtered = ac.fit_recursive(ac.FilterChoice(), run)
+    improvement = ac.improve(run, holdout=other, most=1)
+    return {
+        "Channel": run.accel,
+        "Coast": ac.coast(fit, other, 2.0, 5.0),
+        "Comparison": ac.compare(fit, other),
+        "Diagnosis": ac.diagnose(fit, run),
+        "DwellDiagnosis": ac.diagnose_dwells(on_dwells, dwells),
+        "Dwells": dwells,
+        "Effect": find("cubic"),
+        "Effect of a process": find("quadratic_gauss_markov"),
+        "Estimate": fit["bias"],
+        "FilterChoice": ac.FilterChoice("cwpa", "cubic"),
+        "FilterRun": filtered,
+        "Fit": fit,
+        "History": ac.history([fit, improvement.best], other),
+        "Improvement": improvement,
+        "LowPass": ac.LowPass(159.0),
+        "Model": ac.Model.cubic().add("hysteresis", shapes={"hysteresis": {"width": 1.0}}),
+        "Names": names,
+        "Power": ac.power(run),
+        "Prior": ac.Prior(0.0, 1.0),
+        "Recording": run,
+        "Rig": run.rig,
+        "Sensor": run.rig.sensor,
+        "Simulated": made,
+        "Step": improvement.steps[-1],
+        "Track": track(fit, run),
+        "Truth": made.truth,
+        "Uncertainty": Uncertainty(level=1e-3),
+    }
+
+
+KINDS = (
+    *("Channel", "Coast", "Comparison", "Diagnosis", "DwellDiagnosis", "Dwells", "Effect", "Effect of a process"),
+    *("Estimate", "FilterChoice", "FilterRun", "Fit", "History", "Improvement", "LowPass", "Model", "Names", "Power"),
+    *("Prior", "Recording", "Rig", "Sensor", "Simulated", "Step", "Track", "Truth", "Uncertainty"),
+)
+
+
+def same(a: object, b: object) -> bool:
+    """Whether two objects show the same: arrays have no equality of their own."""
+    return type(a) is type(b) and repr(a) == repr(b)
+
+
+def test_every_public_class_that_holds_data_is_tried(objects: dict[str, Any]) -> None:
+    assert set(KINDS) == set(objects)
+    running = {"LiveFilter", "LiveModel"}
+    classes = {name for name in ac.__all__ if isinstance(getattr(ac, name), type)}
+    errors = {name for name in classes if issubclass(getattr(ac, name), Exception)}
+    assert classes - errors - running <= set(KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_object_is_pickled_and_copied(objects: dict[str, Any], kind: str) -> None:
+    one = objects[kind]
+    for again in (pickle.loads(pickle.dumps(one)), copy.copy(one), copy.deepcopy(one)):
+        assert same(again, one)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_representation_is_one_short_line(objects: dict[str, Any], kind: str) -> None:
+    shown = repr(objects[kind])
+    assert "\n" not in shown
+    assert len(shown) <= LONGEST, shown
+    assert "array(" not in shown
+    assert " object at 0x" not in shown
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind.partition(" ")[0] in notebook.CARDS])
+def test_a_result_shows_itself_in_html_and_as_text(objects: dict[str, Any], kind: str) -> None:
+    one = objects[kind]
+    assert "<p " in one._repr_html_()
+    assert len(notebook.text(one).splitlines()) >= 2
+    if hasattr(one, "summary") and callable(one.summary):
+        assert one.summary() == notebook.text(one)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "Names"])
+def test_a_field_cannot_be_set_and_the_error_says_what_to_do(objects: dict[str, Any], kind: str) -> None:
+    one = objects[kind]
+    field = dataclasses.fields(one)[0].name
+    with pytest.raises(dataclasses.FrozenInstanceError, match=field):
+        setattr(one, field, None)
+    with pytest.raises((dataclasses.FrozenInstanceError, AttributeError), match="nonsense"):
+        one.nonsense = 1
+
+
+def test_an_effect_of_nobodys_catalogue_is_not_pickled(objects: dict[str, Any]) -> None:
+    strange = dataclasses.replace(find("cubic"), scale=2.0)
+    with pytest.raises(pickle.PicklingError, match="load_effects"):
+        pickle.dumps(strange)
+
+
+def test_a_running_filter_says_that_it_cannot_be_pickled() -> None:
+    live = ac.LiveFilter(ac.FilterChoice(), q=1e-6, r_position=1e-12, x0=np.zeros(4), P0=np.eye(4))
+    with pytest.raises(TypeError, match="running"):
+        pickle.dumps(live)
+    with pytest.raises(TypeError, match="running"):
+        copy.deepcopy(live)
+
+
+def test_power_that_was_pickled_keeps_its_limits_and_says_what_it_lost(objects: dict[str, Any]) -> None:
+    again = pickle.loads(pickle.dumps(objects["Power"]))
+    assert again["cubic"] == objects["Power"]["cubic"]
+    with pytest.raises(ValueError, match=r"accelcal\.power"):
+        again.detection("cubic", 1e-3)
+
+
+MODULES = (
+    "workflow",
+    "effects",
+    "io",
+    "plots",
+    "plots.interactive",
+    "filters",
+    "experiment",
+    "model",
+    "data.recording",
+)
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_a_module_lists_its_public_names_alone(module: str) -> None:
+    found = importlib.import_module(f"accelcal.{module}")
+    listed = dir(found)
+    assert listed
+    for name in listed:
+        value = getattr(found, name)
+        assert not name.startswith("_")
+        assert str(getattr(value, "__module__", "accelcal")).startswith("accelcal"), name
+
+
+def test_the_package_lists_its_public_names_and_packages() -> None:
+    assert set(ac.__all__) <= set(dir(ac))
+    extra = set(dir(ac)) - set(ac.__all__)
+    assert extra == set(ac.PACKAGES)
+    for name in extra:
+        assert getattr(ac, name).__name__ == f"accelcal.{name}"
+
+
+def test_names_complete(objects: dict[str, Any]) -> None:
+    assert set(CATALOGUE) == set(dir(names))
+    assert names.cubic == "cubic"
+    with pytest.raises(AttributeError, match="did you mean cubic"):
+        _ = names.cubc
+    assert objects["Fit"]._ipython_key_completions_() == ["bias", "scale_factor", "time_offset"]
+    with pytest.raises(KeyError, match="did you mean 'bias'"):
+        _ = objects["Fit"]["bais"]

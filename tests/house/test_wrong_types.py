@@ -1,0 +1,128 @@
+"""Arguments of the wrong type: refused before any work, with what was found, what was expected, how to come by it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.house.test_layers import MODULES
+
+import accelcal as ac
+from accelcal._support.arguments import accepts, hints_of
+from accelcal.effects import from_expression
+
+
+@pytest.fixture(scope="module")
+def run() -> ac.Recording:
+    rng = np.random.default_rng(1)
+    return ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=rng).recording
+
+
+@pytest.fixture(scope="module")
+def fit(run: ac.Recording) -> ac.Fit:
+    return ac.fit(ac.Model.linear(), run)
+
+
+WRONG: dict[str, tuple[Any, str]] = {
+    "fit turned round": (lambda r, f: ac.fit(r, ac.Model.linear()), r"fit\(model, recordings\): model is a Recording"),
+    "fit a file name": (lambda r, f: ac.fit(ac.Model.linear(), "run.csv"), r'"run.csv".*accelcal\.load'),
+    "fit an array": (lambda r, f: ac.fit(ac.Model.linear(), r.accel.y), r"array of shape.*from_arrays"),
+    "fit a list of names": (lambda r, f: ac.fit(ac.Model.linear(), ["a.csv"]), r'list with the text "a.csv"'),
+    "fit a word": (lambda r, f: ac.fit("linear", r), r"Model\.linear\(\)"),
+    "fit at text": (lambda r, f: ac.fit(ac.Model.linear(), r, start="1 s"), r"start is .*expected a number"),
+    "add a function": (lambda r, f: ac.Model.linear().add(lambda s: s.p), r"a function.*@accelcal\.effect"),
+    "add an effect": (lambda r, f: ac.Model.linear().add(ac.effects.find("cubic")), r'Give its name, "cubic"'),
+    "hold at text": (lambda r, f: ac.Model.linear().freeze(bias="0"), r"bias is .*expected a number"),
+    "grow without a run": (lambda r, f: ac.add(f, "cubic"), r"add\(fit, recordings, \*names\): recordings is the text"),
+    "diagnose turned round": (lambda r, f: ac.diagnose(r, f), r"fit is a Recording"),
+    "compare turned round": (lambda r, f: ac.compare(r, f), r"fit is a Recording"),
+    "history of one": (lambda r, f: ac.history(f, r), r"expected a list of Fit"),
+    "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
+    "power of a model": (lambda r, f: ac.power(ac.Model.linear()), r"source is a Model"),
+    "save a recording": (lambda r, f: ac.save_model(r, "m.json"), r"fit is a Recording"),
+    "load a number": (lambda r, f: ac.load(3), r"path is 3; expected text or a Path"),
+    "arrays for channels": (lambda r, f: ac.Recording(r.accel.t, r.accel.y, r.position.y), r"expected a Channel"),
+    "a word for a rig": (lambda r, f: ac.Recording(r.accel, r.position, "level"), r"expected a Rig"),
+    "an axis of no name": (lambda r, f: ac.Rig(axis="sideways"), r"'level' or 'up' or 'down'"),
+    "a noise with its unit": (lambda r, f: ac.Sensor(noise="20 ug"), r"noise is .*expected a number"),
+    "a word for a model": (lambda r, f: ac.Model("linear"), r"effects is the text"),
+    "a filter of no name": (lambda r, f: ac.FilterChoice("ekf"), r"'aci' or 'cwpa'"),
+    "a frame that is none": (lambda r, f: ac.Recording.from_dataframe(r.accel.y), r"expected a pandas DataFrame"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_type_is_refused_in_a_sentence(run: ac.Recording, fit: ac.Fit, case: str) -> None:
+    call, said = WRONG[case]
+    with pytest.raises((TypeError, ValueError), match=said):
+        call(run, fit)
+
+
+UNITS: dict[str, tuple[Any, str]] = {
+    "unknown": (lambda t: ac.Channel("accel", t, t, "blobs"), "unknown unit"),
+    "unpaired": (lambda t: ac.Channel("accel", t, t[1:], "g"), "as many of each"),
+    "two columns": (lambda t: ac.Channel("accel", t, np.ones((3, 2)), "g"), "one dimension"),
+    "text": (lambda t: ac.Channel("accel", t, ["a", "b", "c"], "g"), "real numbers"),
+    "mass": (
+        lambda t: ac.Recording(ac.Channel("accel", t, t, "kg"), ac.Channel("position", t, t, "m"), ac.Rig()),
+        "kg",
+    ),
+    "volts": (
+        lambda t: ac.Recording(ac.Channel("accel", t, t, "V"), ac.Channel("position", t, t, "m"), ac.Rig()),
+        "scale",
+    ),
+    "own effect": (lambda t: from_expression("odd_one", "a**5", unit="foo"), "foo"),
+}
+
+
+@pytest.mark.parametrize("case", UNITS)
+def test_a_wrong_unit_or_shape_is_refused(case: str) -> None:
+    call, said = UNITS[case]
+    with pytest.raises(ValueError, match=said):
+        call(np.arange(3.0))
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("g", 9.80665), ("mg", 9.80665e-3), ("m/s²", 1.0), ("mm/s^2", 1e-3)])
+def test_a_channel_converts_its_unit(unit: str, factor: float) -> None:
+    found = ac.Channel("accel", [0.0, 1.0], [1, 2], unit)
+    np.testing.assert_allclose(found.y, [factor, 2.0 * factor])
+    assert found.unit in ("m/s²", "m/s^2")
+
+
+def test_units_reach_the_fit(run: ac.Recording, fit: ac.Fit) -> None:
+    other = ac.Recording(
+        ac.Channel("accel", run.accel.t, run.accel.y / 9.80665, "g"),
+        ac.Channel("position", run.position.t, 1e3 * run.position.y, "mm"),
+        run.rig,
+    )
+    again = ac.fit(ac.Model.linear(), other)
+    for e in fit.estimates:
+        assert again[e.name].value == pytest.approx(e.value, abs=1e-3 * e.std)
+
+
+def test_annotations_of_all_checked_functions_can_be_evaluated() -> None:
+    import importlib
+
+    count = 0
+    for module, path in MODULES.items():
+        if "checked" not in path.read_text(encoding="utf-8") or not module:
+            continue
+        for value in vars(importlib.import_module(f"accelcal.{module}")).values():
+            if getattr(value, "__wrapped__", None) is not None and getattr(value, "__module__", "").endswith(module):
+                count += bool(hints_of(value.__wrapped__))
+    assert count >= 15
+
+
+@pytest.mark.parametrize(
+    ("hint", "right", "wrong"),
+    [
+        (float, np.float64(1.0), True),
+        (int, np.int64(1), 1.5),
+        (float | None, None, "1"),
+        (tuple[str, ...], ("a",), "a"),
+    ],
+)
+def test_numbers_of_numpy_pass_and_truth_values_do_not(hint: Any, right: object, wrong: object) -> None:
+    assert accepts(hint, right)
+    assert not accepts(hint, wrong)
