@@ -148,15 +148,8 @@ def test_power_that_was_pickled_keeps_its_limits_and_says_what_it_lost(objects: 
 
 
 MODULES = (
-    "workflow",
-    "effects",
-    "io",
-    "plots",
-    "plots.interactive",
-    "filters",
-    "experiment",
-    "model",
-    "data.recording",
+    *("workflow", "effects", "io", "plots", "plots.interactive", "filters"),
+    *("experiment", "model", "data.recording"),
 )
 
 

@@ -53,9 +53,7 @@ class LiveFilter:
         self._stream = _core.FilterStream(setup, *core_prior(self.names, self.x0, self.P0))
 
     def __reduce__(self) -> NoReturn:
-        raise TypeError(
-            "a LiveFilter is a running filter: it cannot be pickled or copied; estimate and covariance are x0 and P0 of a new one"
-        )
+        raise TypeError("a LiveFilter is a running filter and cannot be pickled or copied: give its state to a new one")
 
     def step(self, t: float, *, accel: float | None = None, position: float | None = None) -> float | None:
         """Process a measurement at `t` (s): accel in m/s², position in m, or both.
