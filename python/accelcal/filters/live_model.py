@@ -138,7 +138,7 @@ class LiveModel:
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
-            "a LiveModel is a running filter and cannot be pickled or copied; make another one and give it the samples"
+            "a LiveModel is a running filter and cannot be pickled or copied; make another one"
         )
 
     def step(self, u: float, z: float | None = None, **side: float) -> float | None:
