@@ -154,7 +154,7 @@ def with_plain(value: float, std: float, unit: str) -> str:
     Examples
     --------
     >>> with_plain(9.99e-4, 2.0e-5, "(m/s²)⁻²")
-    '96100 ± 1900 µg/g³ = 0.000999(20) (m/s²)⁻²'
+    '96100 ± 1900 µg/g³ = 9.99(20)e−4 (m/s²)⁻²'
     """
     first, exact = plain(unit, value, std), amount(value, std, unit)
     return exact if std <= 0.0 else f"{first} = {exact}"

@@ -103,7 +103,7 @@ def test_units_are_never_guessed(units: dict[str, str], said: str) -> None:
     [
         (np.arange(99.0), np.arange(100.0), "as many of each"),
         (np.arange(100.0)[::-1], np.arange(100.0), "backward"),
-        (np.arange(100.0), np.full(100, np.inf), "inf"),
+        (np.arange(100.0), np.full(100, np.inf), "finite"),
     ],
 )
 def test_samples_are_checked_as_those_of_a_file(t: Any, accel: Any, said: str) -> None:

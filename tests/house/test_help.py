@@ -10,7 +10,7 @@ import pytest
 
 import accelcal
 
-from .test_layers import MODULES
+from tests.house.test_layers import MODULES
 
 PUBLIC = [name for name in accelcal.__all__ if callable(getattr(accelcal, name))]
 WITH_EXAMPLES = [m for m, path in MODULES.items() if ">>> " in path.read_text(encoding="utf-8")]

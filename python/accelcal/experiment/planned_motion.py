@@ -110,9 +110,9 @@ def power_of_motion(
     Examples
     --------
     >>> from accelcal.simulation.motion import motion
-    >>> from accelcal.simulate import ADXL105_RIG
+    >>> from accelcal.simulation.sensor import ADXL105_RIG
     >>> seen = power_of_motion(motion("bursts", 20.0, np.random.default_rng(1)), ADXL105_RIG)
-    >>> seen["quadratic"].smallest[0] < seen["odd_quadratic"].smallest[0]
+    >>> bool(seen["quadratic"].smallest[0] < seen["odd_quadratic"].smallest[0])
     True
     """
     model = Model.linear() if model is None else model

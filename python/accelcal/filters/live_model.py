@@ -137,9 +137,7 @@ class LiveModel:
         self._side: dict[str, float] = {}
 
     def __reduce__(self) -> NoReturn:
-        raise TypeError(
-            "a LiveModel is a running filter and cannot be pickled or copied; make another one"
-        )
+        raise TypeError("a LiveModel is a running filter and cannot be pickled or copied; make another one")
 
     def step(self, u: float, z: float | None = None, **side: float) -> float | None:
         """Take in the next sample: output (m/s²), position (m) where it was read, side channels where they changed.

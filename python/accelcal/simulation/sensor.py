@@ -99,6 +99,7 @@ class Vibration:
         return self.frequency + self.width * parts, 2.0 * math.pi * rng.random(_BAND_TONES)
 
 
+@immutable
 @dataclass(frozen=True, slots=True)
 class Truth:
     """What was put into a simulated record."""

@@ -42,7 +42,7 @@ class Coast:
     >>> rng = np.random.default_rng(1)
     >>> made = ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
     >>> fit = ac.fit(ac.Model.linear(), made.recording)
-    >>> ac.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0
+    >>> bool(ac.coast(fit, made.recording, 2.0, 5.0).floor[-1] > 0.0)
     True
     """
 
