@@ -1,26 +1,21 @@
 """The catalogue of effects: each is one function that holds its card and computes its column."""
 
-from accelcal._support.listing import listing
+from accelcal._support.listing import listing  # noqa: I001  (the next import enters effects, in its own order)
 from accelcal.effects import (  # noqa: F401  (importing a file enters its effects, in this order)
     base,
     cross_axis,
-    curves,
     disturbances,
     drift,
     dynamics,
     encoder,
-    interactions,
+    curves,
     nonlinear,
     stage,
     thermal,
     turning,
+    interactions,
 )
 from accelcal.effects.cards import card, cards, spelled
-from accelcal.effects.formula import ExpressionError, Own, from_expression
-from accelcal.effects.guard import EffectsFileError
-from accelcal.effects.names import Names, names
-from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
-from accelcal.effects.processes import find, on_demand
 from accelcal.effects.registry import (
     CATALOGUE,
     Effect,
@@ -35,7 +30,12 @@ from accelcal.effects.registry import (
     effect,
     family,
 )
+from accelcal.effects.processes import find, on_demand
 from accelcal.effects.side_channels import side_channel, side_channels
+from accelcal.effects.formula import ExpressionError, Own, from_expression
+from accelcal.effects.guard import EffectsFileError
+from accelcal.effects.names import Names, names
+from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
 from accelcal.effects.user_file import load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
