@@ -11,7 +11,6 @@ import numpy as np
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.listing import listing
 from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
@@ -480,6 +479,3 @@ def inseparable_groups(model: Model) -> tuple[Confounded, ...]:
         for name, group in groups
         if not any(find(member).traits.visible or member in model.effects for member in group.members)
     )
-
-
-__dir__ = listing(globals())

@@ -7,7 +7,6 @@ whitened innovations carry the encoder's cyclic error, lines below that, and col
 
 from __future__ import annotations
 
-from accelcal._support.listing import listing
 from accelcal.diagnosis.noise_tests.cyclic import encoder_cyclic
 from accelcal.diagnosis.noise_tests.motion_noise import motion_noise
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
@@ -54,6 +53,3 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
 
 
 __all__ = ["NoiseTest", "run_noise_tests"]
-
-
-__dir__ = listing(globals())

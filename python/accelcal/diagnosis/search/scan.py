@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, SHAPE_FORMS, VERDICT_LEAST_BLOCKS
 from accelcal.diagnosis.search.beam import BlockScatter, SearchRules, block_length
@@ -315,6 +314,3 @@ def largest(item: Hypothesis, estimate: Array, state: RunState) -> float:
             size = np.max(np.abs(columns[:, : len(estimate)] @ estimate))
         maximum = max(maximum, float(size))
     return maximum
-
-
-__dir__ = listing(globals())
