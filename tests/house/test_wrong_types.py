@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from tests.house.test_layers import MODULES
 
 import accelcal as ac
@@ -126,3 +127,8 @@ def test_annotations_of_all_checked_functions_can_be_evaluated() -> None:
 def test_numbers_of_numpy_pass_and_truth_values_do_not(hint: Any, right: object, wrong: object) -> None:
     assert accepts(hint, right)
     assert not accepts(hint, wrong)
+
+
+def test_what_is_like_an_array_passes() -> None:
+    for value in ([1.0, 2.0], [[1.0]], np.eye(2), [np.float64(1.0)], ((1, 2), (3, 4))):
+        assert accepts(ArrayLike | None, value)
