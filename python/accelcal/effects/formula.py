@@ -18,7 +18,7 @@ import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
-from accelcal.data.units import is_unit
+from accelcal.data.units import is_unit, normalise
 from accelcal.effects.guard import guarded
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.effects.user_file import MANY, PROBE, probe
@@ -127,7 +127,7 @@ def from_expression(
         raise ExpressionError(f"name {name!r}: it has a meaning in expressions and their files; choose another name")
     if not _UNIT.fullmatch(unit):
         raise ExpressionError(f"unit {unit!r}: expected a short unit such as 1/m")
-    unknown = [word for word in re.findall(r"[^\W\d_]+", unit) if word != "sqrt" and not is_unit(word)]
+    unknown = [word for word in re.findall(r"[A-Za-z]+", normalise(unit)) if not is_unit(word)]
     if unknown:
         raise ExpressionError(f"unit {unit!r}: {unknown[0]} is no known unit; expected one such as 1/m or (m/s^2)^-3")
     if port not in ("output", "position") or owner not in ("sensor", "mounting", "rig", "encoder"):
