@@ -11,7 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from accelcal.data.arrays import Array
-from accelcal.effects import CATALOGUE, Effect, EffectsFileError, ExpressionError, from_expression, load_effects
+from accelcal.effects import (
+    CATALOGUE,
+    Effect,
+    EffectsFileError,
+    ExpressionError,
+    effect,
+    find,
+    from_expression,
+    load_effects,
+)
 from accelcal.effects.formula import FUNCTIONS, MOTION, RESERVED
 from accelcal.effects.user_file import probe
 from accelcal.signals.signals import Signals
@@ -281,3 +290,33 @@ def test_formulas_of_any_characters_end_in_a_sentence_or_in_an_effect(tmp_path):
     seconds = time.process_time() - began
     print(f"expressions: {len(numbers)}, {accepted} accepted, each agrees with its file; {seconds:.0f} s")
     assert accepted > 0
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (lambda s: np.where(s.p > 0.0, np.nan, s.a), "not finite at"),
+        (lambda s: s.a + 1j, "complex numbers"),
+        (lambda s: s.a[:-1], "returns shape"),
+        (lambda s: None, "returns None"),
+        (lambda s: s.a.sort(), "does not evaluate"),
+        (lambda s: [sum(range(20_000)) * 0.0 + a for a in s.a], "of processor time"),
+    ],
+    ids=["NaN", "complex", "shape", "None", "mutates", "slow"],
+)
+def test_an_effect_of_a_script_is_looked_at_as_one_of_a_file_is(function, said):
+    before = dict(CATALOGUE)
+    with pytest.raises(EffectsFileError, match=said) as caught:
+        effect("own", unit="1", symbol="c", scale=1.0)(function)
+    assert f"{__file__}, line " in str(caught.value)
+    assert before == CATALOGUE
+
+
+def test_an_effect_of_a_script_is_looked_at_whenever_it_is_evaluated():
+    @effect("own", unit="1", symbol="c", scale=1.0)
+    def own(s):
+        return s.a / (len(s.t) != 100)
+
+    assert own(probe(())).shape == (64,)
+    with pytest.raises(EffectsFileError, match=r"not finite|does not evaluate"):
+        find("own").column(probe((), 100))

@@ -26,14 +26,13 @@ from accelcal.effects.registry import (
     Static,
     Traits,
     Variable,
-    effect,
     family,
 )
 from accelcal.effects.processes import find, on_demand
 from accelcal.effects.side_channels import side_channel, side_channels
 from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError
-from accelcal.effects.user_file import load_effects
+from accelcal.effects.user_file import effect, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""

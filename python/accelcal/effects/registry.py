@@ -411,7 +411,7 @@ def family(
     """
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
-        found = next((e for e in CATALOGUE.values() if e.function is function), None)
+        found = next((e for e in CATALOGUE.values() if function in (e.function, inspect.unwrap(e.function))), None)
         if found is None:
             raise ValueError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
         if not 0 <= coarse < found.width:

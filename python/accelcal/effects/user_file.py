@@ -1,4 +1,4 @@
-"""Users' effects: functions with the decorator `effect` in a file of the user's own."""
+"""Users' effects: functions with the decorator `effect`, in a file of the user's own, a script or a notebook."""
 
 from __future__ import annotations
 
@@ -7,14 +7,20 @@ import inspect
 import math
 import re
 import traceback
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 
 from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
 from accelcal._support.stopping import Stopped
+from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
+from accelcal.effects import registry
 from accelcal.effects.guard import EffectsFileError, guarded
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.signals.signals import Signals
@@ -30,6 +36,42 @@ MANY = 8192
 MOST_BYTES = 2**20
 """Largest file of effects."""
 _NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
+_loading: ContextVar[bool] = ContextVar("loading", default=False)
+"""Whether a file is being run whose effects are looked at when it has ended."""
+_P = ParamSpec("_P")
+_Enter = Callable[[Callable[..., Array]], Callable[..., Array]]
+
+
+def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
+    """The decorator of the catalogue for users: what it enters is tried once, and looked at at every evaluation."""
+
+    @wraps(declare)
+    def effect(*args: _P.args, **declared: _P.kwargs) -> _Enter:
+        enter = declare(*args, **declared)
+
+        def tried(function: Callable[..., Array]) -> Callable[..., Array]:
+            known = set(CATALOGUE)
+            enter(function)
+            if not _loading.get():
+                (name,) = set(CATALOGUE) - known
+                _accept(name)
+            return function
+
+        return tried
+
+    return effect
+
+
+effect = _looked_at(registry.effect)
+
+
+def _accept(name: str) -> None:
+    """Put the guarded effect in the place of one that a script or a notebook has entered, or remove it."""
+    entered = CATALOGUE.pop(name)
+    path = Path(_home(entered) or name)
+    made = _guarded(path, entered)
+    _try(path, made)
+    CATALOGUE[name] = made
 
 
 def load_effects(path: str | Path) -> tuple[Effect, ...]:
@@ -54,7 +96,7 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     before = dict(CATALOGUE)
     for name in [n for n, e in before.items() if e.text and _home(e) == str(path)]:
         del CATALOGUE[name]
-    kept = set(CATALOGUE)
+    kept, loading = set(CATALOGUE), _loading.set(True)
     try:
         _run(path, text)
         names = [name for name in CATALOGUE if name not in kept]
@@ -68,6 +110,8 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
         CATALOGUE.clear()
         CATALOGUE.update(before)
         raise
+    finally:
+        _loading.reset(loading)
     return tuple(CATALOGUE[name] for name in names)
 
 
