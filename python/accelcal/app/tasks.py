@@ -27,7 +27,7 @@ from accelcal.signals.signals import Origins
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.ruler import Ruler
-from accelcal.workflow import add, compare, diagnose, drop, fit
+from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit
 
 EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 """True parameters of the simulated example."""
@@ -78,11 +78,7 @@ def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
 
 def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler | None, *, report: Report) -> tuple[Comparison, ...]:
     """Compare models with data, all with the filter of `ruler`."""
-    found = []
-    for i, each in enumerate(fits):
-        found.append(compare(each, data) if ruler is None else compare(each, data, ruler=ruler))
-        report((i + 1) / len(fits))
-    return tuple(found)
+    return tuple(compare(each, data) for each in fits) if ruler is None else compare_models(fits, data, ruler, report)
 
 
 def diagnosed(found: Fit, train: Recording, own: Sequence[str], *, report: Report) -> Diagnosis:

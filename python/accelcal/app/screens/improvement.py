@@ -8,6 +8,7 @@ from accelcal import formatting
 from accelcal.app import figures, widgets, wording
 from accelcal.app.page import Page
 from accelcal.app.state import Step
+from accelcal.plots.numbers import floor_sentence
 
 LIMITS = 6
 """Detection limits that are shown without a click."""
@@ -32,6 +33,9 @@ def show(page: Page) -> None:
                     ("falling", state.current),
                     lambda theme: [figures.falling(state, theme)],
                 )
+            with widgets.card("Model and measurement on held-out data"):
+                ui.label("Click a model in the legend to switch it on or off; drag to zoom all panels.").classes("note")
+                page.pictures(("overlay", state.current), lambda theme: [figures.overlay(state, theme)], height=660)
             with widgets.card("Residuals on held-out data"):
                 if state.previous is not None:
                     ui.label(f"Grey: before {state.step.label}.").classes("note")
@@ -51,21 +55,16 @@ def show(page: Page) -> None:
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    nested, found = figures.nested_of(state), page.bench.diagnosis
-    now, floor = nested.errors[-1], nested.floor
+    nested = figures.nested_of(state)
     with ui.row().classes("numbers"):
-        figure("current error", now, "error")
+        figure("current error", nested.errors[-1], "error")
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
-        unsure = found is None or found.verdict != "adequate"
-        figure("noise floor, as this model estimates it" if unsure else "noise floor", floor, "floor")
+        figure("sensor noise alone", nested.floor.value, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}; {floor_sentence(nested)}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
-    if found is not None and found.verdict not in ("adequate", "too_short"):
-        text = "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
-        ui.label(text).classes("note")
 
 
 def figure(name: str, value: float, mark: str) -> None:

@@ -101,6 +101,25 @@ class SetupBias(Part):
     std: Value
 
 
+class RmsPart(Part):
+    """A root mean square, and the interval that holds it in 95 of 100 such records."""
+
+    value: Value
+    low: Value
+    high: Value
+
+
+class NoiseFloorPart(Part):
+    """What noise of the sensor alone would give, and where its density comes from."""
+
+    source: Literal["rest", "declared", "fit"]
+    density_m_per_s2_rthz: Value
+    density_std: Value
+    declared_m_per_s2_rthz: Value
+    drift_rms_m: dict[str, RmsPart | None]
+    simulated_rms_m: RmsPart
+
+
 class ComparisonFile(Part):
     """A model compared with a recording: `compare`."""
 
@@ -113,10 +132,12 @@ class ComparisonFile(Part):
     coast_rms_m: dict[str, Value]
     coast_frozen_rms_m: dict[str, Value]
     coast_floor_m: dict[str, Value]
+    noise_floor: NoiseFloorPart | None
     coast_starts: dict[str, int]
     setup_bias_m_per_s2: SetupBias
     accel_rms_m_per_s2: Value
     band_hz: Value
+    fit_percent: Value
     worst: str
     bins: list[BinsPart]
     outside: list[OutsidePart]
