@@ -113,7 +113,7 @@ def test_density_at_rest_is_that_of_the_sensor() -> None:
         assert std < 0.1 * density
 
 
-def test_a_declaration_that_differs_is_told_beside_the_rest() -> None:
+def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
     fitted = Noise(1.0, 1e-12)
     declared = CXL02_RIG.sensor.noise or 0.0
     made = recorded("rests", CXL02_RIG, 6)

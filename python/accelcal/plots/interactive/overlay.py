@@ -96,12 +96,9 @@ def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> 
     )
     for begin, end in worst_stretches(*current.accel_residual):
         mark(figure, begin, end, "largest residual", palette)
-    for row, title in (
-        (OUTPUT, "output, m/s²"),
-        (RESIDUAL, f"residual, {residual_unit}"),
-        (POSITION, f"position, {unit}"),
-    ):
-        figure.update_yaxes(title_text=title, row=row, col=1)
+    titles = {OUTPUT: ("output", "m/s²"), RESIDUAL: ("residual", residual_unit), POSITION: ("position", unit)}
+    for row, (quantity, shown) in titles.items():
+        figure.update_yaxes(title_text=drawing.axis_title(quantity, shown), row=row, col=1)
     figure.update_xaxes(title_text=drawing.axis_title("time", "s"), row=POSITION, col=1)
     return figure
 
