@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.effects.catalogue import Catalogue
 from accelcal.signals.signals import Signals
 
 Port = Literal["output", "position", "noise", "process"]
@@ -314,8 +315,8 @@ class Effect:
 CARD = ("Equation", "Looks like", "Easily confused with", "Separate by")
 """Labels of the lines that every card has behind its first sentences."""
 
-CATALOGUE: dict[str, Effect] = {}
-"""Every known effect by name, in the order of entry."""
+CATALOGUE: Catalogue[Effect] = Catalogue()
+"""Every known effect by name, in the order of entry; a session of the workbench has one of its own."""
 
 
 PLAIN = Traits()
