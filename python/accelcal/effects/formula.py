@@ -17,7 +17,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from accelcal.data.arrays import Array
-from accelcal.effects.guard import guarded
+from accelcal.effects.guard import Guarded
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.effects.user_file import MANY, PROBE, probe
 from accelcal.signals.signals import Signals
@@ -180,7 +180,10 @@ def _made(
 def _entered(made: Effect, understood: str) -> Own:
     """An effect in the catalogue, looked at each time it is evaluated."""
     name, subject = made.name, f"effect {made.name!r}, {understood},"
-    made = guarded(made, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}")
+    function = Guarded(
+        made.function, 1, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}"
+    )
+    made = replace(made, function=function)
     old = CATALOGUE.setdefault(name, made)
     if old.digest != made.digest:
         raise ExpressionError(f"name {name!r}: there is an effect called so already; choose another name")

@@ -14,6 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from accelcal.data.arrays import Array
+from accelcal.effects import guard
 from accelcal.effects.catalogue import Catalogue
 from accelcal.signals.signals import Signals
 
@@ -244,6 +245,26 @@ class Effect:
     """The user's file that it comes from, whole; empty in the built-in catalogue."""
     digest: str = ""
     """SHA-256 of that file, hex."""
+
+    def __post_init__(self) -> None:
+        """Put what is not of accelcal under guard, however the effect was made.
+
+        Raises
+        ------
+        EffectsFileError
+            If an effect of the user is declared in a way that no model file can hold, or has no bounds.
+        """
+        if guard.is_trusted(self.function):
+            return
+        sentence, failure = guard.words_for(self.function, self.name)
+        texts = {"unit": self.unit, "symbol": self.symbol, "source": self.source}
+        guard.require_declared(self.name, texts, self.scale, sentence)
+        shapes = {
+            key: replace(one, bounds=guard.guarded_bounds(one.bounds, one.spacing, key, sentence))
+            for key, one in self.shapes.items()
+        }
+        object.__setattr__(self, "function", guard.Guarded(self.function, self.width, sentence, failure))
+        object.__setattr__(self, "shapes", MappingProxyType(shapes))
 
     @property
     def seen_by_sets(self) -> bool:
