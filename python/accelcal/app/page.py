@@ -140,6 +140,11 @@ class Page:
         if session and self.bench.state.step is not None:
             self.tabs.set_value("improve")
 
+    async def drawn(self, make: Callable[[], background.Result]) -> background.Result:
+        """What `make` draws, off the page's own thread, with the effects of this session."""
+        with self.bench.catalogue():
+            return await background.draw(make)
+
     def change(self, action: Callable[[], None]) -> None:
         """Run an action that ends at once."""
         action()
@@ -191,7 +196,7 @@ class Page:
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
         self.body.clear()
-        with self.body:
+        with self.body, self.bench.catalogue():
             self.screens[self.tab][2](self)
 
     def pictures(
@@ -239,7 +244,7 @@ class Page:
         async def draw() -> list[Picture]:
             try:
                 await background.act(first)
-                several = list(await background.draw(lambda: make(theme)))
+                several = list(await self.drawn(lambda: make(theme)))
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:

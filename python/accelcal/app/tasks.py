@@ -11,6 +11,7 @@ import numpy as np
 
 from accelcal import io
 from accelcal.app import mapping
+from accelcal.app.own_formula import OwnFormula
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.data import summary
 from accelcal.data.recording import Recording
@@ -109,6 +110,13 @@ def exported(found: Fit, kind: Export, name: str, *, report: Report) -> str:
         "DCC": lambda: draft(made, Laboratory()).text,
     }
     return texts[kind]()
+
+
+def tried(formulas: Sequence[OwnFormula], *, report: Report) -> None:
+    """Evaluate formulas of the user for the first time."""
+    for number, formula in enumerate(formulas, start=1):
+        formula.try_out()
+        report(number / len(formulas))
 
 
 def simulated(path: Path, *, report: Report) -> None:
