@@ -17,7 +17,7 @@ import typer
 from accelcal._support import internal_error
 from accelcal._support.plain_text import visible
 
-WRITTEN = ("output", "c", "rust", "dcc")
+WRITTEN = ("output", "c", "rust", "dcc", "save")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""

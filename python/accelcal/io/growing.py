@@ -61,7 +61,9 @@ class GrowingParquet:
         self.rows, self.groups = 0, 0
         self.size = 0
         """Bytes of the file under its name."""
-        self._schema = pa.schema([pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()])
+        self._schema = pa.schema(
+            [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
+        )
         self._table: Any = None
         self._copies: list[_Copy] = []
         self._new = len(_MAGIC)
@@ -182,7 +184,8 @@ def _encoded(rows: pa.Table, start: int) -> tuple[bytes, Any]:
     import pyarrow as pa
     from pyarrow import parquet
 
-    sink, tables = _Sink(start), []
+    sink = _Sink(start)
+    tables: list[Any] = []
     stream = pa.PythonFile(sink, mode="w")
     writer = parquet.ParquetWriter(
         stream,
@@ -193,10 +196,10 @@ def _encoded(rows: pa.Table, start: int) -> tuple[bytes, Any]:
         metadata_collector=tables,
     )
     while (ahead := start - stream.tell()) > 0:
-        stream.write(memoryview(_SKIPPED)[: min(ahead, len(_SKIPPED))])
+        stream.write(_SKIPPED.data[: min(ahead, len(_SKIPPED))])
     writer.write_table(rows, row_group_size=max(1, rows.num_rows))
     writer.close()
-    table = int.from_bytes(sink.kept[-_END:-_END // 2], "little")
+    table = int.from_bytes(sink.kept[-_END : -_END // 2], "little")
     return bytes(sink.kept[: -_END - table]), tables[0]
 
 

@@ -46,7 +46,7 @@ class LineCounts:
 
     used: int = 0
     broken: int = 0
-    """Not the fields of a row, a field that is no finite number, a row without a measurement, too long, or not whole."""
+    """Not the fields of a row, a field that is no finite number, no measurement at all, too long, or not whole."""
     out_of_order: int = 0
     """Stamps that do not rise, or are far ahead of those after them."""
     missing: int = 0

@@ -55,9 +55,7 @@ def open_file(path: Path) -> ByteSource:
         file = open_regular(path, "a file of lines t,accel,position")
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file; check the path.") from None
-    return ByteSource(
-        str(path), lambda: file.read(CHUNK), file.close, waits=True, from_its_start=True, ends_lines=True
-    )
+    return ByteSource(str(path), lambda: file.read(CHUNK), file.close, waits=True, from_its_start=True, ends_lines=True)
 
 
 def open_tcp(host: str, port: int) -> ByteSource:

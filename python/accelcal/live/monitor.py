@@ -35,6 +35,8 @@ class Alarm:
     low: float
     high: float
     readings: int
+    since: float
+    """End of the first block of those in a row that raised an alarm, s."""
 
     @property
     def sentence(self) -> str:
@@ -105,6 +107,7 @@ class InnovationMonitor:
         self._recent: deque[float] = deque(maxlen=RUNNING)
         self._count, self._sum, self._square = 0, 0.0, 0.0
         self._began = 0.0
+        self._since: float | None = None
 
     def add(self, t: float, normalised: float) -> Alarm | None:
         """Take in an innovation at `t` (s) in standard deviations; the alarm of the block that it ends, if any."""
@@ -124,6 +127,7 @@ class InnovationMonitor:
         self.blocks += 1
         self.alarms += alarm is not None
         self.holds = alarm is None
+        self._since = None if alarm is None else alarm.since
         self._count, self._sum, self._square = 0, 0.0, 0.0
         return alarm
 
@@ -139,14 +143,15 @@ class InnovationMonitor:
     def _judged(self, t: float) -> Alarm | None:
         """The alarm of the block that ends here: of the mean first, which names a cause."""
         n, off = self._count, 1.0 + self.tolerance
+        since = t if self._since is None else self._since
         bound = normal_bound(self.false_alarm / 2.0) * math.sqrt(off / n)
         mean = self._sum / n
         if not abs(mean) <= bound:
-            return Alarm(t, "mean", mean, -bound, bound, n)
+            return Alarm(t, "mean", mean, -bound, bound, n, since)
         low, high = chi_square_bounds(n, self.false_alarm / 2.0)
         nis = self._square / n
         if not low / off <= nis <= high * off:
-            return Alarm(t, "nis", nis, low / off, high * off, n)
+            return Alarm(t, "nis", nis, low / off, high * off, n, since)
         return None
 
 

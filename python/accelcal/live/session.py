@@ -86,6 +86,7 @@ class LiveSession:
         self._recorder = None if recording is None else _Recorder(recording, declared)
         self._stack = ExitStack()
         self._intake: Intake | None = None
+        self._stopped = False
 
     def __enter__(self) -> Self:
         with ExitStack() as opened:
@@ -122,6 +123,7 @@ class LiveSession:
             for chunk in intake.take(patience=0.1):
                 self._take(self.lines.feed(chunk), on_alarm)
             show()
+        self._stopped = not intake.ended
         intake.stop()
         for chunk in intake.take(patience=0.0):
             self._take(self.lines.feed(chunk), on_alarm)
@@ -129,6 +131,14 @@ class LiveSession:
         self._judge(self.tracker.finish(), on_alarm)
         if self._recorder is not None:
             self._recorder.write()
+
+    @property
+    def ended(self) -> str:
+        """Why nothing more came."""
+        error = None if self._intake is None else self._intake.error
+        if error is not None:
+            return f"the source broke off ({error.strerror or error})"
+        return "stopped" if self._stopped else "the source has ended"
 
     @property
     def state(self) -> LiveState:

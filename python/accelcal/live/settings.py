@@ -128,12 +128,12 @@ def declared_noise(rig: Rig) -> tuple[float, float]:
     """
     if not rig.sensor.noise:
         raise RecordingError(
-            "live: the sidecar declares no noise of the sensor, and without a model nothing else tells it; write "
+            "live: the sidecar declares no noise of the sensor, and there is no model to tell it; write "
             '[sensor] noise = "250 ug/sqrt(Hz)" from its data sheet, or give --model'
         )
     if not rig.resolution:
         raise RecordingError(
-            "live: the sidecar declares no resolution of the position, and without a model nothing else tells its noise; "
+            "live: the sidecar declares no resolution of the position, which tells its noise where there is no model; "
             'write position = { column = "position", unit = "mm", resolution = "1 um" }, or give --model'
         )
     return rig.sensor.noise**2 / 2.0, rig.resolution**2 / 12.0
