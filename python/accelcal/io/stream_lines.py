@@ -19,7 +19,11 @@ from accelcal.io.table import Column, Table
 LONGEST = 1000
 """Bytes of a line; what is longer is no line."""
 MOST_AHEAD = 60.0
-"""Steps of the stamps beyond this are believed when the next line confirms them, s."""
+"""A row waits for the next from this step on while the usual step is not known, s."""
+MOST_ACCEL, MOST_POSITION = 1e6, 1e6
+"""What no stage does, m/s² and m: such a number is a line that was damaged on its way."""
+MOST_RANGES = 2.0
+"""The same of the output, in declared ranges of the sensor."""
 CHANNELS = ("accel", "position")
 USUAL = ("t", "accel", "position")
 """Names of the columns where neither a header nor the sidecar gives others."""
@@ -46,7 +50,7 @@ class LineCounts:
 
     used: int = 0
     broken: int = 0
-    """Not the fields of a row, a field that is no finite number, no measurement at all, too long, or not whole."""
+    """Not the fields of a row, a field that is no number or beyond reason, no measurement, too long, or not whole."""
     out_of_order: int = 0
     """Stamps that do not rise, or are far ahead of those after them."""
     missing: int = 0
@@ -76,6 +80,11 @@ class LineReader:
     _columns: _Columns | None = None
     _order: _Order = field(default_factory=lambda: _Order())
 
+    @property
+    def _most_accel(self) -> float:
+        span = self.declared.rig.sensor.range
+        return MOST_ACCEL if span is None else MOST_RANGES * span
+
     def feed(self, chunk: bytes | None) -> Rows:
         """Rows of the lines that end in these bytes; None where bytes of the stream were lost.
 
@@ -98,12 +107,15 @@ class LineReader:
     def finish(self, *, whole: bool) -> Rows:
         """Rows of the last line, which no line end follows; one that may not be whole is broken."""
         line, self._rest = self._rest, b""
-        if not line.strip() or self._skipping:
-            return _NO_ROWS
-        if whole:
-            return self._rows([line])
-        self.counts.broken += 1
-        return _NO_ROWS
+        last = _NO_ROWS
+        if line.strip() and not self._skipping:
+            if whole:
+                last = self._rows([line])
+            else:
+                self.counts.broken += 1
+        waited = self._ordered(np.empty((0, 3)), ended=True)
+        names = ("t", "accel", "position")
+        return Rows(*(np.concatenate([getattr(last, name), getattr(waited, name)]) for name in names))
 
     def _drop_line(self) -> None:
         """Skip everything up to the next line end."""
@@ -116,14 +128,17 @@ class LineReader:
             lines = self._begin(lines)
         if self._columns is None or not lines:
             return _NO_ROWS
-        t, accel, position = self._columns.converted(self._numbers(lines, self._columns))
-        known = np.isfinite(t) & ~np.isinf(accel) & ~np.isinf(position)  # a unit may lead beyond the largest double
-        self.counts.broken += len(t) - int(known.sum())
-        kept = self._order.kept(t, known)
-        self.counts.out_of_order += int(known.sum()) - int(kept.sum())
-        self.counts.missing += self._order.missing(t[kept])
-        self.counts.used += int(kept.sum())
-        return Rows(t[kept], accel[kept], position[kept])
+        rows = self._columns.converted(self._numbers(lines, self._columns))
+        known = np.isfinite(rows[:, 0]) & ~np.any(np.abs(rows[:, 1:]) > (self._most_accel, MOST_POSITION), axis=1)
+        self.counts.broken += len(rows) - int(known.sum())
+        return self._ordered(rows[known])
+
+    def _ordered(self, rows: Array, *, ended: bool = False) -> Rows:
+        """Those of the rows (n, 3) that follow the rows before."""
+        kept = self._order.kept(rows, ended=ended)
+        self.counts.out_of_order, self.counts.missing = self._order.late, self._order.missing
+        self.counts.used += len(kept)
+        return Rows(kept[:, 0], kept[:, 1], kept[:, 2])
 
     def _begin(self, lines: list[bytes]) -> list[bytes]:
         """Understand the first line: a header, the first row, or the end of a row that began before."""
@@ -169,47 +184,59 @@ class LineReader:
 
 
 class _Order:
-    """Which stamps rise, and how many rows are missing between them."""
+    """Which rows follow those before them, and how many are missing between them.
+
+    A damaged stamp that is too large would make every honest one after it late. So a row that is far ahead waits for
+    the next: it is believed if that one is later still.
+    """
 
     def __init__(self) -> None:
+        self.late = 0
+        """Rows that were skipped."""
+        self.missing = 0
         self._last = -math.inf
-        self._ahead: float | None = None
-        """A stamp far ahead that nothing has confirmed yet."""
+        self._waiting = np.empty((0, 3))
         self._steps: list[float] = []
         self._step = 0.0
-        self._newest: float | None = None
+        """Usual step of the stamps, s; 0 while it is not known."""
 
-    def kept(self, t: Array, known: np.ndarray) -> np.ndarray:
-        """(n,) true where a row follows those before it."""
-        kept = np.zeros(len(t), dtype=bool)
-        last = self._last
-        for i, (stamp, fine) in enumerate(zip(t.tolist(), known.tolist(), strict=True)):
-            if not fine or stamp <= last:
-                continue
-            if stamp - last > MOST_AHEAD and last > -math.inf:
-                confirmed = self._ahead is not None and 0.0 < stamp - self._ahead <= MOST_AHEAD
-                self._ahead = stamp
-                if not confirmed:
+    def kept(self, rows: Array, *, ended: bool = False) -> Array:
+        """The rows (n, 3) that follow, with the one that waited, without one that waits now; its stamp is first."""
+        rows = np.concatenate([self._waiting, rows])
+        self._waiting = rows[:0]
+        stamps = rows[:, 0].tolist()
+        follows, last = np.zeros(len(rows), dtype=bool), self._last
+        for i, stamp in enumerate(stamps):
+            if stamp > last and self._is_far(stamp - last):
+                if i + 1 == len(stamps) and not ended:
+                    self._waiting = rows[i:]
+                    break
+                if i + 1 < len(stamps) and stamps[i + 1] <= stamp:
                     continue
-            self._ahead = None
-            kept[i], last = True, stamp
+            if stamp > last:
+                follows[i] = True
+                self._learn(stamp - last)
+                last = stamp
         self._last = last
-        return kept
+        self.late += len(rows) - int(follows.sum()) - len(self._waiting)
+        return rows[follows]
 
-    def missing(self, t: Array) -> int:
-        """Rows between these stamps and since the last, where the step is known from the first hundred."""
-        if not len(t):
-            return 0
-        steps = np.diff(t, prepend=t[0] if self._newest is None else self._newest)
-        self._newest = float(t[-1])
-        if len(self._steps) < _STEPS:
-            self._steps += steps[steps > 0.0][: _STEPS - len(self._steps)].tolist()
-            self._step = float(np.median(self._steps)) if len(self._steps) == _STEPS else 0.0
-            return 0
-        return int(np.sum(np.maximum(0.0, np.rint(steps / self._step) - 1.0)))
+    def _is_far(self, step: float) -> bool:
+        return step > (_FAR * self._step if self._step else MOST_AHEAD)
+
+    def _learn(self, step: float) -> None:
+        """Count rows that this step leaves out; the usual step is the median of the first hundred."""
+        if len(self._steps) == _STEPS:
+            self.missing += max(0, round(step / self._step) - 1)
+        elif step < math.inf:
+            self._steps.append(step)
+            if len(self._steps) in (_STEPS // 5, _STEPS):
+                self._step = float(np.median(self._steps))
 
 
 _STEPS = 100
+_FAR = 20.0
+"""Usual steps from which on a row waits for the next."""
 
 
 @dataclass(frozen=True)
@@ -238,14 +265,14 @@ class _Columns:
         places = tuple(columns.index(name) for name in names)
         return cls(len(columns), (places[0], places[1], places[2]), plan, table, declared)
 
-    def converted(self, rows: Array) -> tuple[Array, Array, Array]:
-        """Time, output and position in SI, (n,) each, of rows (n, 3)."""
+    def converted(self, rows: Array) -> Array:
+        """Time, output and position in SI, (n, 3), of rows in the units of the lines."""
         t = in_seconds(self.table, self.plan, self._clock(), Column(rows[:, 0])).values
         accel, position = (
             in_si(self.table, self.plan, name, self.plan.sources[name], self.declared.rig, rows[:, i])[0]
             for i, name in enumerate(CHANNELS, 1)
         )
-        return t, accel, position
+        return np.stack([t, accel, position], axis=1)
 
     def _clock(self) -> Clock:
         clock = self.plan.sources["accel"].time

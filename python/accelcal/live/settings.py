@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from accelcal.model import BASE, Estimate
 
 TRACKED = (*BASE, *PARAMETER_OF.values(), "lowpass_error")
 """Effects of a model that a live view takes: it estimates the parameters of its filter and keeps the rest."""
+Scalar = TypeVar("Scalar", float, Array)
 SPEED = 10.0
 """Standard deviation of the velocity at the start, m/s."""
 ACCELERATION = 100.0
@@ -54,7 +56,7 @@ class LiveSettings:
         """(m,) names of the parameters in the filter."""
         return PARAMETERS[self.choice.model]
 
-    def stage_output(self, accel: float) -> float:
+    def stage_output(self, accel: Scalar) -> Scalar:
         """The output as a level, normally mounted sensor would give it, m/s²."""
         return self.rig.polarity * accel - self.rig.gravity
 

@@ -16,8 +16,8 @@ from accelcal.model import Estimate
 
 OUTPUT, READING = 0, 1
 """Kinds of events; at a tie the output comes first."""
-MOST_BETWEEN = 64
-"""Readings between two outputs that the filter has room for."""
+MOST_BETWEEN = 63
+"""Readings between two outputs that the filter has room for, beside the output itself."""
 Event = tuple[float, int, float]
 """Time in s, kind, value in SI."""
 
@@ -190,14 +190,15 @@ class Tracker:
         assert self.filter is not None
         theta = dict(zip(self.settings.names, self.filter.estimate[2:].tolist(), strict=True))
         a = (self._output - theta["K0"]) / (1.0 + theta["k"])
-        slope = 1.0 + theta["k"] + 2.0 * theta.get("K2", 0.0) * a + 3.0 * theta.get("K3", 0.0) * a**2
-        powers = {"k": a, "K0": 1.0, "K2": a**2, "K3": a**3}
+        slope = 1.0 + theta["k"] + 2.0 * theta.get("K2", 0.0) * a + 3.0 * theta.get("K3", 0.0) * a * a
+        powers = {"k": a, "K0": 1.0, "K2": a * a, "K3": a * a * a}
         return np.array([-powers[name] / slope for name in self.settings.names]), slope
 
     def _refuse(self, error: ValueError) -> None:
         self.refused += 1
         self.refusal = str(error)
-        self._waiting.clear()
+        waiting = 0 if self.filter is None else self.filter.waiting
+        del self._waiting[: max(0, len(self._waiting) - waiting)]
 
 
 def normalised(innovation: Innovation) -> float:
