@@ -37,7 +37,7 @@ class Stream:
     def lines(self) -> bytes:
         """In the units of `RIG`, an empty field where nothing was read."""
         rows = zip(self.t.tolist(), self.u.tolist(), self.z.tolist(), strict=True)
-        return b"".join(b"%r,%r,%s\n" % (t, u, b"" if z != z else b"%.3f" % (1e3 * z)) for t, u, z in rows)
+        return b"".join(b"%r,%r,%s\n" % (t, u, b"" if z != z else b"%r" % (1e3 * z)) for t, u, z in rows)
 
 
 def stream(
@@ -50,6 +50,6 @@ def stream(
     p = -sum(amplitude / w**2 * np.sin(w * t) for amplitude, w in TONES)
     u = BIAS + step * (t >= at) + (1.0 + SCALE) * polarity * (a + gravity)
     u = u + NOISE * np.sqrt(RATE / 2.0) * rng.standard_normal(len(t))
-    dithered = p + RESOLUTION * (rng.random(len(t)) - 0.5)  # the rounding error is white
-    z = np.where(np.arange(len(t)) % 2 == 0, np.round(dithered / RESOLUTION) * RESOLUTION, np.nan)
+    read = p + RESOLUTION * (rng.random(len(t)) - 0.5)  # as a rounding error that is white
+    z = np.where(np.arange(len(t)) % 2 == 0, read, np.nan)
     return Stream(t, u, z)

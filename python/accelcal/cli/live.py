@@ -78,9 +78,10 @@ def live(
                 on_alarm=lambda alarm: face.alarm(alarm, session.state),
                 show=lambda: face.show(session.state) if face.due else None,
             )
-            require_rows(session.state, source.name)
+            if not stopped():
+                require_rows(session.state, source.name)
             face.end(session.state, session.ended)
-        if output is not None:
+        if output is not None and session.state.recorded:
             print_status(f"wrote {output}")
         if fit is not None and save is not None:
             model_file.save(followed(fit, settings, session), save)
