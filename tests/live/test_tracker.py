@@ -12,7 +12,6 @@ import accelcal as ac
 from accelcal.data.recording import Channel, RecordingError
 from accelcal.data.rig import LowPass, Rig
 from accelcal.filters import FilterRun, run
-from accelcal.filters.stage_sense import to_stage
 from accelcal.io import read_sidecar
 from accelcal.io.stream_lines import Rows
 from accelcal.live.monitor import SETTLING
@@ -116,17 +115,6 @@ def test_parameters_are_those_of_the_sensor_however_it_is_mounted(rig: Rig) -> N
         for name, truth in (("bias", BIAS), ("scale_factor", SCALE)):
             # False alarm 7e-6 each.
             assert abs(found[name].value - truth) < 4.5 * found[name].std + 2e-4, (world, name)
-
-
-def test_the_sense_of_the_stage_is_that_of_the_polynomial() -> None:
-    names, rng = ("k", "K0", "K2", "K3"), np.random.default_rng(1)
-    theta, polarity, gravity = rng.normal(size=4), -1.0, 9.8
-    k, K0, K2, K3 = theta
-    a = rng.normal(size=50)
-    f = polarity * (a + gravity)
-    seen = polarity * (K0 + (1 + k) * f + K2 * f**2 + K3 * f**3) - gravity
-    kk, KK0, KK2, KK3 = to_stage(names, polarity, gravity) @ theta
-    assert seen == pytest.approx(KK0 + (1 + kk) * a + KK2 * a**2 + KK3 * a**3)
 
 
 def test_a_model_gives_parameters_noise_and_offset() -> None:
