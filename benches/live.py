@@ -109,7 +109,8 @@ def measured(arguments: argparse.Namespace, folder: Path) -> bool:
     with (folder / "said.jsonl").open("w") as said:
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         live = subprocess.Popen([*command, "-o", str(folder / "got.parquet"), "--json", "--every", "1 s"], stdout=said)
-        time.sleep(3.0)
+        while not (folder / "said.jsonl").stat().st_size:  # the source is open when something is said of it
+            time.sleep(0.1)
         other.stdin.write("\n")
         other.stdin.close()
         live.wait()

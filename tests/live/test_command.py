@@ -144,8 +144,10 @@ def test_a_port_is_followed_until_it_breaks_off(folder: Path) -> None:
     made = stream(3.0)
     master, slave = pty.openpty()
     tty.setraw(slave)
-    child = started(folder, "--serial", os.ttyname(slave), "--baud", "115200", "-o", "got.parquet", "--json")
-    time.sleep(3.0)
+    words = ("--serial", os.ttyname(slave), "--baud", "115200", "-o", "got.parquet", "--json", "--every", "0.1 s")
+    child = started(folder, *words)
+    assert child.stdout is not None
+    assert child.stdout.readline()  # the port is open
     content = b"the end of a line\n" + made.lines()
     while content:
         content = content[os.write(master, content[:1000]) :]
@@ -180,21 +182,22 @@ def test_a_signal_ends_it_with_a_summary_and_whole_files(folder: Path, sent: sig
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
 
 
-@pytest.mark.parametrize("moment", [2.5, 3.7, 5.2])
+@pytest.mark.parametrize("moment", [0.5, 1.7, 3.2])
 def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) -> None:
     made = stream(12.0)
     with server(made.lines(), keep=True, seconds=12.0) as place:
         child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
         assert child.stdout is not None
-        child.stdout.readline()
+        while not (folder / "got.parquet").exists():
+            assert child.stdout.readline()
         time.sleep(moment)
         child.kill()
-        child.communicate(timeout=60)
+        child.wait(timeout=60)
     file = parquet.ParquetFile(folder / "got.parquet", page_checksum_verification=True)
     recording = load(folder / "got.parquet")
     n = len(recording.accel)
-    print(f"killed after {moment:g} s: {n} rows in {file.num_row_groups} row groups")
-    assert n > 1000
+    print(f"killed {moment:g} s after the first: {n} rows in {file.num_row_groups} row groups")
+    assert n > 500
     assert np.array_equal(recording.accel.y, made.u[:n])
     fitted = subprocess.run(
         [sys.executable, "-m", "accelcal", "check", "got.parquet"], cwd=folder, capture_output=True, text=True

@@ -151,6 +151,6 @@ def followed(fit: Fit, settings: LiveSettings, session: LiveSession) -> Fit:
         return fit
     m = len(settings.names)
     parameters = ForwardParameters(settings.names, tracker.filter.estimate[-m:], tracker.filter.covariance[-m:, -m:])
-    found = as_fit(fit, parameters, settings.choice)
+    found = replace(as_fit(replace(fit, rig=settings.rig), parameters, settings.choice), rig=fit.rig)
     text = f"followed live over {state.readings} readings of {session.source.name}; {state.alarms} of {state.blocks} "
     return replace(found, remarks=(f"{text}blocks of innovations raised an alarm", *found.remarks))
