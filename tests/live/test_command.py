@@ -205,6 +205,22 @@ def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) ->
     assert fitted.returncode == 0, fitted.stderr
 
 
+def test_an_output_that_nobody_reads_ends_it_with_a_whole_recording(folder: Path) -> None:
+    made = stream(6.0)
+    with server(made.lines(), keep=True, seconds=6.0) as place:
+        child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
+        assert child.stdout is not None
+        for _ in range(5):
+            child.stdout.readline()
+        child.stdout.close()
+        assert child.wait(timeout=60) == 141
+    assert child.stderr is not None
+    assert child.stderr.read() == ""
+    recording = load(folder / "got.parquet")
+    assert np.array_equal(recording.accel.y, made.u[: len(recording.accel)])
+    assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
+
+
 def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     for seed, name in ((1, "one"), (2, "two")):

@@ -99,7 +99,13 @@ class LiveSession:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stack.close()
+        try:
+            if (
+                isinstance(error, SystemExit) and self._recorder is not None
+            ):  # nobody reads the output, or a second signal
+                self._recorder.write()
+        finally:
+            self._stack.close()
 
     def run(self, *, ends: Callable[[], bool], on_alarm: Callable[[Alarm], None], show: Callable[[], None]) -> None:
         """Follow the source to its end, or until `ends`; every row that was read is then in filter and file.
