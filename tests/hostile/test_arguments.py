@@ -31,6 +31,7 @@ NUMBERS = {
     "improve": ["--max-effects"],
     "freeze": ["--at"],
     "fleet": ["--workers"],
+    "live": ["--every", "--baud"],
     "app": ["--port"],
 }
 LASTING = {("plan", "--seconds", "1_000")}
@@ -74,6 +75,12 @@ def command(name: str, option: str, value: str) -> list[str]:
         "improve": ["improve", "run.csv", "--from", "1", "--to", "1.5"],
         "freeze": ["freeze", "m.json", "run.csv"],
         "fleet": ["fleet", "absent"],
+        "live": [
+            "live",
+            "--rig",
+            "run.toml",
+            *(["--serial", "absent"] if option == "--baud" else ["--file", "run.csv"]),
+        ],
         "app": ["app", "absent.csv"],
     }[name]
     given = {"--only": f"{value}:2", "--without": f"1:{value}", "--at": f"bias={value}"}.get(option, value)

@@ -34,6 +34,7 @@ LAYERS = (
     "serialization",
     "workflow",
     "formatting",
+    "live",
     "campaign",
     "demo",
     "plots",

@@ -10,8 +10,10 @@ import io
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import TextIO
 
@@ -90,6 +92,41 @@ class _Signals:
 
 running: _Signals | None = None
 """Signals of the command that is running here; None where a program uses the package."""
+
+
+@contextmanager
+def deferred() -> Iterator[Callable[[], bool]]:
+    """In this block a signal waits: the function given tells whether one has come, and the end of the block obeys it.
+
+    A second one, `AGAIN` later or more, is obeyed at once. Outside the main thread, where signals do not arrive, there
+    is never one.
+    """
+    came: list[tuple[int, float]] = []
+    before: dict[int, signal._HANDLER] = {}
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        if came and time.monotonic() - came[0][1] > AGAIN:
+            restore()
+            signal.raise_signal(number)
+        elif not came:
+            came.append((number, time.monotonic()))
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        before.clear()
+
+    if threading.current_thread() is threading.main_thread():
+        for name in SIGNALS:
+            number = getattr(signal, name)
+            if name != "SIGPIPE" and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, wait)
+    try:
+        yield lambda: bool(came)
+    finally:
+        restore()
+    if came:
+        signal.raise_signal(came[0][0])
 
 
 def run(command: Callable[[], None]) -> int:

@@ -18,7 +18,7 @@ from accelcal._support import internal_error
 from accelcal._support.plain_text import visible
 from accelcal._support.supervised import continue_in_child
 
-WRITTEN = ("output", "c", "rust", "dcc")
+WRITTEN = ("output", "c", "rust", "dcc", "save")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""

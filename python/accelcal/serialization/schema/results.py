@@ -705,6 +705,69 @@ class TriadFile(Part):
     remarks: list[str]
 
 
+class InnovationPart(Part):
+    """One reading against what the filter expected."""
+
+    t_s: Value
+    e_m: Value
+    std_m: Value
+
+
+class RunningPart(Part):
+    """A running mean, and where it lies with 99 % probability while the model holds."""
+
+    value: Value
+    low: Value
+    high: Value
+    readings: int
+
+
+class AlarmPart(Part):
+    """A block of innovations that the model does not explain."""
+
+    t_s: Value
+    kind: Literal["nis", "mean"]
+    value: Value
+    low: Value
+    high: Value
+    readings: int
+    since_s: Value
+    sentence: str
+
+
+class LinesPart(Part):
+    """What became of the lines."""
+
+    used: int
+    broken: int
+    out_of_order: int
+    missing: int
+
+
+class LiveFile(Part):
+    """One line of `live --json`."""
+
+    schema_: Literal["accelcal/live/1"] = Field(alias="schema")
+    event: Literal["state", "alarm", "end"]
+    source: str
+    t_s: Value
+    parameters: list[Estimated]
+    innovation: InnovationPart | None
+    nis: RunningPart | None
+    holds: bool | None
+    blocks: int
+    alarms: int
+    alarm: AlarmPart | None
+    lines: LinesPart
+    dropped_bytes: int
+    outputs: int
+    readings: int
+    untested: int
+    refused: int
+    recorded_rows: int
+    ended: str | None
+
+
 class PaperFile(Part):
     """The paper reproduced: `paper`."""
 
