@@ -102,7 +102,7 @@ def test_the_loop_from_drop_to_report(tab, files):
     tab.get_by_role("button", name="Redo").click()
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
     # Download.
-    tab.get_by_role("tab", name="Download").click()
+    tab.get_by_role("tab", name="Export").click()
     with tab.expect_download(timeout=LONG) as model:
         tab.get_by_role("button", name="Model (.json)").click()
     content = json.loads(Path(model.value.path()).read_text(encoding="utf-8"))
@@ -126,7 +126,7 @@ def test_exports_are_downloaded_and_can_be_used(tab, files, tmp_path):
     fit(tab)
     tab.get_by_role("button", name="Add cubic", exact=True).click()
     tab.locator("[data-verdict=adequate]").wait_for(timeout=LONG)
-    tab.get_by_role("tab", name="Download").click()
+    tab.get_by_role("tab", name="Export").click()
     header = downloaded(tab, "For firmware, C (.h)", tmp_path)
     module = downloaded(tab, "For firmware, Rust (.rs)", tmp_path)
     content = json.loads(downloaded(tab, "Calibration (.json)", tmp_path).read_text(encoding="utf-8"))
@@ -208,7 +208,7 @@ def test_every_screen_fits_its_window(browser, server, files, width, scheme):  #
     fit(page)
     dark = page.evaluate("() => document.body.classList.contains('body--dark')")
     assert dark == (scheme == "dark")
-    for name in ("Data", "Improve", "Residuals", "Model", "Download"):
+    for name in ("Data", "Improve", "Residuals", "Model", "Export"):
         page.get_by_role("tab", name=name).click()
         page.wait_for_timeout(800)
         assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth"), name

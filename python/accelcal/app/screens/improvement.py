@@ -6,7 +6,9 @@ from nicegui import ui
 
 from accelcal import formatting
 from accelcal.app import figures, widgets, wording
+from accelcal.app.examples import example_of
 from accelcal.app.page import Page
+from accelcal.app.screens import start
 from accelcal.app.state import Step
 
 LIMITS = 6
@@ -25,6 +27,10 @@ def show(page: Page) -> None:
                 verdict(page)
             with widgets.card("Models"):
                 tree(page)
+            example = example_of(state.file)
+            if example is not None:
+                with widgets.card("An example"):
+                    start.answer(example)
         with ui.element("div").classes("stack"):
             with widgets.card("Error on held-out data"):
                 error(page)
@@ -32,19 +38,20 @@ def show(page: Page) -> None:
                     ("falling", state.current),
                     lambda theme: [figures.falling(state, theme)],
                 )
-            with widgets.card("Residuals on held-out data"):
-                if state.previous is not None:
-                    ui.label(f"Grey: before {state.step.label}.").classes("note")
-                page.pictures(
-                    ("left", state.current),
-                    lambda theme: [
-                        figures.residual(state, page.bench.before(), theme),
-                        figures.one_step(state, theme),
-                    ],
-                    height=620,
-                )
-            with widgets.card("Unaided drift"):
-                page.pictures(("coast", state.current), lambda theme: [figures.coasting(state, theme)])
+            with ui.element("div").classes("wall"):
+                with widgets.card("Residuals on held-out data"):
+                    if state.previous is not None:
+                        ui.label(f"Grey: before {state.step.label}.").classes("note")
+                    page.pictures(
+                        ("left", state.current),
+                        lambda theme: [
+                            figures.residual(state, page.bench.before(), theme),
+                            figures.one_step(state, theme),
+                        ],
+                        height=620,
+                    )
+                with widgets.card("Unaided drift"):
+                    page.pictures(("coast", state.current), lambda theme: [figures.coasting(state, theme)])
     widgets.copies(page)
 
 
