@@ -31,7 +31,7 @@ class Example:
     size: float
     """Its coefficient, SI."""
     seed: int
-    seconds: float = 60.0
+    seconds: float = 40.0
 
     @property
     def answer(self) -> str:
@@ -50,7 +50,7 @@ EXAMPLES: Mapping[str, Example] = MappingProxyType(
     {
         "stage": Example(
             "A positioning stage",
-            "It moves, stops and moves back for a minute. Without position the model drifts by 15 cm in 10 s.",
+            "It moves, stops and moves back. Without position the model drifts by centimetres within seconds.",
             "moves",
             "coulomb",
             2e-2,

@@ -78,7 +78,9 @@ def wrap_titles(axes: Axes) -> bool:
             title.update(text=_wrapped(title["text"], letters), font={**title.get("font", {}), "size": 12})
     names = x.get("ticktext")
     if isinstance(names, list) and names:
-        x["ticktext"] = ["<br>".join(_wrapped(part, 44 // len(names)) for part in n.split("<br>")) for n in names]
+        x["ticktext"] = [
+            "<br>".join(_wrapped(part, max(8, 44 // len(names))) for part in n.split("<br>")) for n in names
+        ]
     return "<br>" in str((y.get("title") or {}).get("text", ""))
 
 

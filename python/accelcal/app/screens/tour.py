@@ -45,7 +45,7 @@ def open_tour() -> None:
         text = ui.label()
         with ui.row().classes("line"):
             back = widgets.button("Back", "arrow_back", lambda: go(-1))
-            forward = widgets.button("Next", "arrow_forward", lambda: go(1), primary=True).props("autofocus")
+            forward = widgets.button("Next", "arrow_forward", lambda: go(1), primary=True).props("data-autofocus")
             widgets.button("Close", "close", dialog.close, flat=True)
     dialog.props('aria-label="One-minute tour"')
     dialog.on("hide", dialog.delete)
