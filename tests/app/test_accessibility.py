@@ -19,8 +19,8 @@ HIGHEST = {"Data": 2200, "Improve": 4500, "Residuals": 6000, "Model": 1600, "Exp
 
 @pytest.fixture(scope="module")
 def user(browser: Any, server: Any) -> Any:  # noqa: F811
-    """A user at a desk, with a dark theme at first."""
-    made = arrives(browser, f"http://{HOST}:{server[0]}", "axe-1280", 1280, "dark")
+    """A user at a wide window, with a dark theme at first."""
+    made = arrives(browser, f"http://{HOST}:{server[0]}", "axe-1920", 1920, "dark")
     yield made
     made.page.context.close()
 
@@ -31,6 +31,7 @@ def both_themes(user: User, screen: str, figures: int) -> None:
         user.settles(figures)
         user.look(f"{screen}-{other.split()[0].lower()}-next")
         user.click(other)
+    user.settles(figures)
 
 
 def test_no_screen_has_a_serious_finding(user: User, tmp_path: Path) -> None:

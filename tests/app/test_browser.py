@@ -200,28 +200,6 @@ def test_long_work_is_cancelled(tab, files):
     assert number(tab, "error") > 0.0
 
 
-@pytest.mark.parametrize(("width", "scheme"), [(1280, "dark"), (1920, "light")])
-def test_every_screen_fits_its_window(browser, server, files, width, scheme):  # noqa: F811
-    context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    page = opened(context, server[0])
-    load(page, files, "cubic")
-    fit(page)
-    dark = page.evaluate("() => document.body.classList.contains('body--dark')")
-    assert dark == (scheme == "dark")
-    for name in ("Data", "Improve", "Residuals", "Model", "Export"):
-        page.get_by_role("tab", name=name).click()
-        page.wait_for_timeout(800)
-        assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth"), name
-        assert page.get_by_role("heading").count() > 0
-        unnamed = page.evaluate(
-            "() => [...document.querySelectorAll('main button, header button')]"
-            ".filter(b => !b.textContent.trim() && !b.getAttribute('aria-label')).length"
-        )
-        assert unnamed == 0, name
-    assert page.complaints == []
-    context.close()
-
-
 def test_the_keyboard_reaches_everything_that_matters(tab, files):
     load(tab, files, "cubic")
     wanted = {"Fit the linear model", "Hold this stretch out", "Exclude this stretch", "Undo"}
