@@ -118,6 +118,8 @@ def compare_two_models(user: User, cubic: Path, volts: Path) -> None:
     assert user.number("error") > after
     assert models.first.get_attribute("aria-pressed") == "true"
     user.settles(figures=4)
+    number = user.page.locator("[data-number=error]").inner_text()
+    assert f"on held-out data: {number}" in user.page.locator("figcaption").first.inner_text()
 
 
 def save_and_reopen(user: User, cubic: Path, volts: Path) -> None:

@@ -21,6 +21,8 @@ def show(page: Page) -> None:
     if state.step is None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
+    # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
+    shown = tuple(id(step.heldout) for step in state.path)
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             with widgets.card("Diagnosis", "verdict"):
@@ -35,7 +37,7 @@ def show(page: Page) -> None:
             with widgets.card("Error on held-out data"):
                 error(page)
                 page.pictures(
-                    ("falling", state.current),
+                    ("falling", shown),
                     lambda theme: [figures.falling(state, theme)],
                 )
             with ui.element("div").classes("wall"):
@@ -43,7 +45,7 @@ def show(page: Page) -> None:
                     if state.previous is not None:
                         ui.label(f"Grey: before {state.step.label}.").classes("note")
                     page.pictures(
-                        ("left", state.current),
+                        ("left", shown),
                         lambda theme: [
                             figures.residual(state, page.bench.before(), theme),
                             figures.one_step(state, theme),
@@ -51,7 +53,7 @@ def show(page: Page) -> None:
                         height=620,
                     )
                 with widgets.card("Unaided drift"):
-                    page.pictures(("coast", state.current), lambda theme: [figures.coasting(state, theme)])
+                    page.pictures(("coast", shown), lambda theme: [figures.coasting(state, theme)])
     widgets.copies(page)
 
 
