@@ -163,7 +163,7 @@ def try_an_own_formula(user: User, cubic: Path, volts: Path) -> None:
     user.settles(figures=4)
 
 
-def walk_the_loop_by_keyboard(user: User, cubic: Path, volts: Path) -> None:
+def do_the_loop_by_keyboard(user: User, cubic: Path, volts: Path) -> None:
     page, keys = user.page, user.page.keyboard
     keys.press("Tab")
     assert focused(user) == "Skip to content"
@@ -252,7 +252,7 @@ TASKS: tuple[Task, ...] = (
     save_and_reopen,
     send_a_report,
     try_an_own_formula,
-    walk_the_loop_by_keyboard,
+    do_the_loop_by_keyboard,
     find_what_an_example_hides,
 )
 
