@@ -380,6 +380,6 @@ def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
 
 
 def test_the_example_has_something_to_find(bench):
-    bench.example()
-    assert bench.state.recording.name == "example.csv"
+    bench.example("stage")
+    assert bench.state.recording.name == "example_stage.csv"
     assert bench.sentence == ""

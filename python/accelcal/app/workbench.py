@@ -20,6 +20,7 @@ from typing import Any, Literal
 from accelcal import io
 from accelcal._support import internal_error
 from accelcal.app import mapping, session_file, tasks
+from accelcal.app.examples import PREFIX
 from accelcal.app.known import Known, units_of
 from accelcal.app.opened_session import OpenedSession
 from accelcal.app.own_formula import OwnFormula
@@ -368,7 +369,7 @@ class Workbench:
             found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, report)
             return self._grown(state, Change("hold", name, value), found, report)
 
-        self._perform(f"holding {name}", work)
+        self._perform(f"fixing {name}", work)
 
     def release(self, name: str) -> None:
         """Let a held parameter be estimated again."""
@@ -378,7 +379,7 @@ class Workbench:
             found = self._fitted(before.model.release(name), before.origins, state, report)
             return self._grown(state, Change("release", name), found, report)
 
-        self._perform(f"releasing {name}", work)
+        self._perform(f"freeing {name}", work)
 
     def _fitted(self, model: Model, origins: Origins | None, state: State, report: Report) -> Fit:
         found: Fit = self._done(tasks.fitted, model, state.train, origins, report=first_part(report))
@@ -496,15 +497,20 @@ class Workbench:
             self.sentence = self.plain(sentence)
             self.version += 1
 
-    # Download
+    # Export
 
-    def example(self) -> None:
-        """Write a simulated recording with a hidden effect, and load it."""
-        path = self.upload_folder() / "example.csv"
+    def example(self, name: str) -> None:
+        """Simulate an example recording with a hidden effect, and load it.
+
+        Parameters
+        ----------
+        name : of an example in `accelcal.app.examples.EXAMPLES`.
+        """
+        path = self.upload_folder() / f"{PREFIX}{name}.csv"
 
         def work(state: State, report: Report) -> State:
-            self._done(tasks.simulated, path, report=report)
-            return self._load(path, None, report)
+            self._done(tasks.simulated, path, name, report=share_of(report, 0.0, 0.3))
+            return self._load(path, None, share_of(report, 0.3, 1.0))
 
         self._perform("simulating a recording", work)
 

@@ -33,7 +33,7 @@ def show(page: Page) -> None:
             height=600,
         )
     found = bench.diagnosis
-    with widgets.card("Residual against each variable"):
+    with widgets.card("Residual against each variable", "many"):
         if found is None:
             if bench.job is None and not page.asking:
                 ui.label("Not diagnosed yet.")
