@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-hidden bench-against compare-outputs bench-peers stubs format clean
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -26,6 +26,11 @@ test: $(STAMP) ## Run every test: Rust, then Python.
 test-long: $(STAMP) ## Compare the filters with their twins on ten times as many records; single precision for ten minutes.
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
+
+test-browser: $(STAMP) ## Ten tasks on the workbench in every size and theme, and axe; pictures in build/screenshots.
+	rm -rf build/screenshots
+	ACCELCAL_BROWSER=every ACCELCAL_SCREENSHOTS=build/screenshots ACCELCAL_REQUIRE_BROWSER=1 \
+		$(BIN)/python -m pytest -q tests/app/test_tasks.py tests/app/test_accessibility.py
 
 test-hostile: $(STAMP) ## Mutated files and models, kills, full disks, many sessions: every case, hours.
 	ACCELCAL_FUZZ=300000 cargo test --release --quiet -p ekf-core-fuzz -- --nocapture
@@ -76,6 +81,10 @@ bench: $(STAMP) ## Measure times, memory and statistics; minutes.
 
 bench-live: $(STAMP) ## Draw a million setups of live and batch filters: no negative variance, no NaN without an error.
 	$(BIN)/python -m benches.live_filters
+
+bench-live-input: $(STAMP) ## Send 10 kHz to `accelcal live` for ten minutes each by TCP and by a terminal: nothing may be lost.
+	$(BIN)/python -m benches.live --over tcp
+	$(BIN)/python -m benches.live --over pty
 
 bench-check: $(STAMP) ## Fail where a step costs 5 % more instructions than stored (valgrind).
 	tools/bench_check.sh

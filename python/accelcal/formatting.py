@@ -224,6 +224,13 @@ def length(metres: float) -> str:
     return f"{metres * factor:.3g} {unit}"
 
 
+def percent(value: float) -> str:
+    """A fit in percent, with two digits of what it lacks to 100."""
+    lacks = abs(100.0 - value)
+    digits = min(4, max(0, 1 - math.floor(math.log10(lacks)))) if lacks > 0.0 else 0
+    return f"{value:.{digits}f} %".replace("-", "−")
+
+
 def grouped(number: int) -> str:
     """A count with its thousands separated: 400 000."""
     return f"{number:,}".replace(",", " ")

@@ -402,7 +402,7 @@ def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison
     errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
     measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
     fall = " → ".join(formatting.length(error) for error in (errors[0], errors[-1])[: len(errors)])
-    floor = "" if h is None else f"; noise floor {length(steps[-1].coast_floor[h])}"
+    floor = floor_of(steps[0], h)
     return Card(
         title=title,
         sentence=f"{measure} on held-out data: {fall}{floor}.",
@@ -422,7 +422,15 @@ def drift(seen: Comparison) -> str:
     if not known:
         return f"Simulation error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
     h = max(known)
-    return f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms; noise floor {length(seen.coast_floor[h])}."
+    return f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms{floor_of(seen, h)}."
+
+
+def floor_of(seen: Comparison, horizon: float | None) -> str:
+    """What noise of the sensor alone would give, as the end of a sentence."""
+    spread = None if seen.noise_floor is None else seen.noise_floor.at(horizon)
+    if spread is None:
+        return ""
+    return f"; sensor noise alone {formatting.length(spread.low)} to {formatting.length(spread.high)}"
 
 
 def as_sentence(text: str) -> str:

@@ -48,6 +48,7 @@ from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
+from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import best_step
 from accelcal.validation.ruler import Ruler
 
@@ -460,8 +461,26 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     """
     if not fits:
         raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
-    ruler = Ruler.of(fits)
-    return History(tuple(fits), tuple(compare(fit, recording, ruler=ruler) for fit in fits))
+    return History(tuple(fits), compare_models(fits, recording, Ruler.of(fits)))
+
+
+def compare_models(
+    fits: Sequence[Fit],
+    recording: Recording,
+    ruler: Ruler,
+    report: Callable[[float], None] = lambda share: None,
+) -> tuple[Comparison, ...]:
+    """Compare several models with one recording under one ruler, above one noise floor.
+
+    `report` is called with the share of the work that is done, 0 to 1.
+    """
+    found = []
+    for number, fit in enumerate(fits, start=1):
+        found.append(compare(fit, recording, ruler=ruler))
+        report(number / (len(fits) + 1))
+    whole, start, end, _ = whole_part(recording)
+    floor = noise_floor(ruler, fits[0], whole, start=start, end=end)
+    return tuple(replace(seen, noise_floor=floor) for seen in found)
 
 
 @checked
@@ -542,12 +561,13 @@ def improve(
         test, rejected_from_test = clean_holdout(selection.fits[0][1].model, test, test_begin, test_end)
         rejected = (*rejected, *rejected_from_test)
     ruler = Ruler.of([fit for _, fit in selection.fits])
+    floor = noise_floor(ruler, selection.fits[0][1], test, start=test_begin, end=test_end)
     steps = [
         Step(
             names,
             fit,
             evaluation.compare(fit, fitted.recordings[0], start=begin, end=split, ruler=ruler),
-            evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler),
+            replace(evaluation.compare(fit, test, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor),
         )
         for names, fit in selection.fits
     ]
@@ -629,6 +649,10 @@ def compare(
         recording = with_position_steps(recording)
     seen = evaluation.compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler)
     seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end))
+    if ruler is None:
+        alone = Ruler.of([fit])
+        floor = noise_floor(alone, fit, recording, horizons=horizons, start=start, end=end)
+        seen = replace(seen, noise_floor=floor)
     return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
 
 

@@ -347,7 +347,8 @@ def test_the_commands_bring_every_formula_of_the_users_own(bench, files, tmp_pat
         command = [sys.executable, "-m", "accelcal", *shlex.split(line)[1:]]
         ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
         assert ran.returncode == 0, (line, ran.stderr)
-    reread = model_file.load(tmp_path / "m2.json")
+    with bench.catalogue():
+        reread = model_file.load(tmp_path / "m2.json")
     for name in ("law_of_the_cube", "lift_of_the_cable"):
         assert reread[name].value == pytest.approx(bench.state.step.fit[name].value, rel=1e-9)  # through text and back
 
@@ -379,6 +380,6 @@ def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
 
 
 def test_the_example_has_something_to_find(bench):
-    bench.example()
-    assert bench.state.recording.name == "example.csv"
+    bench.example("stage")
+    assert bench.state.recording.name == "example_stage.csv"
     assert bench.sentence == ""

@@ -91,7 +91,7 @@ def test_an_effect_drawn_at_random_is_added_and_the_error_falls(tab, seed, tmp_p
     horizon = next(key for key, value in found.items() if value == last(found))
     for key in ("one_step", horizon):
         assert found[key] <= 1.05 * np.hypot(oracle[key], more[key])
-    tab.get_by_role("tab", name="Download").click()
+    tab.get_by_role("tab", name="Export").click()
     with tab.expect_download(timeout=LONG) as report:
         tab.get_by_role("button", name="Report (.html)").click()
     assert report.value.suggested_filename.endswith(".html")

@@ -46,3 +46,51 @@ def test_a_part_of_a_quaternion_or_no_direction_is_refused() -> None:
         mapping.sidecar_from("", chosen(), Axis("x"))
     made = mapping.sidecar_from("", chosen(), Axis("0, 0.6, 0.8", "sensor to ENU"))
     assert "input_axis = [0.0, 0.6, 0.8]" in made
+
+
+GERMAN = ("Zeit [s]", "Ausgang [V]", "Weg [mm]")
+
+
+def german(tmp_path: Path, columns: tuple[str, ...] = GERMAN) -> str:
+    path = tmp_path / "messung.csv"
+    rows = "".join(f"{0.01 * i:.2f};2,5;{i % 7}{';1' * (len(columns) - 3)}\n".replace(".", ",") for i in range(50))
+    path.write_text(";".join(columns) + "\n" + rows, encoding="utf-8")
+    return io.template(path)
+
+
+def test_a_column_that_is_alone_with_its_kind_of_unit_gets_a_role(tmp_path: Path) -> None:
+    template = german(tmp_path)
+    found = mapping.choices(GERMAN, template, template)
+    assert [(c.channel, c.unit) for c in found] == [("time", "s"), ("accel", "V"), ("position", "mm")]
+    assert mapping.unknown(found, template) == ["the scale of the sensor"]
+    text = mapping.sidecar_from(template, found, None, {"scale": "1.2 V/g", "zero": "2.5 V", "noise": ""})
+    assert mapping.sensor_in(text) == {"scale": "1.2 V/g", "zero": "2.5 V"}
+    assert mapping.unknown(found, text) == []
+    path = tmp_path / "messung.csv"
+    path.with_suffix(".toml").write_text(text, encoding="utf-8")
+    np.testing.assert_allclose(io.load(path).accel.y, 0.0, atol=1e-9)
+
+
+def test_two_columns_of_one_kind_and_what_was_declared_are_left_to_the_user(tmp_path: Path) -> None:
+    columns = (*GERMAN, "Hub [mm]")
+    template = german(tmp_path, columns)
+    found = mapping.choices(columns, template, template)
+    assert [c.channel for c in found[:2]] == ["time", "accel"]
+    assert mapping.unknown(found, template) == ["the column of position", "the scale of the sensor"]
+    declared = 'channels = { accel = { column = "Ausgang [V]", unit = "V" } }'
+    assert "position" not in [c.channel for c in mapping.choices(GERMAN, declared, template)]
+
+
+def test_first_lines_are_those_of_text_files_and_short(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + b"x" * 9000 + b"\n" + b"a;\xb0\n" * 99)
+    assert mapping.first_lines(path) == ["x" * mapping.FIRST_WIDTH]
+    path.write_text("a,b\n" * 99)
+    assert mapping.first_lines(path) == ["a,b"] * mapping.FIRST_LINES
+    assert mapping.first_lines(tmp_path / "run.parquet") == []
+
+
+def test_a_sidecar_that_is_no_toml_declares_nothing_of_the_sensor() -> None:
+    assert mapping.sensor_in("[sensor\n") == {}
+    assert mapping.sensor_in("sensor = 3") == {}
+    assert mapping.sensor_in('[sensor]\nscale = "?"\nserial = 12') == {"serial": "12"}

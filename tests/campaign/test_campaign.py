@@ -181,7 +181,7 @@ def test_a_task_that_no_worker_could_import_is_refused(tmp_path, task):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("scale", [np.zeros(3), "x" * 100_000], ids=["array", "long"])
+@pytest.mark.parametrize("scale", [np.zeros(3), "x" * 100_000, [np.nan]], ids=["array", "long", "NaN"])
 def test_data_among_the_parameters_are_refused(tmp_path, scale):
     with pytest.raises(CampaignError, match="pass its path"):
         draws(tmp_path / "c.sqlite", 2, parameters={"scale": scale})

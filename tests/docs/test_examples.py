@@ -15,19 +15,23 @@ from accelcal.cli import write_recording
 from .pages import DOCS, examples
 
 ENVIRONMENT = os.environ | {"COLUMNS": "160"}
-PAGES = ("quick-start", "loop", "your-data", "own-effect", "campaign", "python")
+PAGES = ("quick-start", "loop", "your-data", "own-effect", "campaign", "live", "python")
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
 ELSEWHERE = {"export": "calibration/export/test_command.py"}
 """Pages whose examples are run by a test of what they are about."""
 BY_HAND = {
     "quick-start": ["make demo", "make test"],
+    "live": [
+        "accelcal live --serial /dev/ttyUSB0 --baud 921600 --rig rig.toml -o today.parquet",
+        "accelcal live --tcp 192.168.1.7:5025 --rig rig.toml --model m.json",
+    ],
     "embedded": [
         "rustup target add thumbv7em-none-eabihf",
         "apt-get install qemu-system-arm binutils-arm-none-eabi",
         ".venv/bin/python -m tests.firmware.run",
     ],
 }
-"""What these tests do not run: `.ci/run` and `make embedded` do, and the set-up with rustup is for other machines."""
+"""What these tests do not run: `.ci/run` and `make embedded` do, and rustup and devices are for other machines."""
 
 
 def prepare(page, folder):

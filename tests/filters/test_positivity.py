@@ -115,3 +115,21 @@ def test_smoothed_variances_lie_between_zero_and_the_filtered_ones(system: str) 
         assert np.all(run.smoothed_variances <= run.variances * (1 + 1e-6))
         found += 1
     assert found > 40
+
+
+@pytest.mark.parametrize(
+    ("setting", "values"),
+    [
+        ("rate", (0.0, -1.0, np.nan, np.inf)),
+        ("q", (-1.0, np.nan, np.inf)),
+        ("r_position", (-1.0, np.nan, np.inf)),
+        ("speed", (-1.0, np.nan, np.inf)),
+        ("position", (np.nan, np.inf)),
+        ("gate", (0.0, -1.0, np.nan)),
+    ],
+)
+def test_a_live_model_names_the_setting_that_is_none(setting, values):
+    ordinary = {"rate": 1e3, "q": 5e-7, "r_position": 1e-12, "position": 0.0}
+    for value in values:
+        with pytest.raises(ValueError, match=f"LiveModel: {setting} = "):
+            LiveModel(Model.linear(), Rig(), **(ordinary | {setting: value}))

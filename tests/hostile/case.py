@@ -10,6 +10,9 @@ import numpy as np
 LONG = os.environ.get("ACCELCAL_HOSTILE") == "long"
 """Whether `make test-hostile` runs: every case, not a slice."""
 
+FIRST = int(os.environ.get("ACCELCAL_HOSTILE_FIRST", "0"))
+"""Number from which a long run is resumed."""
+
 
 def case_rng(section: str, number: int) -> np.random.Generator:
     """Random numbers of one case."""
@@ -17,5 +20,5 @@ def case_rng(section: str, number: int) -> np.random.Generator:
 
 
 def cases(few: int, many: int) -> range:
-    """Numbers of the cases to run: `few` in `make test`, `many` in `make test-hostile`."""
-    return range(many if LONG else few)
+    """Numbers of the cases to run: `few` in `make test`, `many` in `make test-hostile`, there from `FIRST` on."""
+    return range(min(FIRST, many), many) if LONG else range(few)

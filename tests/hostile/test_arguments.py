@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ NUMBERS = {
     "improve": ["--max-effects"],
     "freeze": ["--at"],
     "fleet": ["--workers"],
+    "live": ["--every", "--baud"],
     "app": ["--port"],
 }
 LASTING = {("plan", "--seconds", "1_000")}
@@ -73,6 +75,12 @@ def command(name: str, option: str, value: str) -> list[str]:
         "improve": ["improve", "run.csv", "--from", "1", "--to", "1.5"],
         "freeze": ["freeze", "m.json", "run.csv"],
         "fleet": ["fleet", "absent"],
+        "live": [
+            "live",
+            "--rig",
+            "run.toml",
+            *(["--serial", "absent"] if option == "--baud" else ["--file", "run.csv"]),
+        ],
         "app": ["app", "absent.csv"],
     }[name]
     given = {"--only": f"{value}:2", "--without": f"1:{value}", "--at": f"bias={value}"}.get(option, value)
@@ -116,13 +124,18 @@ def test_absurd_numbers_end_in_one_sentence(folder, tmp_path, monkeypatch, capsy
         ({"accel_phase": float("inf")}, "expected a finite length and rate above 0"),
         ({"parameters": {"cubic": float("nan")}}, "expected a finite number"),
         ({"parameters": {"cubic": 1e308}, "a_rms": 1e3}, "overflows"),
+        ({"parameters": {"scale_factor": 1e308}}, "overflows"),
+        ({"parameters": {"bias": 1e300}, "lsb": 1e-300}, "overflows"),
+        ({"position_noise": 1e308}, "overflows"),
     ],
     ids=str,
 )
 def test_a_simulation_beyond_its_limits_is_refused(settings, said):
     given = {"seconds": 2.0, "rig": ac.ADXL105_RIG, "parameters": {}, "rng": np.random.default_rng(1)} | settings
-    with pytest.raises(ValueError, match=said):
-        ac.simulate("tones", **given)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # the sentence comes alone
+        with pytest.raises(ValueError, match=said):
+            ac.simulate("tones", **given)
 
 
 def piped(words: list[str], folder: Path, reader: str) -> tuple[int, str]:

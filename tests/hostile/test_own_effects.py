@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import keyword
 import time
 
@@ -10,9 +12,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import accelcal as ac
 from accelcal.data.arrays import Array
-from accelcal.effects import CATALOGUE, Effect, EffectsFileError, ExpressionError, from_expression, load_effects
+from accelcal.effects import (
+    BUILT_IN,
+    CATALOGUE,
+    Effect,
+    EffectsFileError,
+    ExpressionError,
+    Shape,
+    effect,
+    find,
+    from_expression,
+    load_effects,
+    registry,
+)
 from accelcal.effects.formula import FUNCTIONS, MOTION, RESERVED
+from accelcal.effects.guard import Guarded
 from accelcal.effects.user_file import probe
 from accelcal.signals.signals import Signals
 
@@ -155,7 +171,7 @@ def test_signals_that_are_not_finite_are_no_fault_of_the_effect(tmp_path):
 def test_the_name_of_an_effect_is_a_name(tmp_path, name):
     path = tmp_path / "mine.py"
     path.write_text((HEAD + BODY + "    return s.a\n").replace('"own"', repr(name)))
-    with pytest.raises(EffectsFileError, match="expected a name of letters"):
+    with pytest.raises(EffectsFileError, match="needs a name of letters"):
         load_effects(path)
 
 
@@ -281,3 +297,110 @@ def test_formulas_of_any_characters_end_in_a_sentence_or_in_an_effect(tmp_path):
     seconds = time.process_time() - began
     print(f"expressions: {len(numbers)}, {accepted} accepted, each agrees with its file; {seconds:.0f} s")
     assert accepted > 0
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (lambda s: np.where(s.p > 0.0, np.nan, s.a), "not finite at"),
+        (lambda s: s.a + 1j, "complex numbers"),
+        (lambda s: s.a[:-1], "returns shape"),
+        (lambda s: None, "returns None"),
+        (lambda s: s.a.sort(), "does not evaluate"),
+        (lambda s: [sum(range(20_000)) * 0.0 + a for a in s.a], "of processor time"),
+    ],
+    ids=["NaN", "complex", "shape", "None", "mutates", "slow"],
+)
+def test_an_effect_of_a_script_is_looked_at_as_one_of_a_file_is(function, said):
+    before = dict(CATALOGUE)
+    with pytest.raises(EffectsFileError, match=said) as caught:
+        effect("own", unit="1", symbol="c", scale=1.0)(function)
+    assert f"{__file__}, line " in str(caught.value)
+    assert before == CATALOGUE
+
+
+def test_an_effect_of_a_script_is_looked_at_whenever_it_is_evaluated():
+    @effect("own", unit="1", symbol="c", scale=1.0)
+    def own(s):
+        return s.a / (len(s.t) != 100)
+
+    assert own(probe(())).shape == (64,)
+    with pytest.raises(EffectsFileError, match=r"not finite|does not evaluate"):
+        find("own").column(probe((), 100))
+
+
+MISBEHAVE = {
+    "NaN": (lambda s: np.where(s.p > 0.0, np.nan, s.a), "not finite at"),
+    "complex": (lambda s: s.a + 1j, "complex numbers"),
+    "shape": (lambda s: s.a[:-1], "returns shape"),
+    "None": (lambda s: None, "returns None"),
+    "mutates": (lambda s: s.a.sort(), "does not evaluate"),
+    "raises": (lambda s: s.side["gone"], "does not evaluate: there is no 'gone' here"),
+    "slow": (lambda s: s.a + 0.0 * spin(0.3), "of processor time"),
+}
+
+
+def spin(seconds: float) -> float:
+    """Work for a processor time, s."""
+    end = time.thread_time() + seconds
+    while time.thread_time() < end:
+        pass
+    return end
+
+
+@pytest.mark.parametrize("way", ["by hand", "registry", "replaced", "no function"])
+@pytest.mark.parametrize("kind", MISBEHAVE)
+def test_an_effect_is_looked_at_however_it_was_made(kind, way):
+    function, said = MISBEHAVE[kind]
+    if way == "no function":  # an object without file and line
+        function = functools.partial(function)
+    if way == "registry":
+        registry.effect("own", unit="1", symbol="c", scale=1.0)(function)
+        made = find("own")
+    elif way == "replaced":
+        made = dataclasses.replace(find("cubic"), name="own", function=function)
+    else:
+        made = Effect("own", "1", "output", "sensor", "c", 1.0, "", function, {})
+    with pytest.raises(EffectsFileError, match=said) as caught:
+        made.column(probe(()))
+    assert ("effect 'own'" if way == "no function" else f"{__file__}, line ") in str(caught.value)
+    assert "'own'" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("declared", "said"),
+    [
+        ({"name": "a\x1bb"}, "needs a name of letters"),
+        ({"name": 1}, "needs a name of letters"),
+        ({"unit": "m\n"}, "needs a unit of at most"),
+        ({"symbol": "x" * 201}, "needs a symbol of at most"),
+        ({"source": None}, "needs a source of at most"),
+        ({"scale": float("nan")}, "typical size nan"),
+        ({"scale": -1.0}, "typical size -1"),
+        ({"shapes": {"w": Shape("s", (0.0, 1.0), spacing="log")}}, "begin above 0"),
+        ({"shapes": {"w": Shape("s", (1.0, 0.0))}}, "has no bounds of w"),
+    ],
+)
+def test_a_declaration_that_no_model_holds_is_refused_however_it_was_made(declared, said):
+    given = {"name": "own", "unit": "1", "symbol": "c", "scale": 1.0, "source": "", "shapes": {}} | declared
+    with pytest.raises(EffectsFileError, match=said):
+        Effect(port="output", owner="sensor", function=lambda s, w=1.0: s.a, **given)
+
+
+def test_effects_of_accelcal_are_not_looked_at_again():
+    for known in BUILT_IN:
+        assert not isinstance(known.function, Guarded), known.name
+    own = Effect("own", "1", "output", "sensor", "c", 1.0, "", lambda s: s.a, {})
+    assert dataclasses.replace(own, scale=2.0).function is own.function
+
+
+def test_an_extra_that_misbehaves_is_refused_by_name():
+    made = ac.simulate(
+        "interleaved", seconds=8.0, rig=ac.CXL02_RIG, parameters={"bias": 0.05}, rng=np.random.default_rng(1)
+    ).recording
+    registry.effect("own", unit="1", symbol="c", scale=1.0)(lambda s: s.a[:-1])
+    own, base = find("own"), ac.fit(ac.Model.linear(), made)
+    with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):
+        ac.diagnose(base, made, extra=(own,))
+    with pytest.raises(EffectsFileError, match="effect 'own' returns shape"):
+        ac.add(base, made, "own", extra=(own,))

@@ -42,6 +42,7 @@ REFUSED = {
     "light report": ("plot", "report m.json run.csv --light -o run.html"),
     "page of fleet": ("report", "fleet sensors/a -o fleet.html"),
     "PDF": ("", "report m.json run.csv --pdf -o run.html"),
+    "port": ("live", "live --serial absent --baud 9600 --rig run.toml"),
     "dask": ("dask", "fleet sensors/a --dask 127.0.0.1:9"),
     "schema": ("dcc", "export m.json --dcc a.xml --schema dcc.xsd"),
     "workbench": ("app", "app --no-browser"),
@@ -64,9 +65,10 @@ WORKING = {
     "doctor": "doctor",
     "dwells": "dwells tumble.csv --least 1s",
     "fleet": "fleet sensors/a",
+    "live": "live --file run.csv --rig run.toml -o got.parquet",
 }
-FEW = ("check", "cut", "fit", "export", "doctor")
-OFTEN = ("plots of compare", "paper", "report", "dask", "workbench")
+FEW = ("check", "cut", "fit", "export", "live", "doctor")
+OFTEN = ("plots of compare", "paper", "report", "port", "dask", "workbench")
 
 
 def of_extras() -> set[str]:

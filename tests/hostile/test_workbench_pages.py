@@ -107,7 +107,7 @@ def test_names_in_a_file_run_nothing_on_any_screen_or_in_the_report(page: Any, t
     page.locator(".problem, [aria-label='Fit the linear model']").first.wait_for(timeout=LONG)
     if page.locator("[aria-label='Fit the linear model']").count():
         fit(page)
-    for name in ("Data", "Improve", "Residuals", "Model", "Download"):
+    for name in ("Data", "Improve", "Residuals", "Model", "Export"):
         page.get_by_role("tab", name=name).click()
         page.wait_for_timeout(300)
         assert page.evaluate("window.hit") is None, name
@@ -185,7 +185,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         fresh.locator("[data-number=error]").wait_for(timeout=LONG)
         assert fresh.locator("[data-number=error]").get_attribute("data-value") == error
         # Saved by hand, and opened in another session.
-        fresh.get_by_role("tab", name="Download").click()
+        fresh.get_by_role("tab", name="Export").click()
         with fresh.expect_download(timeout=LONG) as saved:
             fresh.get_by_role("button", name="Save session (.accelcal)").click()
         saved.value.save_as(tmp_path / "saved.accelcal")

@@ -100,7 +100,7 @@ def soak(server: Served, browser: Any, place: Path, sessions: int, seconds: floa
         page.reload()
         page.locator(".file").wait_for(timeout=LONG)
         page.wait_for_function("name => document.querySelector('.file')?.innerText === name", arg=name, timeout=LONG)
-        shown = page.locator("main.body").inner_text()
+        shown = page.locator("main .body").inner_text()
         if not shown or page.locator(".expired").count():
             found.lost.append(name)
     context.close()

@@ -26,6 +26,14 @@ def sleep(note: Path, *, report: Report) -> None:
     time.sleep(600.0)
 
 
+def try_for_ever(formulas: object, *, report: Report) -> None:
+    """Note the process in the folder that it runs in, then evaluate a formula that never comes to an end."""
+    Path("part").write_text(str(os.getpid()))
+    Path("part").rename("note")
+    while True:
+        math.sqrt(2.0)
+
+
 def die(number: int, *, report: Report) -> None:
     """End by a signal, as a damaged file or the system that needs memory may do it."""
     os.kill(os.getpid(), number)

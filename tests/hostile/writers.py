@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import tomllib
 from collections.abc import Mapping
@@ -9,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
 
 import accelcal as ac
 from accelcal.cli import write_recording
@@ -32,6 +35,8 @@ class Writer:
     arguments: tuple[str, ...]
     outputs: tuple[str, ...]
     together: bool = True
+    grows: bool = False
+    """Whether what is written before an interruption stays: the first rows of a recording."""
     heavy: bool = False
     """Takes more than some seconds: not in the slice."""
 
@@ -45,6 +50,12 @@ WRITERS: Mapping[str, Writer] = {
     "cut": Writer(("cut", "run.csv", "--only", "1:9", "-o", "part.parquet"), ("part.parquet", "part.toml")),
     "init": Writer(("init", "bare.csv"), ("bare.toml",)),
     "fit": Writer(("fit", "run.csv", "-o", "made.json"), ("made.json",)),
+    "live": Writer(
+        ("live", "--file", "run.csv", "--rig", "run.toml", "-o", "got.parquet"),
+        ("got.parquet", "got.toml"),
+        together=False,
+        grows=True,
+    ),
     "freeze": Writer(("freeze", "m.json", "run.csv", "--at", "bias=0.05", "-o", "held.json"), ("held.json",)),
     "export": Writer(("export", "m.json", "--c", "a.h", "--rust", "a.rs", "--dcc", "a.xml"), ("a.h", "a.rs", "a.xml")),
     "dwells": Writer(
@@ -115,9 +126,11 @@ def make_inputs(folder: Path) -> None:
     (folder / "tumble.csv").write_text(f"t_s,accel_m_per_s2\n{rows}\n")
 
 
-def is_whole(path: Path, reference: bytes) -> bool:
-    """Whether a file is what the command writes when nothing interrupts it, but for dates."""
+def is_whole(path: Path, reference: bytes, *, grows: bool = False) -> bool:
+    """Whether a file is what the command writes when nothing interrupts it, but for dates; of one that grows a part."""
     content = path.read_bytes()
+    if grows and path.suffix == ".parquet":
+        return is_beginning(content, reference)
     try:
         match path.suffix:
             case ".json":
@@ -130,3 +143,12 @@ def is_whole(path: Path, reference: bytes) -> bool:
     if path.suffix in endings:
         return content.rstrip(b"\n").endswith(endings[path.suffix])
     return content == reference
+
+
+def is_beginning(content: bytes, reference: bytes) -> bool:
+    """Whether a Parquet file holds the first rows of another."""
+    try:
+        some, every = (parquet.ParquetFile(io.BytesIO(each)).read() for each in (content, reference))
+    except pa.ArrowInvalid:
+        return False
+    return some.num_rows > 0 and bool(some.equals(every.slice(0, some.num_rows)))

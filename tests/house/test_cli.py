@@ -187,7 +187,7 @@ def test_check_and_doctor_speak_json(folder):
 
 
 def test_every_command_has_help_with_an_example():
-    commands = ("init", "check", "fit", "compare", "simulate", "demo", "paper", "doctor")
+    commands = ("init", "check", "fit", "compare", "simulate", "demo", "live", "paper", "doctor")
     for command in commands:
         done = accelcal(command, "-h")
         assert done.returncode == 0

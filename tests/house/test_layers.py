@@ -35,6 +35,7 @@ LAYERS = (
     "workflow",
     "formatting",
     "frames",
+    "live",
     "campaign",
     "demo",
     "plots",

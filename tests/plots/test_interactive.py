@@ -18,13 +18,14 @@ from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
+from accelcal.plots.interactive.overlay import worst_stretches
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.plots.numbers import candidate_groups, model_names, normalised_residuals, tiles_of
+from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons, normalised_residuals, tiles_of
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
-from accelcal.validation.comparison import Bins
+from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.evaluation import compare
 from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
@@ -80,6 +81,7 @@ class Example:
             "detectable_sizes": interactive.detectable_sizes(self.power, theme=theme),
             "drift_limits": interactive.drift_limits(self.power.drift, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
+            "overlay": interactive.overlay(nested_comparisons(self.nested), theme=theme),
             "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }
 
@@ -334,20 +336,49 @@ def test_falling_draws_errors_floor_and_shares(example, drawn):
     bars = [y for t in figure.data if t.type == "bar" for y in t.y]
     factor = bars[0] / example.nested.errors[0]
     np.testing.assert_allclose(bars, np.array(example.nested.errors) * factor, rtol=1e-12)  # one product
-    np.testing.assert_allclose(named(figure, "noise floor").y, example.nested.floor * factor, rtol=1e-12)
+    floor = example.nested.floor
+    line = named(figure, "sensor noise alone, with 95 % of such records")
+    np.testing.assert_allclose(line.y, floor.value * factor, rtol=1e-12)
+    (region,) = (shape for shape in figure.layout.shapes if shape.type == "rect")
+    np.testing.assert_allclose((region.y0, region.y1), (floor.low * factor, floor.high * factor), rtol=1e-12)
     texts = [text for t in figure.data if t.type == "bar" for text in t.text]
     assert f"{100 * example.nested.shares[1]:.0f} % of the excess" in texts[1]
+    assert "declared noise density" in headline(figure)
     assert example.nested.errors[1] < 0.6 * example.nested.errors[0]
     assert "not in the model yet" in {t.name for t in figure.data}
 
 
 def test_a_base_at_the_floor_explains_nothing(example):
     good = replace(example.nested, models=example.nested.models[1:])
-    poor = tuple(
-        replace(r, heldout=replace(r.heldout, coast_floor=dict.fromkeys(r.heldout.coast_floor, 1.0)))
-        for r in good.models
-    )
+    high = RmsInterval(1.0, 0.5, 2.0)
+    loud = replace(good.noise_floor, drift=dict.fromkeys(good.noise_floor.drift, high))
+    poor = tuple(replace(r, heldout=replace(r.heldout, noise_floor=loud)) for r in good.models)
     assert replace(good, models=poor).shares == (None,)
+    assert replace(good, models=poor).at_floor == (True,)
+
+
+def test_the_overlay_draws_measurement_every_model_and_their_difference(example, drawn):
+    figure = drawn["light"]["overlay"]
+    *_, (name, seen) = nested_comparisons(example.nested).items()
+    mine = [t for t in figure.data if t.name and t.name.startswith(f"{name}, fit")]
+    assert len(mine) == 3  # output, residual, position
+    assert {t.legendgroup for t in mine} == {name}
+    assert sum(t.showlegend is not False for t in mine) == 1
+    measured = next(t for t in figure.data if t.name == "measured")
+    assert np.nanmax(np.abs(measured.y)) == pytest.approx(np.max(np.abs(seen.measured)), rel=0.02)  # thinned
+    share = np.linalg.norm(seen.accel_residual[1]) / np.linalg.norm(seen.measured - seen.measured.mean())
+    assert seen.fit_percent == pytest.approx(100.0 * (1.0 - share))
+    assert 90.0 < seen.fit_percent < 100.0
+
+
+def test_the_worst_stretch_is_where_the_residual_is_largest():
+    t = np.linspace(0.0, 40.0, 4001)
+    residual = np.sin(2.0 * np.pi * t)
+    residual[2510:2590] *= 9.0
+    ((begin, end),) = worst_stretches(t, residual)
+    assert begin == pytest.approx(25.0, abs=0.02)
+    assert end == pytest.approx(26.0, abs=0.02)
+    assert worst_stretches(t, np.sin(2.0 * np.pi * t)) == []
 
 
 def test_the_finer_form_of_a_shape_has_a_bar_of_its_own(example):

@@ -53,6 +53,7 @@ def a_comparison(n=N, **changes):
         residual=(t, residual),
         residual_std=np.full(n, 1e-6),
         accel_residual=(t, 0.02 * rng.standard_normal(n)),
+        measured=np.sin(t),
         bins=bins,
         worst="acceleration between -5 and -1.667 m/s²: mean residual +0.009 m/s² (9.0 sigma)",
         setup_bias=(0.0, 1e-3),

@@ -29,6 +29,22 @@ def create(path: Path, mode: int = 0o666) -> int | None:
     return None
 
 
+def take(path: Path) -> int | None:
+    """Lock a file of this user that an ended process made with `create`; return its descriptor, or None if it lives on.
+
+    None as well where that cannot be told: on a file system or a machine without locks, or of another user's file.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
+    except OSError:
+        return None
+    ours = sys.platform != "win32" and os.fstat(descriptor).st_uid == os.getuid()
+    if ours and try_lock(descriptor) and _is_at(path, descriptor):
+        return descriptor
+    os.close(descriptor)
+    return None
+
+
 def try_lock(descriptor: int) -> bool | None:
     """Lock a file: True if that succeeded, False if it is locked, None if the file system knows no locks."""
     if sys.platform == "win32":

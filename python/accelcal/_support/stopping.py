@@ -10,8 +10,10 @@ import io
 import os
 import signal
 import sys
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import TextIO
 
@@ -40,6 +42,10 @@ class Stopped(SystemExit):
         self.number = number
 
 
+class HasEnded(SystemExit):
+    """The command has ended in another process, which has said what there was to say."""
+
+
 class _Pipe(io.FileIO):
     """A standard stream; that nobody reads it any more is the end of the command."""
 
@@ -58,6 +64,8 @@ class _Signals:
         self.first: Stopped | None = None
         """The signal that asked the command to end."""
         self._when = 0.0
+        self.in_child = False
+        """Whether this process is a child that does the work of the command."""
 
     def catch(self) -> None:
         """Turn signals into exceptions; one that whoever started the command ignores stays ignored."""
@@ -82,17 +90,59 @@ class _Signals:
             signal.raise_signal(number)
 
 
+running: _Signals | None = None
+"""Signals of the command that is running here; None where a program uses the package."""
+
+
+@contextmanager
+def deferred() -> Iterator[Callable[[], bool]]:
+    """In this block a signal waits: the function given tells whether one has come, and the end of the block obeys it.
+
+    A second one, `AGAIN` later or more, is obeyed at once. Outside the main thread, where signals do not arrive, there
+    is never one.
+    """
+    came: list[tuple[int, float]] = []
+    before: dict[int, signal._HANDLER] = {}
+
+    def wait(number: int, frame: FrameType | None) -> None:
+        if came and time.monotonic() - came[0][1] > AGAIN:
+            restore()
+            signal.raise_signal(number)
+        elif not came:
+            came.append((number, time.monotonic()))
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        before.clear()
+
+    if threading.current_thread() is threading.main_thread():
+        for name in SIGNALS:
+            number = getattr(signal, name)
+            if name != "SIGPIPE" and signal.getsignal(number) not in (signal.SIG_IGN, None):
+                before[number] = signal.signal(number, wait)
+    try:
+        yield lambda: bool(came)
+    finally:
+        restore()
+    if came:
+        signal.raise_signal(came[0][0])
+
+
 def run(command: Callable[[], None]) -> int:
     """Run a command to its end, of whatever kind; return its exit code.
 
     Only signals and broken pipes end here: the command itself turns exceptions into sentences and `SystemExit`.
     """
-    signals = _Signals()
+    global running
+    signals = running = _Signals()
     code = 0
     try:
         signals.catch()
         _watch_streams()
         code = _code_of(command)
+    except HasEnded as ended:
+        return int(str(ended.code))
     except BaseException as error:  # whatever a library made of the signal that it was interrupted by
         stopped = error if isinstance(error, Stopped) else signals.first
         if stopped is None and not isinstance(error, KeyboardInterrupt | BrokenPipeError):
@@ -100,6 +150,7 @@ def run(command: Callable[[], None]) -> int:
         number = stopped.number if stopped else signal.SIGINT if isinstance(error, KeyboardInterrupt) else SIGPIPE
         return _report_end(number)
     finally:
+        running = None
         signals.release()
     return _report_end(signals.first.number) if signals.first is not None else code
 
@@ -109,7 +160,7 @@ def _code_of(command: Callable[[], None]) -> int:
     try:
         command()
         code: object = 0
-    except Stopped:
+    except (Stopped, HasEnded):
         raise
     except SystemExit as error:
         code = error.code

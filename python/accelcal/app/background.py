@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextvars
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
@@ -20,5 +21,5 @@ async def act(action: Callable[..., Result], *args: object) -> Result:
 
 
 async def draw(make: Callable[[], Result]) -> Result:
-    """Make figures."""
-    return await asyncio.get_running_loop().run_in_executor(_DRAWING, make)
+    """Make figures, with the catalogue of effects that the caller has."""
+    return await asyncio.get_running_loop().run_in_executor(_DRAWING, contextvars.copy_context().run, make)

@@ -15,6 +15,7 @@ from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import interactive
+from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
@@ -103,19 +104,19 @@ def falling(state: State, theme: ThemeName) -> Picture:
     figure = interactive.error_reduction(nested, theme=theme)
     names = [html.escape(spelled(s.label)) for s in state.path]
     sizes = [formatting.length(error) for error in nested.errors]
-    shares = [f"<br>{share_explained(share)}" if share is not None else "" for share in nested.shares]
-    ticks = [f"{name}: {size}{share}" for name, size, share in zip(names, sizes, shares, strict=True)]
+    ticks = [
+        f"{name}: {size}<br>{share_text(nested, i)}" for i, (name, size) in enumerate(zip(names, sizes, strict=True))
+    ]
     figure.update_xaxes(ticktext=ticks, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
     figure.update_layout(height=figure.layout.height - 60)
     return picture(figure, displayModeBar=False)
 
 
-def share_explained(share: float) -> str:
-    """The part of the excess over noise that an effect explains."""
-    if share >= 0.995:
-        return "all of the excess explained"
-    return f"{100.0 * share:.0f} % of the excess explained".replace("-", "−")
+def overlay(state: State, theme: ThemeName) -> Picture:
+    """Measured and simulated on held-out data, for every model on the path."""
+    seen = {spelled(step.label): step.heldout for step in state.path}
+    return picture(interactive.overlay(seen, theme=theme))
 
 
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:

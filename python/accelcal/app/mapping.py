@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import tomlkit
 
 from accelcal import io
+from accelcal.data import units
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION
 from accelcal.data.recording import RecordingError
+from accelcal.io import naming
 from accelcal.io.files import open_regular
 from accelcal.io.formats import open_table
 from accelcal.io.limits import SIDECAR_BYTES
@@ -23,6 +26,12 @@ ESSENTIAL = ("time", "accel", "position")
 ORIENTATION = (GRAVITY, *GYROSCOPE, *PLACE, *QUATERNION)
 """What says how a body turns: gravity along the axis, a gyroscope, or place and attitude."""
 UNKNOWN = "?"
+KINDS = {"s": "time", "m/s^2": "accel", "V": "accel", "count": "accel", "m": "position"}
+"""Role of a column by the SI unit of its dimension."""
+ELECTRICAL = ("V", "count")
+"""Units of an output that a scale turns into acceleration."""
+FIRST_BYTES, FIRST_LINES, FIRST_WIDTH = 8192, 8, 120
+"""How much of a text file is shown: bytes that are read, lines, characters of a line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +69,74 @@ def text_in(sidecar: Path) -> str:
         return file.read(SIDECAR_BYTES).decode("utf-8-sig", errors="replace")
 
 
+def first_lines(path: Path) -> list[str]:
+    """The first lines of a text file as they are; empty for the other formats."""
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv"):
+        return []
+    with open_regular(path, "a recording") as file:
+        head = file.read(FIRST_BYTES).decode("utf-8-sig", errors="replace")
+    return [line[:FIRST_WIDTH] for line in head.splitlines()[:FIRST_LINES]]
+
+
 def choices(columns: Sequence[str], text: str, template: str) -> list[Choice]:
-    """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name."""
-    declared, guessed = _channels(text), _channels(template)
+    """Assignment of each column by the sidecar; of a column that it does not mention, by the column's name and unit."""
+    sources = _channels(text), _channels(template)
     found = []
     for column in columns:
         channel, unit = next(
-            ((name, unit) for source in (declared, guessed) for name, (of, unit) in source.items() if of == column),
+            ((name, unit) for source in sources for name, (of, unit) in source.items() if of == column),
             (NOT_USED, ""),
         )
         found.append(Choice(column, channel, "" if unit == UNKNOWN else unit))
-    return found
+    return _guessed(found) if text == template else found
+
+
+def _guessed(found: Sequence[Choice]) -> list[Choice]:
+    """Choices with a role for a column that is alone with its kind of unit: one in s, one in V, one in mm."""
+    free = set(ESSENTIAL) - {c.channel for c in found}
+    stated = {c.column: c.unit or _unit_in(c.column) for c in found if c.channel not in (*ESSENTIAL, *ORIENTATION)}
+    kinds = {column: KINDS.get(_dimension(unit), "") for column, unit in stated.items()}
+    alone = {kind for kind in free if list(kinds.values()).count(kind) == 1}
+    return [Choice(c.column, kinds[c.column], stated[c.column]) if kinds.get(c.column) in alone else c for c in found]
+
+
+def _unit_in(column: str) -> str:
+    """The unit that the name of a column ends with; empty where there is none."""
+    named = naming.take_apart(column)
+    return named.brackets or named.suffix or ""
+
+
+def _dimension(unit: str) -> str:
+    """SI unit of a unit; empty where it is none."""
+    return units.conversion(unit).si if unit and units.is_unit(unit) else ""
+
+
+def unknown(found: Sequence[Choice], text: str) -> list[str]:
+    """What must be said before the columns can be used, for people; empty where that is everything."""
+    by_channel = {c.channel: c for c in found}
+    open_points = []
+    for channel in ESSENTIAL:
+        choice = by_channel.get(channel)
+        if choice is None:
+            open_points.append(f"the column of {channel}")
+        elif not choice.unit:
+            open_points.append(f"the unit of {channel}")
+    accel = by_channel.get("accel")
+    if accel is not None and _dimension(accel.unit) in ELECTRICAL and not sensor_in(text).get("scale"):
+        open_points.append("the scale of the sensor")
+    return open_points
+
+
+def sensor_in(text: str) -> dict[str, str]:
+    """What a sidecar declares of the sensor, by key; empty where the text is no TOML."""
+    try:
+        table = tomllib.loads(text).get("sensor", {})
+    except (ValueError, RecursionError):
+        return {}
+    known = table if isinstance(table, dict) else {}
+    return {
+        key: str(value) for key, value in known.items() if isinstance(value, str | int | float) and value != UNKNOWN
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +149,9 @@ class Axis:
     """What a quaternion turns into what; empty: what the sidecar says stays."""
 
 
-def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) -> str:
+def sidecar_from(
+    text: str, chosen: Sequence[Choice], axis: Axis | None = None, sensor: Mapping[str, str] = MappingProxyType({})
+) -> str:
     """The sidecar with its columns as chosen; everything else in it stays, comments included.
 
     Parameters
@@ -91,6 +159,7 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
     text : the sidecar.
     chosen : what each column is.
     axis : how the sensor sits on a body that turns; None: as the sidecar says.
+    sensor : values of ``[sensor]`` by key; an empty one leaves what the sidecar says.
 
     Raises
     ------
@@ -140,6 +209,9 @@ def sidecar_from(text: str, chosen: Sequence[Choice], axis: Axis | None = None) 
         attitude["maps"] = maps
     if axis.input_axis.strip():
         _table(document, "rig")["input_axis"] = _direction(axis.input_axis.strip())
+    for key, value in sensor.items():
+        if value and value != sensor_in(text).get(key, ""):
+            _table(document, "sensor")[key] = value
     return tomlkit.dumps(document)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from accelcal.effects import Own, from_expression
+from accelcal.effects.formula import from_tried_expression
 from accelcal.serialization.schema.session import Formula
 
 
@@ -38,12 +39,22 @@ class OwnFormula:
             name=self.name, expression=self.expression, unit=self.unit, port=self.port, channels=list(self.channels)
         )
 
+    def try_out(self) -> None:
+        """Evaluate the effect on ordinary motions, and enter it.
+
+        Raises
+        ------
+        ExpressionError
+            If the name is taken, anything in it is not allowed, or it is constant or not finite.
+        """
+        from_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)
+
     def enter(self) -> Own:
-        """Enter the effect into the catalogue; a second time changes nothing.
+        """Enter the effect into the catalogue, without evaluating it; a second time changes nothing.
 
         Raises
         ------
         ExpressionError
             If the name is taken or anything in it is not allowed.
         """
-        return from_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)
+        return from_tried_expression(self.name, self.expression, unit=self.unit, port=self.port, channels=self.channels)

@@ -14,18 +14,25 @@ from nicegui import background_tasks, ui
 from accelcal._support import internal_error
 from accelcal.app import background, widgets
 from accelcal.app.figures import Picture
+from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
 TICK = 0.25
 """Interval at which the page polls the workbench, s."""
-IGNORE_RESIZE_ERRORS = """<script>addEventListener("unhandledrejection", event => {
-  if (String(event.reason).includes("Resize must be passed a displayed plot")) event.preventDefault();
-});</script>"""
-"""A plot that is removed while it is being resized raises this error; it is harmless."""
+NARROW = 700
+"""Widest window on which figures are drawn one panel a line, px; page.css stacks its columns below it."""
 Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 """Title, icon and builder of a screen."""
+
+
+def dress() -> None:
+    """Give a page the look and the manners of the workbench."""
+    ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
+    files = resources.files("accelcal.app")
+    ui.add_css(files.joinpath("page.css").read_text(encoding="utf-8"))
+    ui.add_head_html(f"<script>{files.joinpath('page.js').read_text(encoding='utf-8')}</script>")
 
 
 class Page:
@@ -37,6 +44,8 @@ class Page:
         self.screens = screens
         """By name, in the order of the tabs."""
         self.theme: ThemeName = "light"
+        self.is_narrow = False
+        """Whether the window is as narrow as that of a phone."""
         self.tab = "data" if bench.state.step is None else "improve"
         self.window: tuple[float, float] | None = None
         """Part of the time axis that is zoomed in on, s."""
@@ -54,23 +63,23 @@ class Page:
 
     def lay_out(self) -> None:
         """Lay out the frame."""
-        ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
-        ui.add_css(resources.files("accelcal.app").joinpath("page.css").read_text(encoding="utf-8"))
-        ui.add_head_html(IGNORE_RESIZE_ERRORS)
+        dress()
         self.dark = ui.dark_mode()
         with ui.header().classes("bar"):
+            skip = ui.link("Skip to content").classes("skip")
             ui.label("accelcal").classes("brand")
             self.file = ui.label().classes("file")
             ui.space()
-            self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
-            self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
-            self.look = widgets.button("Dark theme", "dark_mode", self.toggle_theme, flat=True)
+            with ui.row().classes("tools"):
+                self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
+                self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
+                self.look = widgets.button("Dark theme", "dark_mode", self.toggle_theme, flat=True)
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
             widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
         with ui.row().classes("sentence").props("role=alert") as self.alert:
-            ui.icon("error_outline")
+            ui.icon("error_outline").props("aria-hidden=true")
             self.message = ui.label().classes("message")
         self.working.set_visibility(False)
         self.alert.set_visibility(False)
@@ -79,15 +88,17 @@ class Page:
             for name, (title, icon, _) in self.screens.items():
                 ui.tab(name, title, icon=icon)
         self.tabs.set_value(self.tab)
-        self.body = ui.element("main").classes("body")
+        self.body = ui.element("div").classes("body").props("tabindex=-1")
+        skip.props(f"href=#{self.body.html_id}")
         # plotly.js takes a second or two to load; a hidden figure loads it before the first recording is dropped.
         ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
         ui.keyboard(on_key=self._key)
 
     async def fill(self) -> None:
         """Show the first screen in the theme of the browser, and follow the workbench from now on."""
+        asked = f"[matchMedia('(prefers-color-scheme: dark)').matches, innerWidth <= {NARROW}]"
         try:
-            dark = await ui.run_javascript("matchMedia('(prefers-color-scheme: dark)').matches", timeout=5.0)
+            dark, self.is_narrow = await ui.run_javascript(asked, timeout=5.0)
         except TimeoutError:
             dark = False  # a browser that is busy gets its page all the same
         self._set_theme("dark" if dark else "light")
@@ -140,6 +151,11 @@ class Page:
         if session and self.bench.state.step is not None:
             self.tabs.set_value("improve")
 
+    async def drawn(self, make: Callable[[], background.Result]) -> background.Result:
+        """What `make` draws, off the page's own thread, with the effects of this session."""
+        with self.bench.catalogue():
+            return await background.draw(make)
+
     def change(self, action: Callable[[], None]) -> None:
         """Run an action that ends at once."""
         action()
@@ -191,8 +207,21 @@ class Page:
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
         self.body.clear()
-        with self.body:
+        with self.body, self.bench.catalogue():
+            if not self.is_new:
+                named = f"{self.screens[self.tab][0]}: {state.file.name}" if state.file else self.screens[self.tab][0]
+                widgets.heading(named, 1).classes("unseen-text")
             self.screens[self.tab][2](self)
+
+    @property
+    def is_new(self) -> bool:
+        """Whether the first screen is shown before any work has begun: it has a heading of its own."""
+        state = self.bench.state
+        return self.tab == "data" and self.bench.arriving is None and state.file is None and state.opened is None
+
+    def _sized(self, picture: Picture) -> Picture:
+        """A figure for the width of this window."""
+        return narrowed(picture) if self.is_narrow else roomy(picture)
 
     def pictures(
         self,
@@ -216,18 +245,18 @@ class Page:
             box.style("min-height: 0")
             for picture in several:
                 with ui.element("figure"):
-                    headline = ui.label(picture.headline).classes("headline")
-                    note = ui.label(picture.note).classes("note")
+                    with ui.element("figcaption"):
+                        headline = ui.label(picture.headline).classes("headline")
+                        note = ui.label(picture.note).classes("note")
                     note.set_visibility(bool(picture.note))
-                    plot = ui.plotly(picture.figure).classes("plot")
-                    plot.props(f'role=img aria-label="{widgets.attribute(picture.headline)}"')
+                    plot = ui.plotly(self._sized(picture).figure).classes("plot")
 
                     def redraw(
                         new: Picture, plot: ui.plotly = plot, headline: ui.label = headline, note: ui.label = note
                     ) -> None:
                         headline.set_text(new.headline)
                         note.set_text(new.note)
-                        plot.update_figure(new.figure)
+                        plot.update_figure(self._sized(new).figure)
 
                     prepare(plot, redraw)
 
@@ -239,7 +268,7 @@ class Page:
         async def draw() -> list[Picture]:
             try:
                 await background.act(first)
-                several = list(await background.draw(lambda: make(theme)))
+                several = list(await self.drawn(lambda: make(theme)))
             finally:
                 del self._drawing[key]
             while len(self._kept) >= 12:

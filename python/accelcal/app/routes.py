@@ -8,7 +8,7 @@ from nicegui import ui
 
 from accelcal.app import session_file, widgets
 from accelcal.app.page import Page, Screen
-from accelcal.app.screens import data, download, improvement, model, residuals
+from accelcal.app.screens import data, export, improvement, model, residuals
 from accelcal.app.sessions import Full, Workbenches
 
 SCREENS: dict[str, Screen] = {
@@ -16,7 +16,7 @@ SCREENS: dict[str, Screen] = {
     "improve": ("Improve", "trending_down", improvement.show),
     "where": ("Residuals", "troubleshoot", residuals.show),
     "model": ("Model", "tune", model.show),
-    "take": ("Download", "download", download.show),
+    "take": ("Export", "download", export.show),
 }
 """Title, icon and builder of each screen, in the order of the tabs."""
 

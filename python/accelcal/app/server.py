@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import os
 import shutil
 import signal
 import socket
+import stat
 import sys
 import tempfile
-import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from accelcal._support import locks
+from accelcal._support.stopping import Stopped
 from accelcal.app.kept import Keeper, state_folder
 from accelcal.app.sessions import Workbenches
 from accelcal.app.workbench import MOST_BYTES
@@ -28,10 +31,8 @@ MOST_UPLOAD = MOST_BYTES + 16_000_000
 """Largest upload: a recording, its sidecar, and what the browser writes between them, bytes."""
 PREFIX = "accelcal-"
 """Of the temporary folder of a server."""
-OWNER = "server.pid"
-"""File in it that names the process."""
-KEPT_FOR = 86_400.0
-"""Age from which the folder of a killed server is removed, s."""
+OWNER = f"server-{locks.MACHINE}.lock"
+"""File in it that the server keeps locked."""
 GRACE = 2
 """Time that open requests have to end when the server stops, s."""
 
@@ -80,9 +81,8 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         raise MissingExtra('the workbench needs nicegui; install it with: pip install "accelcal[app]"') from error
     chosen = free_port(PORT) if port is None else port
     signal.signal(signal.SIGTERM, _end)
-    sweep(Path(tempfile.gettempdir()))
-    folder = Path(tempfile.mkdtemp(prefix=PREFIX))
-    (folder / OWNER).write_text(str(os.getpid()))
+    ending = Ending()
+    folder, lock = claimed(Path(tempfile.gettempdir()))
     tempfile.tempdir = str(folder)  # uploads that are on their way vanish with the rest
     workers = Workers(folder)
     keeper = Keeper(state_folder())
@@ -95,6 +95,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         app.add_middleware(Guard, folder=folder, most=MOST_UPLOAD)
         app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(NAMES))
         app.on_shutdown(workers.close)
+        app.on_startup(ending.watch)
         print(f"accelcal workbench: http://{HOST}:{chosen}/ (Ctrl-C to stop)", flush=True)
         ui.run(
             host=HOST,
@@ -113,29 +114,75 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
         keeper.close()
         tempfile.tempdir = None
         shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+    ending.require_none()
 
 
-def sweep(place: Path) -> None:
-    """Remove folders of servers that were killed and have been gone for a day; until then their uploads may be used."""
-    for owner in place.glob(f"{PREFIX}*/{OWNER}"):
-        with suppress(OSError, ValueError):
-            if owner.is_symlink() or time.time() - owner.stat().st_mtime < KEPT_FOR:
-                continue
-            if not is_alive(int(owner.read_text()[:20])):
-                shutil.rmtree(owner.parent, ignore_errors=True)
+def claimed(place: Path) -> tuple[Path, int]:
+    """A folder for this server, and the descriptor of its lock.
+
+    It is the newest that a killed server has left, since its sessions find their recordings there, or a new one. Older
+    ones that were left are removed.
+
+    Parameters
+    ----------
+    place : folder for temporary files.
+    """
+    found = [
+        (owner.parent, locks.take(owner)) for owner in place.glob(f"{PREFIX}*/{OWNER}") if is_private(owner.parent)
+    ]
+    left = sorted(((f, lock) for f, lock in found if lock is not None), key=lambda each: each[0].stat().st_mtime)
+    for folder, lock in left[:-1]:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+    if left:
+        return left[-1]
+    while True:
+        folder = Path(tempfile.mkdtemp(prefix=PREFIX, dir=place))
+        made = locks.create(folder / OWNER, 0o600)
+        if made is not None:  # else another server took it for one that was left
+            return folder, made
 
 
-def is_alive(pid: int) -> bool:
-    """Whether a process of that number exists."""
+def is_private(folder: Path) -> bool:
+    """Whether a folder is this user's and nobody else may look into it."""
     if sys.platform == "win32":
-        return True  # a signal would end it there
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
         return True
-    return True
+    there = folder.lstat()
+    return stat.S_ISDIR(there.st_mode) and there.st_uid == os.getuid() and not there.st_mode & 0o077
+
+
+class Ending(logging.Filter):
+    """How the web server ends: a closed terminal asks it to end in order, and requests cut off are not reported."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._number = 0
+
+    def watch(self) -> None:
+        """Begin; the web server runs, and has handlers of its own for Ctrl-C and SIGTERM."""
+        logging.getLogger("uvicorn.error").addFilter(self)
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+            signal.signal(signal.SIGHUP, self._hang_up)
+
+    def require_none(self) -> None:
+        """Raise `Stopped` if the terminal was closed."""
+        if self._number:
+            raise Stopped(self._number)
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a record is news: what is cut off when the server ends is none."""
+        from nicegui.server import Server
+
+        error = record.exc_info[1] if record.exc_info else None
+        cut = isinstance(error, asyncio.CancelledError | Stopped) or record.getMessage().startswith("Cancel ")
+        return not (Server.instance.should_exit and cut)
+
+    def _hang_up(self, number: int, frame: Any) -> None:
+        from nicegui import app
+
+        self._number = number
+        app.shutdown()
 
 
 def _end(number: int, frame: Any) -> None:

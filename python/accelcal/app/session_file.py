@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from accelcal import _core
 from accelcal.app import mapping
+from accelcal.app.known import Known
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
@@ -70,7 +71,7 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
         current=state.current,
     )
     packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+    with Known.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr(CONTENT, content.model_dump_json(by_alias=True, indent=2))
         for step in state.steps:
             archive.writestr(model_name(step.key), model_file.dumps(model_file.to_dict(step.fit)))

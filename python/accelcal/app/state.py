@@ -39,7 +39,7 @@ class Change:
     def label(self) -> str:
         """What distinguishes the model from its parent, for people."""
         texts = {"base": "base", "add": f"+ {self.name}", "drop": f"− {self.name}"}
-        return texts.get(self.kind) or f"{self.name} {'held' if self.kind == 'hold' else 'free'}"
+        return texts.get(self.kind) or f"{self.name} {'fixed' if self.kind == 'hold' else 'free'}"
 
     @property
     def python(self) -> str:
@@ -76,7 +76,7 @@ class Step:
 
     @property
     def label(self) -> str:
-        """What distinguishes this model from its parent, for people: base, + cubic, bias held."""
+        """What distinguishes this model from its parent, for people: base, + cubic, bias fixed."""
         return self.change.label
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from accelcal import io
 from accelcal.app import mapping
+from accelcal.app.examples import EXAMPLES
+from accelcal.app.own_formula import OwnFormula
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.data import summary
 from accelcal.data.recording import Recording
@@ -24,13 +24,10 @@ from accelcal.plots.interactive.timeline import Marks
 from accelcal.report import gather, html
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
-from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.ruler import Ruler
-from accelcal.workflow import add, compare, diagnose, drop, fit
+from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit
 
-EXAMPLE = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
-"""True parameters of the simulated example."""
 Report = Callable[[float], None]
 Export = Literal["C", "Rust", "JSON", "DCC"]
 
@@ -78,11 +75,7 @@ def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
 
 def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler | None, *, report: Report) -> tuple[Comparison, ...]:
     """Compare models with data, all with the filter of `ruler`."""
-    found = []
-    for i, each in enumerate(fits):
-        found.append(compare(each, data) if ruler is None else compare(each, data, ruler=ruler))
-        report((i + 1) / len(fits))
-    return tuple(found)
+    return tuple(compare(each, data) for each in fits) if ruler is None else compare_models(fits, data, ruler, report)
 
 
 def diagnosed(found: Fit, train: Recording, own: Sequence[str], *, report: Report) -> Diagnosis:
@@ -115,10 +108,17 @@ def exported(found: Fit, kind: Export, name: str, *, report: Report) -> str:
     return texts[kind]()
 
 
-def simulated(path: Path, *, report: Report) -> None:
-    """Write a simulated recording with a hidden effect, and its sidecar."""
-    made = simulate("interleaved", seconds=60.0, rig=CXL02_RIG, parameters=EXAMPLE, rng=np.random.default_rng())
-    io.write_sidecar(made.recording.rig, io.write_csv(made.recording, path), io.sidecar_of(path))
+def tried(formulas: Sequence[OwnFormula], *, report: Report) -> None:
+    """Evaluate formulas of the user for the first time."""
+    for number, formula in enumerate(formulas, start=1):
+        formula.try_out()
+        report(number / len(formulas))
+
+
+def simulated(path: Path, name: str, *, report: Report) -> None:
+    """Write an example recording, and its sidecar."""
+    made = EXAMPLES[name].record()
+    io.write_sidecar(made.rig, io.write_csv(made, path), io.sidecar_of(path))
 
 
 def effects(names: Sequence[str]) -> tuple[Effect, ...]:

@@ -54,7 +54,8 @@ Cell = str | Callable[[], Any]
 
 def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> None:
     """A table; a cell is text, or a function that builds it."""
-    with ui.element("div").classes("scroll"), ui.element("table").props(f'aria-label="{attribute(label)}"'):
+    name = f'aria-label="{attribute(label)}"'
+    with ui.element("div").classes("scroll").props(f"tabindex=0 role=group {name}"), ui.element("table").props(name):
         with ui.element("thead"), ui.element("tr"):
             for title in titles:
                 with ui.element("th").props("scope=col"):
@@ -68,6 +69,13 @@ def table(titles: Sequence[str], rows: Sequence[Sequence[Cell]], label: str) -> 
                                 cell()
                             else:
                                 ui.label(cell)
+
+
+def code(text: str, language: str, label: str) -> None:
+    """Source text that can be scrolled by keyboard and copied."""
+    made = ui.code(text, language=language).classes("full")
+    made.markdown.props(f'tabindex=0 role=group aria-label="{attribute(label)}"')
+    made.copy_button.props(f'aria-label="Copy: {attribute(label)}"')
 
 
 def empty(text: str) -> None:

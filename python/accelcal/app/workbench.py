@@ -12,7 +12,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -20,16 +20,16 @@ from typing import Any, Literal
 from accelcal import io
 from accelcal._support import internal_error
 from accelcal.app import mapping, session_file, tasks
+from accelcal.app.examples import PREFIX
+from accelcal.app.known import Known, units_of
 from accelcal.app.opened_session import OpenedSession
 from accelcal.app.own_formula import OwnFormula
 from accelcal.app.state import Cancelled, Change, Job, State, Step, Stretch
 from accelcal.app.tasks import Export
-from accelcal.app.worker import Known
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects import from_expression
 from accelcal.effects.side_channels import side_channels
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.model import Model
@@ -245,11 +245,18 @@ class Workbench:
         missing = opened.missing
         if missing is not None:
             return State(opened=replace(opened, awaited=missing))
+        with Known().catalogue():  # the work that it takes the place of leaves no effects behind
+            return self._read_again(opened, report)
+
+    def _read_again(self, opened: OpenedSession, report: Report) -> State:
+        """The same, with every recording at hand."""
         content = opened.content
-        own = tuple(OwnFormula.of_stored(formula).enter() for formula in content.own)
+        formulas = [OwnFormula.of_stored(formula) for formula in content.own]
+        self._done(tasks.tried, formulas, report=share_of(report, 0.0, 0.1), state=State())
+        own = tuple(formula.enter() for formula in formulas)
         path = opened.path(content.recording)
         beside = content.sidecar == (mapping.text_of(path, None, "") or None)
-        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.0, 0.5))
+        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.1, 0.5))
         if state.recording is None:
             raise Refused(state.problem)
         held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
@@ -362,7 +369,7 @@ class Workbench:
             found = self._fitted(before.model.freeze(**{name: value}), before.origins, state, report)
             return self._grown(state, Change("hold", name, value), found, report)
 
-        self._perform(f"holding {name}", work)
+        self._perform(f"fixing {name}", work)
 
     def release(self, name: str) -> None:
         """Let a held parameter be estimated again."""
@@ -372,7 +379,7 @@ class Workbench:
             found = self._fitted(before.model.release(name), before.origins, state, report)
             return self._grown(state, Change("release", name), found, report)
 
-        self._perform(f"releasing {name}", work)
+        self._perform(f"freeing {name}", work)
 
     def _fitted(self, model: Model, origins: Origins | None, state: State, report: Report) -> Fit:
         found: Fit = self._done(tasks.fitted, model, state.train, origins, report=first_part(report))
@@ -396,17 +403,18 @@ class Workbench:
         state: State | None = None,
     ) -> Any:
         """The result of long work on the data of a state, by default the present one."""
-        return self._compute(task, *args, report=report, known=known_to(state or self.state))
+        return self._compute(task, *args, report=report, known=Known.to(self.state if state is None else state))
 
     def own_effect(self, name: str, expression: str, unit: str, port: Literal["output", "position"]) -> None:
         """Add a user effect, given as a formula, to the candidates."""
 
         def work(state: State, report: Report) -> State:
             channels = tuple(loaded(state).data.side)
-            made = from_expression(name, expression, unit=unit or "1", port=port, channels=channels)
-            if made.effect.name in names_of(state):
+            if name in names_of(state):
                 raise Refused(f"{name} is a candidate already")
-            return replace(state, own=(*state.own, made))
+            formula = OwnFormula(name, expression, unit or "1", port, channels)
+            self._done(tasks.tried, [formula], report=report)
+            return replace(state, own=(*state.own, formula.enter()))
 
         self._perform(f"entering {name}", work)
 
@@ -489,21 +497,27 @@ class Workbench:
             self.sentence = self.plain(sentence)
             self.version += 1
 
-    # Download
+    # Export
 
-    def example(self) -> None:
-        """Write a simulated recording with a hidden effect, and load it."""
-        path = self.upload_folder() / "example.csv"
+    def example(self, name: str) -> None:
+        """Simulate an example recording with a hidden effect, and load it.
+
+        Parameters
+        ----------
+        name : of an example in `accelcal.app.examples.EXAMPLES`.
+        """
+        path = self.upload_folder() / f"{PREFIX}{name}.csv"
 
         def work(state: State, report: Report) -> State:
-            self._done(tasks.simulated, path, report=report)
-            return self._load(path, None, report)
+            self._done(tasks.simulated, path, name, report=share_of(report, 0.0, 0.3))
+            return self._load(path, None, share_of(report, 0.3, 1.0))
 
         self._perform("simulating a recording", work)
 
     def model_text(self) -> str:
         """The current model, as `accelcal fit -o` writes it."""
-        return model_file.dumps(model_file.to_dict(fitted(self.state).fit))
+        with self.catalogue():
+            return model_file.dumps(model_file.to_dict(fitted(self.state).fit))
 
     def report(self) -> Path | None:
         """Write the report of the current model; None where that failed or was cancelled."""
@@ -527,6 +541,10 @@ class Workbench:
         return None
 
     # Work
+
+    def catalogue(self) -> AbstractContextManager[None]:
+        """The catalogue of effects of this session as it is now; nobody else in the process sees it."""
+        return Known.to(self.state).catalogue()
 
     def cancel(self) -> None:
         """Cancel the running action and discard its result."""
@@ -571,7 +589,8 @@ class Workbench:
         if return_early:
             raise Busy(self.sentence)
         try:
-            yield job
+            with self.catalogue():
+                yield job
         except Cancelled:
             pass
         except Exception as error:
@@ -668,13 +687,6 @@ def names_of(state: State) -> tuple[str, ...]:
     return tuple(own.effect.name for own in state.own)
 
 
-def known_to(state: State) -> Known:
-    """What a worker needs in its catalogue for the work of this session."""
-    recordings = [r for r in (state.recording, state.other) if r is not None]
-    units = dict(pair for recording in recordings for pair in units_of(recording))
-    return Known(tuple(OwnFormula.of(own) for own in state.own), tuple(units.items()))
-
-
 def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
     """Refuse a model of a session file that did not come from its parent as the file says."""
     held = {e.name for e in (*found.estimates, *found.shapes)}
@@ -687,11 +699,6 @@ def require_made(change: Change, found: Fit, parent: Fit | None) -> None:
     }
     if not fits[change.kind]:
         raise Refused(f"the session says {change.label[:100]!r} of a model that is not so; take a copy that is whole")
-
-
-def units_of(recording: Recording) -> tuple[tuple[str, str], ...]:
-    """Side channels with their units."""
-    return tuple((channel.name, channel.unit) for channel in recording.side.values())
 
 
 def question(state: State) -> tuple[int, int] | None:

@@ -9,17 +9,15 @@ import copyreg
 import os
 import pickle
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from threading import Thread
 from types import MappingProxyType
 from typing import Any, BinaryIO
 
-from accelcal.app.own_formula import OwnFormula
-from accelcal.effects import CATALOGUE
-from accelcal.effects.side_channels import side_channels
+from accelcal.app.known import Known
 
 SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
@@ -34,22 +32,6 @@ def _view(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
 
 
 copyreg.pickle(MappingProxyType, lambda view: (_view, (dict(view),)))  # tables that nobody may change are sent, too
-
-
-@dataclass(frozen=True, slots=True)
-class Known:
-    """What a session has in its catalogue beyond the built-in effects."""
-
-    formulas: tuple[OwnFormula, ...] = ()
-    """Effects of the user."""
-    channels: tuple[tuple[str, str], ...] = ()
-    """Side channels of its recordings, and their units."""
-
-    def enter(self) -> None:
-        """Enter both into the catalogue."""
-        side_channels(self.channels)
-        for formula in self.formulas:
-            formula.enter()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +86,7 @@ def _answer(request: Request, giving: BinaryIO) -> None:
         giving.flush()
 
     try:
-        with _catalogue(request.known):
+        with request.known.catalogue():
             answer = Answer(final=True, found=request.task(*request.args, report=report))
     except Exception as error:
         answer = Answer(final=True, error=_portable(error), trace=traceback.format_exc())
@@ -123,18 +105,6 @@ def _portable(error: Exception) -> Exception:
     except Exception:
         return RuntimeError(f"{type(error).__name__}: {error}")
     return error
-
-
-@contextmanager
-def _catalogue(known: Known) -> Iterator[None]:
-    """The catalogue of one session; another session's work begins from the built-in effects again."""
-    before = dict(CATALOGUE)
-    try:
-        known.enter()
-        yield
-    finally:
-        CATALOGUE.clear()
-        CATALOGUE.update(before)
 
 
 def _limit() -> None:

@@ -16,7 +16,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from accelcal._support import internal_error
-from accelcal.app.worker import Answer, Known, Request
+from accelcal.app.known import Known
+from accelcal.app.worker import Answer, Request
 
 MOST = 4
 """Workers at a time, at most; not more than processors."""
@@ -40,7 +41,8 @@ class Compute(Protocol):
 
 def direct(task: Callable[..., Any], *args: Any, report: Report, known: Known) -> Any:
     """Do the work here."""
-    return task(*args, report=report)
+    with known.catalogue():
+        return task(*args, report=report)
 
 
 class Workers:

@@ -51,10 +51,11 @@ class Task:
                 "top of a file of its own, and import it from there."
             )
         try:
-            text = json.dumps(dict(parameters), sort_keys=True)
-        except TypeError as error:
+            text = json.dumps(dict(parameters), sort_keys=True, allow_nan=False)
+        except (TypeError, ValueError) as error:
             raise CampaignError(
-                f"parameters: {error}. Expected numbers, text, lists and dicts; write data to a file and pass its path."
+                f"parameters: {error}. Expected finite numbers, text, lists and dicts; write data to a file and "
+                "pass its path."
             ) from None
         if len(text) > PARAMETERS_LIMIT:
             raise CampaignError(

@@ -17,8 +17,9 @@ import typer
 
 from accelcal._support import internal_error
 from accelcal._support.plain_text import visible
+from accelcal._support.supervised import continue_in_child
 
-WRITTEN = ("output", "c", "rust", "dcc")
+WRITTEN = ("output", "c", "rust", "dcc", "save")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""
@@ -249,7 +250,10 @@ def time_range(text: str, option: str) -> tuple[float, float]:
 
 def load_own_effects(paths: Sequence[Path] | None) -> None:
     """Register the effects of the user's files, in the order given; every verb then takes them."""
+    if not paths:
+        return
+    continue_in_child()
     from accelcal.effects import load_effects
 
-    for path in paths or ():
+    for path in paths:
         load_effects(path)

@@ -157,12 +157,14 @@ def doctor(json: Json = False) -> None:
         "report": "plotly",
         "pdf": "typst",
         "app": "nicegui",
+        "live": "serial",
         "dask": "distributed",
         "dcc": "xmlschema",
         "docs": "sphinx",
         "hdf5": "h5py",
         "peers": "filterpy",
     }
+    named = {"serial": "pyserial"}
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,
@@ -171,7 +173,7 @@ def doctor(json: Json = False) -> None:
         "processors": os.cpu_count(),
         "packages": {name: metadata.version(name) for name in needed},
         "extras": {
-            extra: metadata.version(package) if importlib.util.find_spec(package) else None
+            extra: metadata.version(named.get(package, package)) if importlib.util.find_spec(package) else None
             for extra, package in extras.items()
         },
         "chromium": shutil.which("chromium"),
@@ -185,5 +187,5 @@ def doctor(json: Json = False) -> None:
         say_line(f"  {name} {metadata.version(name)}")
     for extra, package in extras.items():
         have = importlib.util.find_spec(package) is not None
-        text = metadata.version(package) if have else f'missing; pip install "accelcal[{extra}]"'
+        text = metadata.version(named.get(package, package)) if have else f'missing; pip install "accelcal[{extra}]"'
         say_line(f"  [{extra}] {package} {text}")

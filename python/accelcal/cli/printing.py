@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from accelcal.cli.common import UsageError, parse_quantity
 from accelcal.cli.terminal import say, say_line, show_table
 from accelcal.data.units import instant
-from accelcal.formatting import at_full_scale, interval, millionths, plain, plus_minus, short, with_unit
+from accelcal.formatting import at_full_scale, interval, millionths, percent, plain, plus_minus, short, with_unit
 
 MOST_COLUMNS = 4
 """Coefficients of one effect that are printed one by one; those of a curve or a random process are summarised."""
@@ -255,18 +255,39 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | 
         cells = ["-" if v is None else f"{1e3 * v:.4g}" for v in drift]
         fallen = "" if change is None else f"{change['percent']:+.3g} ± {change['percent_std']:.2g}"
         rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}", fallen))
-    floors = [[one["coast_floor_m"][h] for _, one in steps if one["coast_floor_m"][h]] for h in ("1", "5", "10")]
-    rows.append(("noise floor", *(f"{1e3 * min(known):.4g}" if known else "-" for known in floors), "", ""))
+    floor = steps[0][1]["noise_floor"]
+    if floor is not None:
+        rows.append(
+            ("sensor noise alone", *(spread_cell(floor["drift_rms_m"].get(h)) for h in ("1", "5", "10")), "", "")
+        )
     head = ["model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"]
     measure = next((change["measure"] for change in changes if change is not None), None)
     width = len(head) if measure is None else len(head) + 1
     say("rms unaided drift on held-out data (rezeroed) after")
     show_table((*head, f"change of {measure}, %")[:width], [row[:width] for row in rows])
+    if floor is not None:
+        say(floor_line(floor))
     if table is not None:
         say(ruler_line(table["ruler"]))
     scores = [score["sentence"] for score in steps[-1][1]["noise_scores"]]
     for text in (*scores, *broken_lines(steps[-1][1]), *outside_lines(steps[-1][1])):
         say(f"held out: {text}")
+
+
+def spread_cell(spread: dict[str, float] | None) -> str:
+    """The interval of a root mean square, mm."""
+    return "-" if spread is None else f"{1e3 * spread['low']:.3g} to {1e3 * spread['high']:.3g}"
+
+
+def floor_line(floor: dict[str, Any]) -> str:
+    """Where the noise of the floor comes from."""
+    from accelcal.plots.numbers import density
+    from accelcal.validation.sensor_noise import SOURCES
+
+    declared = floor["declared_m_per_s2_rthz"]
+    beside = "" if declared is None else f"; declared {density(declared)}"
+    source = f"{SOURCES[floor['source']]} {density(floor['density_m_per_s2_rthz'])}{beside}"
+    return f"sensor noise alone: {source}; 95 % of such records lie between"
 
 
 def ruler_line(ruler: dict[str, float]) -> str:
@@ -501,20 +522,23 @@ def show_comparison(content: dict[str, Any]) -> None:
         return "-" if value is None else f"{1e3 * value:.4g}"
 
     say(f"{content['recording'] or 'recording'}", style="bold")
+    floor = content["noise_floor"]
     rows = [
         (
             f"{horizon} s",
             millimetres(value),
             millimetres(content["coast_frozen_rms_m"][horizon]),
-            millimetres(content["coast_floor_m"][horizon]),
+            "-" if floor is None else spread_cell(floor["drift_rms_m"].get(horizon)),
             str(content["coast_starts"][horizon]),
         )
         for horizon, value in content["coast_rms_m"].items()
     ]
     show_table(
-        ("rms unaided drift after", "rezeroed, mm", "frozen, mm", "noise floor, mm", "start points"),
+        ("rms unaided drift after", "rezeroed, mm", "frozen, mm", "sensor noise alone, mm", "start points"),
         rows,
     )
+    if floor is not None:
+        say(floor_line(floor))
     setup = content["setup_bias_m_per_s2"]
     if setup["std"] is not None:
         say(f"change of set-up or turn-on bias: {plus_minus(setup['value'], setup['std'])} m/s²")
@@ -525,6 +549,8 @@ def show_comparison(content: dict[str, Any]) -> None:
     say(
         f"accelerometer residual up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
     )
+    if content["fit_percent"] is not None:
+        say(f"output within that band: fit {percent(content['fit_percent'])}")
     say(f"largest residual: {content['worst']}")
     for score in content["noise_scores"]:
         say(score["sentence"])

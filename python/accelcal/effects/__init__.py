@@ -27,7 +27,6 @@ from accelcal.effects.registry import (
     Static,
     Traits,
     Variable,
-    effect,
     family,
 )
 from accelcal.effects.processes import find, on_demand
@@ -36,7 +35,7 @@ from accelcal.effects.formula import ExpressionError, Own, from_expression
 from accelcal.effects.guard import EffectsFileError
 from accelcal.effects.names import Names, names
 from accelcal.effects.pickling import by_name as _by_name  # noqa: F401  (importing it makes effects pickle by name)
-from accelcal.effects.user_file import load_effects
+from accelcal.effects.user_file import effect, load_effects
 
 BUILT_IN = tuple(CATALOGUE.values())
 """The effects that come with accelcal: without side channels and users' own."""

@@ -12,14 +12,14 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal.data.arrays import Array
 from accelcal.data.units import is_unit, normalise
-from accelcal.effects.guard import guarded
+from accelcal.effects.guard import Guarded
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.effects.user_file import MANY, PROBE, probe
 from accelcal.signals.signals import Signals
@@ -51,6 +51,8 @@ RESERVED = frozenset((*MOTION, *FUNCTIONS, "np", "s", "effect"))
 DECADES = 9.0
 """Motions on which an expression is constant if it is so at all reach over this many decades, both ways."""
 DRAWS = 512
+FormulaPort = Literal["output", "position"]
+FormulaOwner = Literal["sensor", "mounting", "rig", "encoder"]
 _BINARY: Mapping[type[ast.operator], tuple[str, Callable[[Array, Array], Array]]] = MappingProxyType(
     {
         ast.Add: ("+", np.add),
@@ -91,8 +93,8 @@ def from_expression(
     text: str,
     *,
     unit: str = "1",
-    port: Literal["output", "position"] = "output",
-    owner: Literal["sensor", "mounting", "rig", "encoder"] = "sensor",
+    port: FormulaPort = "output",
+    owner: FormulaOwner = "sensor",
     channels: tuple[str, ...] = (),
 ) -> Own:
     """Enter an effect that is given as an expression into the catalogue.
@@ -121,6 +123,26 @@ def from_expression(
     >>> from_expression("air_drag", "v*abs(v)", unit="1/m").expression
     'v * abs(v)'
     """
+    made, understood = _made(name, text, unit, port, owner, channels)
+    _try(made, understood)
+    return _entered(made, understood)
+
+
+def from_tried_expression(name: str, text: str, *, unit: str, port: FormulaPort, channels: tuple[str, ...] = ()) -> Own:
+    """The same of an expression that was tried before, by another process perhaps; it is not evaluated here.
+
+    Raises
+    ------
+    ExpressionError
+        If the name is taken or unfit, or the expression holds anything that is not allowed.
+    """
+    return _entered(*_made(name, text, unit, port, "sensor", channels))
+
+
+def _made(
+    name: str, text: str, unit: str, port: FormulaPort, owner: FormulaOwner, channels: tuple[str, ...]
+) -> tuple[Effect, str]:
+    """The effect of an expression, and the expression as it was understood."""
     if not _NAME.fullmatch(name) or keyword.iskeyword(name):
         raise ExpressionError(f"name {name!r}: expected small letters, digits and underscores, such as air_drag")
     if name in RESERVED:
@@ -130,7 +152,7 @@ def from_expression(
     unknown = [word for word in re.findall(r"[A-Za-z]+", normalise(unit)) if not is_unit(word)]
     if unknown:
         raise ExpressionError(f"unit {unit!r}: {unknown[0]} is no known unit; expected one such as 1/m or (m/s^2)^-3")
-    if port not in ("output", "position") or owner not in ("sensor", "mounting", "rig", "encoder"):
+    if port not in get_args(FormulaPort) or owner not in get_args(FormulaOwner):
         raise ExpressionError(f"an own effect adds to output or position and belongs to a part; found {port}, {owner}")
     usable = tuple(dict.fromkeys(c for c in channels if is_usable(c)))
     tree = parse(text, (*MOTION, *usable))
@@ -158,9 +180,16 @@ def from_expression(
         text=file,
         digest=hashlib.sha256(file.encode()).hexdigest(),
     )
-    _try(made, understood)
-    subject = f"effect {name!r}, {understood},"
-    made = guarded(made, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}")
+    return made, understood
+
+
+def _entered(made: Effect, understood: str) -> Own:
+    """An effect in the catalogue, looked at each time it is evaluated."""
+    name, subject = made.name, f"effect {made.name!r}, {understood},"
+    function = Guarded(
+        made.function, 1, lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {error}"
+    )
+    made = replace(made, function=function)
     old = CATALOGUE.setdefault(name, made)
     if old.digest != made.digest:
         raise ExpressionError(f"name {name!r}: there is an effect called so already; choose another name")

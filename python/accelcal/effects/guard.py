@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import math
+import os
+import re
 import time
+import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from accelcal._support.plain_text import OBEYED_IN_NAMES
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
-from accelcal.effects.registry import Effect, Shape
 from accelcal.signals.signals import Signals
 
 LEAST_SECONDS = 0.2
@@ -32,14 +37,21 @@ Sentence = Callable[[str], str]
 """From what is wrong, with the effect as its subject, to a whole sentence with file and line."""
 Failure = Callable[[Exception], str]
 """The same from an exception that the effect raised."""
+Function = Callable[..., Array]
+Bounds = tuple[float, float] | Callable[[Signals], tuple[float, float]]
+PACKAGE = str(Path(__file__).parents[1]) + os.sep
+LONGEST = 200
+"""Characters of a unit, a symbol or a source."""
+_NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
 
 
-def guarded(effect: Effect, sentence: Sentence, failure: Failure) -> Effect:
-    """The effect, every evaluation of which is looked at.
+class Guarded:
+    """A function of an effect, every evaluation of which is looked at.
 
     Parameters
     ----------
-    effect : of the user's own.
+    function : of the user's own.
+    width : number of columns that it returns.
     sentence, failure : how to name it in an :class:`EffectsFileError`.
 
     Notes
@@ -47,29 +59,86 @@ def guarded(effect: Effect, sentence: Sentence, failure: Failure) -> Effect:
     Arrays are handed out read-only. Values at samples where a signal is itself not finite are let pass.
     """
 
-    @functools.wraps(effect.function)
-    def function(s: Signals, **shape: float) -> Array:
+    def __init__(self, function: Function, width: int, sentence: Sentence, failure: Failure) -> None:
+        functools.update_wrapper(self, function)
+        self._function, self._width = function, width
+        self._sentence, self._failure = sentence, failure
+
+    def __call__(self, s: Signals, **shape: float) -> Array:
         given = read_only(s)
         try:
-            found, seconds = timed(effect.function, given, shape)
+            found, seconds = timed(self._function, given, shape)
             budget = LEAST_SECONDS + SECONDS_A_SAMPLE * len(s.t)
             if seconds > budget:  # once more: the first call may compile or import
-                found, seconds = timed(effect.function, given, shape)
+                found, seconds = timed(self._function, given, shape)
         except EffectsFileError:
             raise
         except Exception as error:
-            raise EffectsFileError(failure(error)) from None
+            raise EffectsFileError(self._failure(error)) from None
         if seconds > budget:
             raise EffectsFileError(
-                sentence(
+                self._sentence(
                     f"takes {seconds:.2g} s of processor time at {len(s.t)} times; {budget:.2g} s are allowed. Replace "
                     "loops by operations on whole arrays"
                 )
             )
-        return values_of(found, s, effect.width, sentence)
+        return values_of(found, s, self._width, self._sentence)
 
-    shapes = {key: replace(one, bounds=_guarded_bounds(one, key, sentence)) for key, one in effect.shapes.items()}
-    return replace(effect, function=function, shapes=MappingProxyType(shapes))
+
+def is_trusted(function: Function) -> bool:
+    """Whether a function is one of accelcal, or guarded already; all others are code of the user."""
+    code = getattr(function, "__code__", None)
+    return isinstance(function, Guarded) or (code is not None and code.co_filename.startswith(PACKAGE))
+
+
+def words_for(function: Function, name: str) -> tuple[Sentence, Failure]:
+    """How to name an effect of the user: by the file and the line of its function, where it has any."""
+    path, first = place_of(function)
+    subject = f"effect {name!r}"
+    if not path:
+        return lambda wrong: f"{subject} {wrong}", lambda error: f"{subject} does not evaluate: {text_of(error)}"
+
+    def failure(error: Exception) -> str:
+        return f"{path}, line {line_of(path, error, first)}: {subject} does not evaluate: {text_of(error)}"
+
+    return lambda wrong: f"{path}, line {first}: {subject} {wrong}", failure
+
+
+def require_declared(name: Any, texts: Mapping[str, Any], scale: Any, sentence: Sentence) -> None:
+    """Refuse an effect of the user whose declaration no model file can hold.
+
+    Raises
+    ------
+    EffectsFileError
+        If its name is none, a text is long or not plain, or its typical size is not positive.
+    """
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise EffectsFileError(sentence("needs a name of letters, digits and underscores, such as cable_pull"))
+    for words, text in texts.items():
+        if not isinstance(text, str) or len(text) > LONGEST or OBEYED_IN_NAMES.search(text):
+            raise EffectsFileError(sentence(f"needs a {words} of at most {LONGEST} plain characters"))
+    if not isinstance(scale, float | int) or not (math.isfinite(scale) and scale > 0.0):
+        raise EffectsFileError(sentence(f"has the typical size {scale!r:.40}; expected a positive number"))
+
+
+def place_of(function: Function) -> tuple[str, int]:
+    """The file that a function was compiled from, and its first line; an empty name where it is no function."""
+    inner = inspect.unwrap(function)
+    return (inner.__code__.co_filename, inner.__code__.co_firstlineno) if inspect.isfunction(inner) else ("", 1)
+
+
+def text_of(error: BaseException) -> str:
+    """Text of an exception, on one line."""
+    if isinstance(error, KeyError):
+        return f"there is no {error.args[0]!r} here; a side channel must be named in needs=(...)"
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def line_of(path: str, error: BaseException, otherwise: int = 1) -> int:
+    """The last line of a file that was being run."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == path]
+    return lines[-1] or otherwise if lines else otherwise
 
 
 def timed(function: Callable[..., Any], s: Signals, shape: Mapping[str, float]) -> tuple[Any, float]:
@@ -136,11 +205,8 @@ def _locked(y: Array) -> Array:
     return view
 
 
-def _guarded_bounds(
-    shape: Shape, name: str, sentence: Sentence
-) -> tuple[float, float] | Callable[[Signals], tuple[float, float]]:
+def guarded_bounds(declared: Bounds, spacing: str, name: str, sentence: Sentence) -> Bounds:
     """Bounds of a shape parameter; those that depend on the motion are looked at when they are asked for."""
-    declared = shape.bounds
 
     def checked(found: Any) -> tuple[float, float]:
         try:
@@ -149,7 +215,7 @@ def _guarded_bounds(
             low, high = math.nan, math.nan
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             raise EffectsFileError(sentence(f"has no bounds of {name}: found {found!r:.60}, expected two numbers"))
-        if shape.spacing == "log" and not low > 0.0:
+        if spacing == "log" and not low > 0.0:
             raise EffectsFileError(sentence(f"tries {name} on a logarithmic grid from {low:g}; begin above 0"))
         return low, high
 

@@ -16,6 +16,8 @@ import numpy as np
 from accelcal._support.immutable import immutable
 from accelcal._support.notebook_repr import notebook_repr
 from accelcal.data.arrays import Array
+from accelcal.effects import guard
+from accelcal.effects.catalogue import Catalogue
 from accelcal.signals.signals import Signals
 
 Port = Literal["output", "position", "noise", "process"]
@@ -251,6 +253,26 @@ class Effect:
     def __repr__(self) -> str:
         return f"Effect({self.name}: {self.summary}; {self.unit}, {self.owner})"
 
+    def __post_init__(self) -> None:
+        """Put what is not of accelcal under guard, however the effect was made.
+
+        Raises
+        ------
+        EffectsFileError
+            If an effect of the user is declared in a way that no model file can hold, or has no bounds.
+        """
+        if guard.is_trusted(self.function):
+            return
+        sentence, failure = guard.words_for(self.function, self.name)
+        texts = {"unit": self.unit, "symbol": self.symbol, "source": self.source}
+        guard.require_declared(self.name, texts, self.scale, sentence)
+        shapes = {
+            key: replace(one, bounds=guard.guarded_bounds(one.bounds, one.spacing, key, sentence))
+            for key, one in self.shapes.items()
+        }
+        object.__setattr__(self, "function", guard.Guarded(self.function, self.width, sentence, failure))
+        object.__setattr__(self, "shapes", MappingProxyType(shapes))
+
     @property
     def seen_by_sets(self) -> bool:
         """Whether no single run shows it, but runs of other mounts and directions of the axis do, or dwells."""
@@ -321,8 +343,8 @@ class Effect:
 CARD = ("Equation", "Looks like", "Easily confused with", "Separate by")
 """Labels of the lines that every card has behind its first sentences."""
 
-CATALOGUE: dict[str, Effect] = {}
-"""Every known effect by name, in the order of entry."""
+CATALOGUE: Catalogue[Effect] = Catalogue()
+"""Every known effect by name, in the order of entry; a session of the workbench has one of its own."""
 
 
 PLAIN = Traits()
@@ -426,7 +448,7 @@ def family(
     """
 
     def enter(function: Callable[..., Array]) -> Callable[..., Array]:
-        found = next((e for e in CATALOGUE.values() if e.function is function), None)
+        found = next((e for e in CATALOGUE.values() if function in (e.function, inspect.unwrap(e.function))), None)
         if found is None:
             raise ValueError(f"{function.__name__} is no effect yet; write @effect(...) below @family(...)")
         if not 0 <= coarse < found.width:

@@ -1,36 +1,67 @@
-"""Users' effects: functions with the decorator `effect` in a file of the user's own."""
+"""Users' effects: functions with the decorator `effect`, in a file of the user's own, a script or a notebook."""
 
 from __future__ import annotations
 
 import hashlib
-import inspect
-import math
-import re
-import traceback
+from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
+from typing import ParamSpec
 
 import numpy as np
 
 from accelcal._support.arguments import checked
-from accelcal._support.plain_text import OBEYED, OBEYED_IN_NAMES
+from accelcal._support.plain_text import OBEYED
 from accelcal._support.stopping import Stopped
+from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
-from accelcal.effects.guard import EffectsFileError, guarded
+from accelcal.effects import registry
+from accelcal.effects.guard import EffectsFileError, line_of, place_of, text_of
 from accelcal.effects.registry import CATALOGUE, Effect
 from accelcal.signals.signals import Signals
 
 PROBE = 64
 """Samples on which an effect is evaluated before it is accepted."""
-
-
-LONGEST = 200
-"""Characters of a unit, a symbol or a source."""
 MANY = 8192
 """Samples on which its time is measured besides."""
 MOST_BYTES = 2**20
 """Largest file of effects."""
-_NAME = re.compile(r"[A-Za-z_]\w{0,63}", re.ASCII)
+_loading: ContextVar[bool] = ContextVar("loading", default=False)
+"""Whether a file is being run whose effects are looked at when it has ended."""
+_P = ParamSpec("_P")
+_Enter = Callable[[Callable[..., Array]], Callable[..., Array]]
+
+
+def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
+    """The decorator of the catalogue for users: what it enters is tried once, and looked at at every evaluation."""
+
+    @wraps(declare)
+    def effect(*args: _P.args, **declared: _P.kwargs) -> _Enter:
+        enter = declare(*args, **declared)
+
+        def tried(function: Callable[..., Array]) -> Callable[..., Array]:
+            known = set(CATALOGUE)
+            enter(function)
+            if not _loading.get():
+                (name,) = set(CATALOGUE) - known
+                _accept(name)
+            return function
+
+        return tried
+
+    return effect
+
+
+effect = _looked_at(registry.effect)
+
+
+def _accept(name: str) -> None:
+    """Try an effect that a script or a notebook has entered, or remove it."""
+    entered = CATALOGUE.pop(name)
+    _try(place_of(entered.function)[0] or name, entered)
+    CATALOGUE[name] = entered
 
 
 @checked
@@ -67,22 +98,24 @@ def load_effects(path: str | Path) -> tuple[Effect, ...]:
     path = Path(path)
     raw, text = _read(path)
     before = dict(CATALOGUE)
-    for name in [n for n, e in before.items() if e.text and _home(e) == str(path)]:
+    for name in [n for n, e in before.items() if e.text and place_of(e.function)[0] == str(path)]:
         del CATALOGUE[name]
-    kept = set(CATALOGUE)
+    kept, loading = set(CATALOGUE), _loading.set(True)
     try:
         _run(path, text)
         names = [name for name in CATALOGUE if name not in kept]
         if not names:
             raise EffectsFileError(f"{path}: adds no effect; put @effect(...) before a function of Signals")
         for name in names:
-            made = _guarded(path, CATALOGUE[name])
-            _try(path, made)
+            made = CATALOGUE[name]
+            _try(str(path), made)
             CATALOGUE[name] = replace(made, text=text, digest=hashlib.sha256(raw).hexdigest())
     except BaseException:
         CATALOGUE.clear()
         CATALOGUE.update(before)
         raise
+    finally:
+        _loading.reset(loading)
     return tuple(CATALOGUE[name] for name in names)
 
 
@@ -104,50 +137,19 @@ def _read(path: Path) -> tuple[bytes, str]:
     return raw, text
 
 
-def _home(effect: Effect) -> str:
-    """The file that an effect's function was compiled from."""
-    function = inspect.unwrap(effect.function)
-    return function.__code__.co_filename if inspect.isfunction(function) else ""
-
-
-def _first(effect: Effect) -> int:
-    """The line on which an effect's function begins."""
-    function = inspect.unwrap(effect.function)
-    return function.__code__.co_firstlineno if inspect.isfunction(function) else 1
-
-
-def _guarded(path: Path, effect: Effect) -> Effect:
-    """An effect of a file, looked at each time it is evaluated; its declaration is looked at once."""
-    first = _first(effect)
-    where = f"{path}, line {first}: effect {effect.name!r}"
-    if not _NAME.fullmatch(effect.name):
-        raise EffectsFileError(f"{where}: expected a name of letters, digits and underscores, such as cable_pull")
-    for words, text in (("unit", effect.unit), ("symbol", effect.symbol), ("source", effect.source)):
-        if not isinstance(text, str) or len(text) > LONGEST or OBEYED_IN_NAMES.search(text):
-            raise EffectsFileError(f"{where} needs a {words} of at most {LONGEST} plain characters")
-    if not isinstance(effect.scale, float | int) or not (math.isfinite(effect.scale) and effect.scale > 0.0):
-        raise EffectsFileError(f"{where} has the typical size {effect.scale!r:.40}; expected a positive number")
-
-    def failure(error: Exception) -> str:
-        at = _line(path, error, first)
-        return f"{path}, line {at}: effect {effect.name!r} does not evaluate: {_text_of(error)}"
-
-    return guarded(effect, lambda wrong: f"{where} {wrong}", failure)
-
-
 def _run(path: Path, text: str) -> None:
     """Run the file; whatever it raises becomes one sentence with its line."""
     try:
         exec(compile(text, str(path), "exec"), {"__name__": path.stem, "__file__": str(path)})
     except SyntaxError as error:
         raise EffectsFileError(f"{path}, line {error.lineno}: {error.msg}") from None
-    except Stopped:
+    except (Stopped, EffectsFileError):
         raise
     except (Exception, SystemExit) as error:  # a file that exits must not end the program that reads it
-        raise EffectsFileError(f"{path}, line {_line(path, error)}: {_text_of(error)}") from None
+        raise EffectsFileError(f"{path}, line {line_of(str(path), error)}: {text_of(error)}") from None
 
 
-def _try(path: Path, effect: Effect) -> None:
+def _try(path: str, effect: Effect) -> None:
     """Evaluate an effect on a small motion, and on a longer one for its time; the guard looks at what comes back."""
     for samples in (PROBE, MANY):
         s = probe(effect.needs, samples)
@@ -156,25 +158,12 @@ def _try(path: Path, effect: Effect) -> None:
         except EffectsFileError:
             raise
         except Exception as error:
+            line = line_of(path, error, place_of(effect.function)[1])
             raise EffectsFileError(
-                f"{path}, line {_line(path, error, _first(effect))}: effect {effect.name!r} has a shape parameter that "
-                f"cannot be tried: {_text_of(error)}"
+                f"{path}, line {line}: effect {effect.name!r} has a shape parameter that cannot be tried: "
+                f"{text_of(error)}"
             ) from None
         effect.function(s, **shape)
-
-
-def _text_of(error: BaseException) -> str:
-    """Text of an exception, on one line."""
-    if isinstance(error, KeyError):
-        return f"there is no {error.args[0]!r} here; a side channel must be named in needs=(...)"
-    text = " ".join(str(error).split())
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
-
-
-def _line(path: Path, error: BaseException, otherwise: int = 1) -> int:
-    """The last line of the file that was being run."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-    return lines[-1] or otherwise if lines else otherwise
 
 
 def probe(needs: tuple[str, ...], samples: int = PROBE) -> Signals:

@@ -8,6 +8,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.recording import RecordingError
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
@@ -60,6 +61,11 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
     run : readings and output.
     values : coefficients at which the model is taken.
     signals : smoothed motion that non-constant effects are evaluated on; None while there is none yet.
+
+    Raises
+    ------
+    RecordingError
+        If the scale factor is that of a sensor without output.
     """
     begin = run.t[0]  # a small offset would be lost in the last digits of a clock that counts from 1970
     stamps = run.driving.t - begin
@@ -90,6 +96,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
         if any(values.additive("position")):
             read = values.total("position", signals.resampled(run.t - run.origins.t))
             z = z if read is None else z - filters.behind_at(run.t, read)
+    require_output(run, values)
     gain = run.rig.polarity / values.scale
     restart = ~covered | filters.gaps(run.t)
     restart[0] = True
@@ -126,6 +133,21 @@ def without_transients(run: PreparedRun, integrals: DriveIntegrals, noise: Noise
         first += size * once
         second += size * twice
     return replace(integrals, first=first, second=second)
+
+
+def require_output(run: PreparedRun, values: Values) -> None:
+    """Refuse a recording whose output is so small beside its motion that the sensor has no scale left.
+
+    Raises
+    ------
+    RecordingError
+        With the recording and what to check.
+    """
+    if values.scale == 0.0:
+        raise RecordingError(
+            f"{run.recording.name or 'recording'}: the output is as good as zero beside the acceleration of the "
+            "position; check the units of accel and position"
+        )
 
 
 def run_filter(run: PreparedRun, integrals: DriveIntegrals, noise: Noise) -> _core.ReplayTrack:

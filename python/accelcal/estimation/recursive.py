@@ -17,7 +17,9 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.estimation.smoothing import output_at, uniform_times
 from accelcal.filters.choice import FilterChoice
-from accelcal.filters.record import FilterRun, forward_parameters, run
+from accelcal.filters.prior import spread_start
+from accelcal.filters.record import FilterRun, ForwardParameters, forward_parameters, run
+from accelcal.filters.stage_sense import to_stage
 from accelcal.model import NOMINAL, Estimate, Model
 
 PARAMETER_OF = {find(name).symbol: name for name in ("scale_factor", "bias", *polynomial(3))}
@@ -96,9 +98,7 @@ def fit_recursive(
     first = max(0, int(np.searchsorted(accel.t, position.t[0], side="right")) - 1)
     accel = Channel(accel.name, accel.t[first:], accel.y[first:], accel.unit)
     ahead = max(0.0, float(position.t[0] - accel.t[0]))
-    lever = ahead + (tau if choice.system == "aci" else 0.0)
-    P0[0, 0] += (lever * std["v"]) ** 2 + (std["a"] * ahead**2 / 2.0) ** 2
-    P0[0, 1] = P0[1, 0] = -lever * std["v"] ** 2
+    spread_start(P0, v_std=std["v"], a_std=std["a"], ahead=ahead, lag=tau if choice.system == "aci" else 0.0)
     if choice.system == "aci":
         filtered = run(choice, accel, position, q=density, r_position=noise.r, x0=x0, P0=P0, tau=tau)
     else:
@@ -116,7 +116,7 @@ def fit_recursive(
             P0=P0,
             tau=tau,
         )
-    return _as_fit(replayed, filtered, choice), filtered
+    return as_fit(replayed, forward_parameters(filtered), choice), filtered
 
 
 READ_OUT_SHARE = 1e-4
@@ -135,18 +135,14 @@ def smoothed_acceleration(prepared: PreparedRun, replayed: Fit) -> Array:
     return output_at(prepared, uniform_times(prepared), cutoff, prepared.tau(values)) / values.scale
 
 
-def _as_fit(replayed: Fit, filtered: FilterRun, choice: FilterChoice) -> Fit:
-    found = forward_parameters(filtered)
+def as_fit(replayed: Fit, found: ForwardParameters, choice: FilterChoice) -> Fit:
+    """The fit with the parameters that a filter found on polarity * output - gravity in the place of its own."""
     order = {PARAMETER_OF[name]: i for i, name in enumerate(found.names)}
-    polarity, gravity = replayed.rig.polarity, replayed.rig.gravity
     held = {e.name: e.value for e in replayed.free if e.name in NOMINAL and e.name not in order}
     frozen = replayed.model.freeze(**held)
-    T = np.eye(len(order))
-    # The filter saw polarity * output - gravity; its constant is polarity K0 + (1 + k - 1) gravity.
-    T[order["bias"], order["bias"]] = polarity
-    T[order["bias"], order["scale_factor"]] = -polarity * gravity
+    T = np.linalg.inv(to_stage(found.names, replayed.rig.polarity, replayed.rig.gravity))
     values, covariance = T @ found.values, T @ found.covariance @ T.T
-    rows = [order[e.name] for e in replayed.estimates if e.name in order]
+    rows = [order[e.name] for e in replayed.estimates if e.name in order and e.name not in frozen.fixed]
     estimates = tuple(
         replace(e, value=float(values[order[e.name]]), std=math.sqrt(covariance[order[e.name], order[e.name]]))
         if e.name in order

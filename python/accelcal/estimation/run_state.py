@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal import _core
 from accelcal.data.arrays import Array, Flags
-from accelcal.estimation.drive import DriveIntegrals, drive, run_filter, without_transients
+from accelcal.estimation.drive import DriveIntegrals, drive, require_output, run_filter, without_transients
 from accelcal.estimation.dwell_rows import Nuisances
 from accelcal.estimation.initial import initial_coefficients
 from accelcal.estimation.noise import GROWN, LEAST_COUNT, NoiseSearch
@@ -83,6 +83,7 @@ class RunState:
 
     def refresh(self, values: Values, *, search_noise: bool) -> None:
         """Move to other coefficients: drive and signals are made from the signals of the state before."""
+        require_output(self.run, values)
         run, ratio = self.run, self.values.scale / values.scale
         del self.track, self.whitened  # free the old track before the next is made; each holds nine arrays
         self.values = values

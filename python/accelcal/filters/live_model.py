@@ -61,7 +61,7 @@ class LiveModel:
     ------
     ValueError
         For an effect that cannot be tracked live, by name, for more than 14 coefficients besides bias and scale, and
-        for a rate that is not positive.
+        for a rate that is not positive, or another setting that is negative or not finite.
 
     Examples
     --------
@@ -90,6 +90,9 @@ class LiveModel:
     ) -> None:
         if not 0 < rate < math.inf:
             raise ValueError(f"LiveModel: rate = {rate:g} Hz; give the samples of the output per second.")
+        _require_amounts(q=q, r_position=r_position, speed=speed, gate=math.inf if gate is None else gate)
+        if not math.isfinite(position):
+            raise ValueError(f"LiveModel: position = {position:g} m; give where the stage is at the first sample.")
         for name in model.effects:
             reason = refusal(find(name))
             if reason is not None:
@@ -286,3 +289,12 @@ def _belief(model: Model, term: Term, processes: Mapping[str, GaussMarkov]) -> P
     if term.name in model.fixed:
         return Prior(model.fixed[term.name], 0.0)
     return model.priors.get(term.name, Prior(0.0, WIDE * term.effect.scale))
+
+
+def _require_amounts(*, gate: float, **amounts: float) -> None:
+    """Refuse a setting that is no amount; the gate may be infinite."""
+    for name, value in amounts.items():
+        if not 0.0 <= value < math.inf:
+            raise ValueError(f"LiveModel: {name} = {value:g}; expected a finite number, 0 or above.")
+    if not gate > 0.0:
+        raise ValueError(f"LiveModel: gate = {gate:g}; expected a number above 0, or None for no gate.")

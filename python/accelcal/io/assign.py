@@ -8,11 +8,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from accelcal._support.plain_text import OBEYED_IN_NAMES, visible
 from accelcal.data import units
 from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import Finding, RecordingError
 from accelcal.io import naming
-from accelcal.io.limits import MOST_NAME
+from accelcal.io.limits import MOST_CHANNEL_NAME, MOST_NAME
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
 from accelcal.io.table import Table
 
@@ -50,6 +51,8 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     """
     sidecar = declared.path or sidecar_of(table.path)
     sources, notes = _sources(table, declared, sidecar)
+    for name, source in sources.items():
+        _require_name(table, name, source, sidecar)
     for name in ("accel", "position"):
         if name in required and name not in sources:
             raise RecordingError(_absent(table, name, sidecar, declared.channels))
@@ -93,6 +96,21 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
             unused.append(column)
     text = f"columns without a known unit are not used: {_listed(unused)}; declare them in [channels] to use them"
     return sources, [Finding("unused_columns", "", len(unused), 0.0, text)] if unused else []
+
+
+def _require_name(table: Table, name: str, source: Source, sidecar: Path) -> None:
+    """Refuse a name that no model file can hold: effects of a side channel have its name."""
+    if OBEYED_IN_NAMES.search(name):
+        wrong = f'its name "{visible(name[:MOST_NAME], one_line=True)}" holds characters that are not shown'
+    elif len(name) > MOST_CHANNEL_NAME:
+        wrong = f'its name "{name[:_SHOWN]}..." has {len(name)} characters, expected at most {MOST_CHANNEL_NAME}'
+    else:
+        return
+    column = visible(str(source.column)[:MOST_NAME], one_line=True)
+    raise RecordingError(
+        f'{table.path}: column "{column}" cannot be a channel: {wrong}; rename the column, or give the channel a plain '
+        f"name in [channels] of {sidecar}"
+    )
 
 
 def attitude_columns(declared: Sidecar) -> list[tuple[str, str]]:
@@ -166,6 +184,8 @@ def _listed(columns: Sequence[str]) -> str:
 
 
 _MOST_LISTED = 50
+_SHOWN = 40
+"""Characters of a long name."""
 
 
 def _absent(table: Table, channel: str, sidecar: Path, declared: Iterable[str]) -> str:

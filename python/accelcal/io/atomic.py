@@ -51,7 +51,7 @@ def atomic(path: str | Path) -> Iterator[Path]:
     >>> target.read_text()
     '{}'
     """
-    with together(), _named(Path(path)):
+    with together(), named(Path(path)):
         part = Part(Path(path))
         parts = _waiting.get()
         assert parts is not None
@@ -162,6 +162,10 @@ class Part:
         elif self._new:
             self.target.unlink(missing_ok=True)
 
+    def free_name(self) -> Path:
+        """A name in its folder that nobody has and that is swept after a kill."""
+        return _free_name(self._folder)
+
     def discard(self) -> None:
         """Remove what is not a file that the user asked for."""
         for path in (self.path, self._old):
@@ -210,7 +214,7 @@ def _open_stream(name: Path) -> int | None:
 
 
 @contextmanager
-def _named(name: Path) -> Iterator[None]:
+def named(name: Path) -> Iterator[None]:
     """Errors of the operating system name the file that the user asked for."""
     try:
         yield
@@ -227,7 +231,7 @@ def _publish(parts: list[Part]) -> None:
     """Give all parts their places, streams first, or none."""
     ordered = sorted(parts, key=lambda part: not part.straight)
     for part in ordered:
-        with _named(part.name):
+        with named(part.name):
             part.settle()
             require_writable(part.name)
             if len(ordered) > 1:
@@ -236,7 +240,7 @@ def _publish(parts: list[Part]) -> None:
     try:
         for part in ordered:
             done.append(part)
-            with _named(part.name):
+            with named(part.name):
                 part.publish()
     except BaseException:
         for part in reversed(done):

@@ -10,6 +10,8 @@ FREE_NUMBERS = 20_000_000
 """Numbers in the columns that are used, in a file of any size. Beyond it a file holds at most one number per byte."""
 MOST_NAME = 200
 """Characters of a column name that is looked at for a unit and a role."""
+MOST_CHANNEL_NAME = 180
+"""Characters of a channel's name; those of its effects are a little longer, and model files take 200."""
 MOST_DEPTH = 32
 """Groups of HDF5 inside one another."""
 SIDECAR_BYTES = 1_000_000

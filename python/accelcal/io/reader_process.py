@@ -96,7 +96,7 @@ class ReaderProcess:
 
     def _ask(self, content: Any) -> None:
         assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(content).encode() + b"\n")
+        self._process.stdin.write(json.dumps(content, allow_nan=False).encode() + b"\n")
         self._process.stdin.flush()
 
     def _answer(self) -> dict[str, Any]:
@@ -185,7 +185,9 @@ def start() -> subprocess.Popen[bytes]:
     )
     assert process.stdin is not None
     with suppress(BrokenPipeError):  # found when it does not answer
-        process.stdin.write(json.dumps({"path": [p for p in sys.path if p], "packages": packages}).encode() + b"\n")
+        process.stdin.write(
+            json.dumps({"path": [p for p in sys.path if p], "packages": packages}, allow_nan=False).encode() + b"\n"
+        )
         process.stdin.flush()
     return process
 

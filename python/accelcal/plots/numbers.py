@@ -11,11 +11,12 @@ from scipy import special
 
 from accelcal import formatting
 from accelcal.data.arrays import Array
-from accelcal.data.units import instant
+from accelcal.data.units import MICRO_G, instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.sensor_noise import SOURCES, SensorNoise
 
 HEADLINE_HORIZON = 10.0
 """Unaided drift that is quoted first, s."""
@@ -78,6 +79,19 @@ def model_names(nested: NestedModels) -> list[str]:
     return found
 
 
+def nested_comparisons(nested: NestedModels) -> dict[str, Comparison]:
+    """Comparisons of all models by the names that figures give them."""
+    return dict(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
+
+
+def drift_floors(comparison: Comparison) -> Mapping[float, float | None]:
+    """Floor under the drift by horizon, m: that of the sensor where it is known, else what the fit takes for noise."""
+    if comparison.noise_floor is None:
+        return comparison.coast_floor
+    found = comparison.noise_floor.drift
+    return {horizon: None if spread is None else spread.value for horizon, spread in found.items()}
+
+
 def error_reduction_sentence(nested: NestedModels) -> str:
     """The error of the first and of the last model in one sentence."""
     errors = nested.errors
@@ -85,7 +99,35 @@ def error_reduction_sentence(nested: NestedModels) -> str:
     if len(errors) > 1:
         text += f" → {formatting.length(errors[-1])}"
     measure = nested.measure[:1].upper() + nested.measure[1:]
-    return f"{measure}, on held-out data: {text}; noise floor {formatting.length(nested.floor)}"
+    return f"{measure}, on held-out data: {text}; {floor_sentence(nested)}"
+
+
+def floor_sentence(nested: NestedModels) -> str:
+    """The noise floor with its interval and its source."""
+    floor, sensor = nested.floor, nested.noise_floor.sensor
+    ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
+    return f"sensor noise alone {ends} ({SOURCES[sensor.source]} {density(sensor.density)}{declared_beside(sensor)})"
+
+
+def declared_beside(sensor: SensorNoise) -> str:
+    """The declared density where it differs from that at rest."""
+    return "" if sensor.declared is None else f"; declared {density(sensor.declared)}"
+
+
+def density(value: float) -> str:
+    """A noise density for people."""
+    return f"{value / MICRO_G:.3g} µg/√Hz"
+
+
+def share_text(nested: NestedModels, number: int) -> str:
+    """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
+    share = nested.shares[number]
+    if share is None:
+        return "within sensor noise" if nested.at_floor[number] else ""
+    if share < 0.0:
+        return "error rises"
+    explained = f"{round(100.0 * min(share, 1.0))} % of the excess explained"
+    return f"{explained}, down to sensor noise" if nested.at_floor[number] else explained
 
 
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:

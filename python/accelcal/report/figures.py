@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from accelcal.plots import interactive
+from accelcal.plots.numbers import nested_comparisons
 from accelcal.plots.static import comparison as static
 from accelcal.plots.static import diagnosis
 from accelcal.plots.style import ThemeName
@@ -63,8 +64,6 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
     """Error reduction by each effect, on unseen data where there are any."""
     nested = c.nested
     caption = f"{c.judged.recording or 'Recording'}: {'not used in the fit' if c.unseen else 'the fitted recording'}."
-    if c.diagnosis.verdict != "adequate":
-        caption += " The noise floor is that of this model, which counts the missing effect as noise."
     if nested is not None:
         yield Entry(
             "falling",
@@ -73,6 +72,13 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
             lambda theme: interactive.error_reduction(nested, theme=theme),
             lambda theme: diagnosis.error_reduction(nested, theme=theme),
         )
+    compared = nested_comparisons(nested) if nested is not None else {"model": c.judged}
+    yield Entry(
+        "overlay",
+        "falling",
+        f"{caption} Shaded: stretches of the largest residual.",
+        lambda theme: interactive.overlay(compared, theme=theme),
+    )
     yield Entry(
         "coasting",
         "falling",

@@ -27,7 +27,7 @@ from accelcal.formatting import (
     with_unit,
 )
 from accelcal.model import Estimate
-from accelcal.plots.numbers import error_reduction_sentence, model_names
+from accelcal.plots.numbers import error_reduction_sentence, floor_sentence, model_names, share_text
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
 
@@ -95,12 +95,10 @@ def summary(content: Content) -> list[str]:
     horizons = [h for h, value in seen.coast_rms.items() if value is not None]
     if horizons:
         h = max(horizons)
-        drift, floor = seen.coast_rms[h], seen.coast_floor[h]
+        drift = seen.coast_rms[h]
         assert drift is not None
-        assert floor is not None
-        if content.nested is not None and content.nested.horizon == h:
-            floor = content.nested.floor  # of the best model: a poor one counts missing effects as noise
-        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms; noise floor {length(floor)}.")
+        floor = f"; {floor_sentence(content.nested)}" if content.nested and content.nested.horizon == h else ""
+        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms{floor}.")
     lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in seen.noise_scores]
     lines.append(
         f"One-step prediction error: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}."
@@ -219,17 +217,18 @@ def falling(content: Content) -> dict[str, Any] | None:
     return {
         "sentence": error_reduction_sentence(nested),
         "same_run": nested.same_run,
-        "floor": nested.floor,
+        "floor": nested.floor.value,
         "rows": [
             {
                 "model": name,
                 "error": error,
                 "shown": length(error),
                 "in_model": member.in_model,
-                "share": None if share is None else f"{round(100.0 * share)} %".replace("-", "−"),
+                "around": "" if around is None else f"{length(around.low)} to {length(around.high)}",
+                "share": share_text(nested, number),
             }
-            for name, member, error, share in zip(
-                model_names(nested), nested.models, nested.errors, nested.shares, strict=True
+            for number, (name, member, error, around) in enumerate(
+                zip(model_names(nested), nested.models, nested.errors, nested.intervals, strict=True)
             )
         ],
     }

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from accelcal._support.listing import listing
 from accelcal.data.recording import Recording
@@ -15,8 +13,10 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit, estimate
 from accelcal.model import Model
-from accelcal.validation.comparison import HELD_OUT, Comparison
+from accelcal.validation.comparison import HELD_OUT, Comparison, NoiseFloor, RmsInterval
 from accelcal.validation.evaluation import compare
+from accelcal.validation.noise_floor import noise_floor
+from accelcal.validation.paired import drift_spread
 from accelcal.validation.ruler import Ruler
 
 
@@ -51,19 +51,37 @@ class NestedModels:
         return tuple(_error(member.heldout, self.horizon) for member in self.models)
 
     @property
-    def floor(self) -> float:
-        """Error of noise alone, m: the least of all models, because a missing effect raises the fitted noise."""
-        return min(_floor(member.heldout, self.horizon) for member in self.models)
+    def noise_floor(self) -> NoiseFloor:
+        """Errors that noise of the sensor alone would give: one floor for all models."""
+        found = self.models[0].heldout.noise_floor
+        if found is None:
+            raise ValueError("models were compared without a noise floor; use nested_models or compare_models")
+        return found
+
+    @property
+    def floor(self) -> RmsInterval:
+        """The floor under `errors`, with the interval for a record of this length, m."""
+        return self.noise_floor.at(self.horizon) or self.noise_floor.simulated
+
+    @property
+    def intervals(self) -> tuple[RmsInterval | None, ...]:
+        """Each error with its interval over the start points, m; None where there are too few."""
+        return tuple(drift_spread(member.heldout, self.horizon) for member in self.models)
 
     @property
     def shares(self) -> tuple[float | None, ...]:
-        """Share of the base's mean square above the floor that each model removes; None for the base, or when the base
-        is at the floor already."""
+        """Share of the base's mean square above the floor that each model removes; None for the base, or when noise
+        alone may give an error as large as that of the base."""
         squares = [e**2 for e in self.errors]
-        above = squares[0] - self.floor**2
-        if above <= 0.0:
+        if not self.errors[0] > self.floor.high:
             return (None,) * len(squares)
+        above = squares[0] - self.floor.value**2
         return (None, *((before - after) / above for before, after in itertools.pairwise(squares)))
+
+    @property
+    def at_floor(self) -> tuple[bool, ...]:
+        """Whether noise of the sensor alone may give the error of each model."""
+        return tuple(error <= self.floor.high for error in self.errors)
 
     @property
     def measure(self) -> str:
@@ -125,10 +143,12 @@ def nested_models(
             remarks.append(f"{finding.effect} could not be added: {error}")
             break
     ruler = Ruler.of([fit for _, _, fit in fits])
-    models = [
-        NestedModel(effect, in_model, fit, compare(fit, unseen, start=test_begin, end=test_end, ruler=ruler))
-        for effect, in_model, fit in fits
-    ]
+    floor = noise_floor(ruler, fits[0][2], unseen, start=test_begin, end=test_end)
+
+    def judged(fit: Fit) -> Comparison:
+        return replace(compare(fit, unseen, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor)
+
+    models = [NestedModel(effect, in_model, fit, judged(fit)) for effect, in_model, fit in fits]
     horizons = [h for h in models[0].heldout.coast_rms if all(each.heldout.coast_rms[h] is not None for each in models)]
     return NestedModels(tuple(models), same_run, max(horizons, default=None), tuple(remarks))
 
@@ -140,11 +160,6 @@ def _stretch(recording: Recording) -> tuple[float, float]:
 
 def _error(comparison: Comparison, horizon: float | None) -> float:
     value = comparison.simulated_rms if horizon is None else comparison.coast_rms[horizon]
-    return math.nan if value is None else value
-
-
-def _floor(comparison: Comparison, horizon: float | None) -> float:
-    value = float(np.sqrt(np.mean(comparison.simulated_std**2))) if horizon is None else comparison.coast_floor[horizon]
     return math.nan if value is None else value
 
 

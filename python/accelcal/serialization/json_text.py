@@ -25,12 +25,12 @@ AGAIN = "take a copy that is whole, or fit again: accelcal fit RUN.csv -o MODEL.
 """Next step for who has a damaged model file."""
 
 
-def dumps(content: Mapping[str, Any]) -> str:
+def dumps(content: Mapping[str, Any], indent: int | None = 2) -> str:
     """Return JSON text; what is not finite becomes null, since JSON has no other word for it.
 
-    Characters that a terminal would obey are written as escapes.
+    Characters that a terminal would obey are written as escapes. Without an indent it is one line.
     """
-    text = json.dumps(finite(content), indent=2, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(finite(content), indent=indent, ensure_ascii=False, allow_nan=False)
     return ESCAPED.sub(lambda found: f"\\u{ord(found[0]):04x}", text) + "\n"
 
 

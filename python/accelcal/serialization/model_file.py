@@ -33,7 +33,7 @@ from accelcal.serialization.json_text import AGAIN, dumps, plain, read_json
 from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Comparison, NoiseFloor
 
 COMPARE_SCHEMA = "accelcal/compare/1"
 
@@ -394,10 +394,12 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "coast_rms_m": by_horizon(comparison.coast_rms),
         "coast_frozen_rms_m": by_horizon(comparison.coast_frozen_rms),
         "coast_floor_m": by_horizon(comparison.coast_floor),
+        "noise_floor": noise_floor_to_dict(comparison.noise_floor),
         "coast_starts": {f"{horizon:g}": count for horizon, count in comparison.coast_starts.items()},
         "setup_bias_m_per_s2": {"value": comparison.setup_bias[0], "std": comparison.setup_bias[1]},
         "accel_rms_m_per_s2": comparison.accel_rms,
         "band_hz": comparison.band,
+        "fit_percent": comparison.fit_percent,
         "worst": comparison.worst,
         "bins": [
             {
@@ -426,6 +428,20 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "not_carried": list(comparison.not_carried),
         "noise_scores": [{**asdict(score), "sentence": score.sentence} for score in comparison.noise_scores],
         "breaks": list(comparison.breaks),
+    }
+
+
+def noise_floor_to_dict(floor: NoiseFloor | None) -> dict[str, Any] | None:
+    """The floor under errors with its source; null where a comparison is one of several whose floor is told once."""
+    if floor is None:
+        return None
+    return {
+        "source": floor.sensor.source,
+        "density_m_per_s2_rthz": floor.sensor.density,
+        "density_std": floor.sensor.std,
+        "declared_m_per_s2_rthz": floor.sensor.declared,
+        "drift_rms_m": {f"{h:g}": None if spread is None else asdict(spread) for h, spread in floor.drift.items()},
+        "simulated_rms_m": asdict(floor.simulated),
     }
 
 

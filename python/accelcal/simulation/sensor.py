@@ -142,6 +142,7 @@ class Simulated:
 
 
 @checked
+@np.errstate(over="ignore", invalid="ignore")
 def simulate(
     motion: Motion | str,
     *,
@@ -198,7 +199,8 @@ def simulate(
     Raises
     ------
     ValueError
-        Unknown parameter or one that is not finite, undeclared noise density, probability outside [0, 1), more than
+        Unknown parameter or one that is not finite, a channel that overflows,
+        undeclared noise density, probability outside [0, 1), more than
         `MOST_SAMPLES` samples, or what
         `accelcal.simulation.motion.motion` says.
 

@@ -14,6 +14,7 @@ from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.estimation.noise_effects import NoiseScore
+from accelcal.validation.sensor_noise import SensorNoise
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -150,6 +151,30 @@ class Outside:
     """Windows by horizon, inside and outside."""
 
 
+@dataclass(frozen=True, slots=True)
+class RmsInterval:
+    """A root mean square over start points, with the interval that holds it in 95 of 100 such records."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFloor:
+    """Errors of the true model under noise of the sensor alone."""
+
+    sensor: SensorNoise
+    drift: Mapping[float, RmsInterval | None]
+    """Rezeroed rms drift by horizon, m; None where the record is too short."""
+    simulated: RmsInterval
+    """Rms error of the free-running simulation, m."""
+
+    def at(self, horizon: float | None) -> RmsInterval | None:
+        """That of a horizon, or of the simulation."""
+        return self.simulated if horizon is None else self.drift.get(horizon)
+
+
 @immutable
 @notebook_repr
 @dataclass(frozen=True, slots=True)
@@ -196,6 +221,8 @@ class Comparison:
     """Predicted standard deviation of each, m."""
     accel_residual: tuple[Array, Array]
     """Accelerometer-side residual: time (s), m/s²."""
+    measured: Array
+    """Measured output at the times of that residual and within its band, m/s²."""
     bins: tuple[Bins, ...]
     worst: str
     setup_bias: tuple[float, float]
@@ -211,6 +238,18 @@ class Comparison:
     """What effects of the model that act on noise gain on this recording."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
+
+    noise_floor: NoiseFloor | None = None
+    """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
+
+    @property
+    def fit_percent(self) -> float | None:
+        """Share of the output that the model gives, 100 (1 - |residual| / |output - its mean|), %.
+
+        None where the record is too short.
+        """
+        spread = float(np.linalg.norm(self.measured - np.mean(self.measured))) if len(self.measured) else 0.0
+        return 100.0 * (1.0 - float(np.linalg.norm(self.accel_residual[1])) / spread) if spread > 0.0 else None
 
     def __repr__(self) -> str:
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)

@@ -14,7 +14,7 @@ from accelcal.data.recording import Recording
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.run import PreparedRun
-from accelcal.estimation.smoothing import side_channels_at
+from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
@@ -99,6 +99,7 @@ def compare(
         residual=(run.t, e),
         residual_std=np.sqrt(S),
         accel_residual=(t_res, residual),
+        measured=output_at(run, ahead.values.stamps(t_res, run.origins.t), seen_band, run.tau(ahead.values)),
         bins=bins,
         worst=worst_of(bins),
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),

@@ -11,9 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from accelcal.data.arrays import Array
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Comparison, RmsInterval
 
 LEAST_STRETCHES = 5
 """Fewer stretches than this do not determine a standard error."""
@@ -103,6 +104,27 @@ def heldout_change(before: Comparison, after: Comparison, horizon: float | None 
         e1, e2 = e1 / before.residual_std, e2 / before.residual_std
     span = float(t[-1] - t[0]) if len(t) else 0.0
     return paired_change("one-step error", t, e1, e2, span / 20.0) if len(e1) == len(e2) and span > 0.0 else None
+
+
+def drift_spread(seen: Comparison, horizon: float | None) -> RmsInterval | None:
+    """Rms drift with its 95 % interval over the start points; None for a simulation, or where there are too few.
+
+    Mean squares of stretches of two horizons count as independent; the interval is that of their mean.
+    """
+    if horizon is None or horizon not in seen.drifts:
+        return None
+    t, error = seen.drifts[horizon]
+    if not len(t):
+        return None
+    block = ((t - t[0]) / (HORIZONS_APART * horizon)).astype(np.intp)
+    number = np.bincount(block)
+    means = np.bincount(block, error**2)[number > 0] / number[number > 0]
+    count, middle = len(means), float(np.mean(error**2))
+    if count < LEAST_STRETCHES or not middle > 0.0:
+        return None
+    reach = scipy.stats.t.ppf(0.975, count - 1) * float(np.std(means, ddof=1)) / math.sqrt(count) / middle
+    value = math.sqrt(middle)
+    return RmsInterval(value, value * math.exp(-0.5 * reach), value * math.exp(0.5 * reach))
 
 
 def best_step(steps: Sequence[Comparison]) -> tuple[int, HeldOutChange] | None:

@@ -88,7 +88,7 @@ class Prediction:
         once, twice = np.where(d.restart, 0.0, h), np.where(d.restart, 0.0, h**2 / 2.0)
         unit = replace(d, z=np.zeros_like(d.z), first=once, second=twice)
         response = run_filter(run, unit, noise)
-        g = -response.series("e")
+        self.unit_e = g = -response.series("e")
         self.unit_p = response.series("p") - gain_p * g
         self.unit_v = response.series("v") - gain_v * g
         information = np.where(self.counts, g**2 / self.S, 0.0)

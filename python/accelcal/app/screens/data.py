@@ -6,11 +6,9 @@ from typing import Any
 
 from nicegui import ui
 
-from accelcal.app import figures, mapping, widgets
+from accelcal.app import figures, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import session, uploads
-from accelcal.app.workbench import MOST_BYTES
-from accelcal.data.recording import RecordingError
+from accelcal.app.screens import columns, session, start, uploads
 from accelcal.formatting import number
 
 
@@ -29,25 +27,15 @@ def show(page: Page) -> None:
     if state.opened is not None:
         with widgets.card("One file is missing", "welcome"):
             session.ask(page)
-            drop(page, "Drop the recording here, or click + to browse")
+            uploads.drop(page, "Drop the recording here, or click to choose it")
         return
     if state.file is None:
-        with widgets.card("Drop a recording", "welcome"):
-            ui.label(
-                "CSV, Parquet, MAT, npz or HDF5 with accelerometer output and encoder position. If there is a sidecar "
-                "(.toml), drop it together with the recording. A session (.accelcal) goes on where it was saved. No "
-                "data leave this machine."
-            )
-            drop(page, "Drop a recording here, or click + to browse")
-            widgets.button("Try a simulated recording", "science", lambda: page.act(page.bench.example), flat=True)
-        session.earlier(page)
+        start.show(page)
         return
     if state.recording is None:
-        with widgets.card(f"{state.file.name}: assign the columns"):
-            ui.label(state.problem).classes("problem").props("role=alert")
-            columns(page)
+        columns.ask(page)
         with widgets.card("Another recording"):
-            drop(page, "Drop another recording here")
+            uploads.drop(page, "Drop another recording here")
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
@@ -56,9 +44,9 @@ def show(page: Page) -> None:
             with widgets.card("Held-out and excluded data"):
                 division(page)
             with widgets.card("Recordings"):
-                drop(page, "Drop another recording here")
+                uploads.drop(page, "Drop another recording here")
                 ui.label("Or hold out a whole recording instead of a part of this one:").classes("note")
-                drop(page, "Drop a held-out recording here", other=True)
+                uploads.drop(page, "Drop a held-out recording here", other=True)
         with ui.element("div").classes("stack"):
             with widgets.card("The recording"):
                 ui.label("Drag across the plot to select a stretch to hold out or exclude.").classes("note")
@@ -73,39 +61,6 @@ def show(page: Page) -> None:
                 check(page)
             later(ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"), page)
     widgets.copies(page)
-
-
-def drop(page: Page, label: str, *, other: bool = False) -> None:
-    """An area to drop files on; a recording and its sidecar may come together."""
-
-    async def take(event: Any) -> None:
-        try:
-            kept = await uploads.saved(page.bench, event.files)
-        except OSError as error:
-            page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
-            return
-        await uploads.used(page, kept, other)
-
-    def rejected() -> None:
-        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
-
-    def failed() -> None:
-        page.bench.refuse(
-            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
-            "at a time, and room on the disk; give the file a short name, and drop it again"
-        )
-
-    made = ui.upload(
-        label=label,
-        multiple=True,
-        auto_upload=True,
-        max_file_size=MOST_BYTES,
-        on_multi_upload=take,
-        on_rejected=rejected,
-    )
-    made.on("failed", failed, [])
-    made.props("flat bordered hide-upload-btn").classes("drop")
-    made.mark("other" if other else "recording")
 
 
 def check(page: Page) -> None:
@@ -139,71 +94,9 @@ def later(box: ui.expansion, page: Page) -> None:
     def opened(event: Any) -> None:
         if event.value and not box.default_slot.children:
             with box:
-                columns(page)
+                columns.form(page)
 
     box.on_value_change(opened)
-
-
-def columns(page: Page) -> None:
-    """Assignment of columns to channels, and the rest of the sidecar."""
-    bench, state = page.bench, page.bench.state
-    assert state.file is not None
-    text = mapping.text_of(state.file, state.sidecar, state.template)
-    found = mapping.choices(state.columns, text, state.template)
-    roles, names, units = [], [], []
-    rows: list[list[widgets.Cell]] = []
-    for one in found:
-        named = (*mapping.ESSENTIAL, *mapping.ORIENTATION, mapping.NOT_USED)
-        known = one.channel if one.channel in named else "other"
-
-        def role(one: mapping.Choice = one, known: str = known) -> None:
-            made = ui.select([*mapping.ESSENTIAL, "other", mapping.NOT_USED, *mapping.ORIENTATION], value=known)
-            roles.append(made.props(f'dense outlined aria-label="Role of {widgets.attribute(one.column)}"'))
-
-        def name(one: mapping.Choice = one, known: str = known) -> None:
-            made = ui.input(value=one.channel if known == "other" else one.column)
-            names.append(made.props(f'dense outlined aria-label="Name of {widgets.attribute(one.column)}"'))
-
-        def unit(one: mapping.Choice = one) -> None:
-            made = ui.input(value=one.unit, placeholder="unit")
-            units.append(made.props(f'dense outlined aria-label="Unit of {widgets.attribute(one.column)}"'))
-
-        rows.append([one.column, role, name, unit])
-    widgets.table(["column", "channel", "name (if other)", "unit"], rows, "Columns")
-    ui.label(
-        "Can the body turn? Then gravity along the axis changes: map what that axis would read at rest "
-        "(gravity_along_axis), a gyroscope (gyr_x, gyr_y, gyr_z), or place and attitude (position_e, position_n, "
-        "position_u, no position, and q_w to q_z), and say which axis of them the sensor measures."
-    ).classes("note")
-    with ui.row().classes("line"):
-        direction = ui.input("Input axis of a body that turns", placeholder="x, y, z or 0, 0.6, 0.8")
-        direction.props("dense outlined")
-        sense = ui.select(["", "sensor to ENU", "ENU to sensor"], value="", label="The quaternion maps")
-        sense.props("dense outlined")
-    sheet = ui.textarea("Sidecar: sensor, rig and columns", value=text).props("outlined autogrow").classes("code full")
-
-    async def use_columns() -> None:
-        chosen = [
-            mapping.Choice(
-                one.column,
-                str(names[i].value if roles[i].value == "other" else roles[i].value),
-                str(units[i].value).strip(),
-            )
-            for i, one in enumerate(found)
-        ]
-        try:
-            axis = mapping.Axis(str(direction.value or ""), str(sense.value or ""))
-            made = mapping.sidecar_from(str(sheet.value), chosen, axis)
-        except RecordingError as error:
-            bench.refuse(str(error))
-            return
-        await page.act(bench.load, state.file, made)
-
-    with ui.row():
-        widgets.button("Use this assignment", "check", use_columns, primary=state.recording is None)
-        widgets.button(
-            "Use the sidecar as written", "description", lambda: page.act(bench.load, state.file, str(sheet.value))
-        )
 
 
 def brushing(page: Page, plot: ui.plotly) -> None:

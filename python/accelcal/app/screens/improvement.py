@@ -6,8 +6,11 @@ from nicegui import ui
 
 from accelcal import formatting
 from accelcal.app import figures, widgets, wording
+from accelcal.app.examples import example_of
 from accelcal.app.page import Page
+from accelcal.app.screens import start
 from accelcal.app.state import Step
+from accelcal.plots.numbers import floor_sentence
 
 LIMITS = 6
 """Detection limits that are shown without a click."""
@@ -19,53 +22,58 @@ def show(page: Page) -> None:
     if state.step is None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
+    # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
+    shown = tuple(id(step.heldout) for step in state.path)
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             with widgets.card("Diagnosis", "verdict"):
                 verdict(page)
             with widgets.card("Models"):
                 tree(page)
+            example = example_of(state.file)
+            if example is not None:
+                with widgets.card("An example"):
+                    start.answer(example)
         with ui.element("div").classes("stack"):
             with widgets.card("Error on held-out data"):
                 error(page)
                 page.pictures(
-                    ("falling", state.current),
+                    ("falling", shown),
                     lambda theme: [figures.falling(state, theme)],
                 )
-            with widgets.card("Residuals on held-out data"):
-                if state.previous is not None:
-                    ui.label(f"Grey: before {state.step.label}.").classes("note")
-                page.pictures(
-                    ("left", state.current),
-                    lambda theme: [
-                        figures.residual(state, page.bench.before(), theme),
-                        figures.one_step(state, theme),
-                    ],
-                    height=620,
-                )
-            with widgets.card("Unaided drift"):
-                page.pictures(("coast", state.current), lambda theme: [figures.coasting(state, theme)])
+            with widgets.card("Model and measurement on held-out data"):
+                ui.label("Click a model in the legend to switch it on or off; drag to zoom all panels.").classes("note")
+                page.pictures(("overlay", shown), lambda theme: [figures.overlay(state, theme)], height=660)
+            with ui.element("div").classes("wall"):
+                with widgets.card("Residuals on held-out data"):
+                    if state.previous is not None:
+                        ui.label(f"Grey: before {state.step.label}.").classes("note")
+                    page.pictures(
+                        ("left", shown),
+                        lambda theme: [
+                            figures.residual(state, page.bench.before(), theme),
+                            figures.one_step(state, theme),
+                        ],
+                        height=620,
+                    )
+                with widgets.card("Unaided drift"):
+                    page.pictures(("coast", shown), lambda theme: [figures.coasting(state, theme)])
     widgets.copies(page)
 
 
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
-    nested, found = figures.nested_of(state), page.bench.diagnosis
-    now, floor = nested.errors[-1], nested.floor
+    nested = figures.nested_of(state)
     with ui.row().classes("numbers"):
-        figure("current error", now, "error")
+        figure("current error", nested.errors[-1], "error")
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
-        unsure = found is None or found.verdict != "adequate"
-        figure("noise floor, as this model estimates it" if unsure else "noise floor", floor, "floor")
+        figure("sensor noise alone", nested.floor.value, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}; {floor_sentence(nested)}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
-    if found is not None and found.verdict not in ("adequate", "too_short"):
-        text = "A missing effect is counted as noise, so the noise floor is overestimated until the effect is added."
-        ui.label(text).classes("note")
 
 
 def figure(name: str, value: float, mark: str) -> None:

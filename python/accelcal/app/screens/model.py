@@ -34,30 +34,30 @@ def show(page: Page) -> None:
 
 
 def parameters(page: Page) -> None:
-    """Every parameter with its uncertainty, and a button that holds or releases it."""
+    """Every parameter with its uncertainty, and a button that fixes or frees it."""
     step = page.bench.state.step
     assert step is not None
     rows: list[list[widgets.Cell]] = []
     for e in (*step.fit.estimates, *step.fit.shapes):
-        held = e.name in step.fit.model.fixed
+        fixed = e.name in step.fit.model.fixed
 
-        def act(e: Estimate = e, held: bool = held) -> None:
+        def act(e: Estimate = e, fixed: bool = fixed) -> None:
             bench = page.bench
-            if held:
+            if fixed:
                 widgets.button(
-                    "Release",
+                    "Free",
                     "lock_open",
                     lambda: page.improve(bench.release, e.name),
                     flat=True,
-                    label=f"Release {e.name}",
+                    label=f"Free {e.name}",
                 )
                 return
             with ui.row().classes("line tight"):
                 value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value to hold {widgets.attribute(spelled(e.name))} at"'
+                    f'dense outlined aria-label="Value to fix {widgets.attribute(spelled(e.name))} at"'
                 )
 
-                async def hold() -> None:
+                async def fix() -> None:
                     try:
                         number_ = float(str(value.value).replace("−", "-"))
                     except ValueError:
@@ -65,7 +65,7 @@ def parameters(page: Page) -> None:
                         return
                     await page.improve(bench.freeze, e.name, number_)
 
-                widgets.button("Hold", "lock", hold, flat=True, label=f"Hold {e.name}")
+                widgets.button("Fix", "lock", fix, flat=True, label=f"Fix {e.name}")
 
         rows.append(
             [
@@ -73,7 +73,7 @@ def parameters(page: Page) -> None:
                 e.symbol,
                 wording.value(e),
                 plain(e.unit, e.value, e.std),
-                "held" if held else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
+                "fixed" if fixed else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
                 tied_sum(step.fit, e.name),
                 e.owner,
                 act,
@@ -92,9 +92,9 @@ def parameters(page: Page) -> None:
         "value",
         "in plain units",
         "standard uncertainty",
-        "what it contains on this rig",
+        "includes on this rig",
         "owner",
-        "hold at (SI)",
+        "fix at (SI)",
     ]
     widgets.table(titles, rows, "Parameters")
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from accelcal.app import background, figures, widgets
+from accelcal.app import figures, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.plots.style import ThemeName
@@ -33,7 +33,7 @@ def show(page: Page) -> None:
             height=600,
         )
     found = bench.diagnosis
-    with widgets.card("Residual against each variable"):
+    with widgets.card("Residual against each variable", "many"):
         if found is None:
             if bench.job is None and not page.asking:
                 ui.label("Not diagnosed yet.")
@@ -57,7 +57,7 @@ def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> N
             return
         page.window = window
         state, theme = bench.state, page.theme
-        fresh = await background.draw(lambda: figures.linked(state, bench.whole(), theme, window))
+        fresh = await page.drawn(lambda: figures.linked(state, bench.whole(), theme, window))
         if state is bench.state and not plot.is_deleted:
             redraw(fresh)
 

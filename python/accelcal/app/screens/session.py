@@ -24,12 +24,12 @@ def ask(page: Page) -> None:
 
 def earlier(page: Page) -> None:
     """Offer work that was kept when a server ended."""
-    place = ui.element("div").classes("stack welcome-list")
+    place = ui.element("div").classes("stack")
 
     async def fill() -> None:
         found = await background.act(page.workbenches.earlier)
         if found and not place.is_deleted:
-            with place, widgets.card("Earlier work"):
+            with place, widgets.card("Recent projects"):
                 for kept in found:
                     line(page, kept, place)
                 ui.label(f"Kept in {page.workbenches.keeper.folder}, without recorded data.").classes("note")

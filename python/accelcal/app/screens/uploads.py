@@ -2,13 +2,54 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from nicegui import ui
+
 from accelcal.app import mapping, session_file
 from accelcal.app.page import Page
 from accelcal.app.workbench import MOST_BYTES, Refused, Workbench
+
+HEADER = """<button type="button" class="choose" @click="props.pickFiles">
+<span class="material-icons" aria-hidden="true">upload_file</span><span>LABEL</span></button>
+<q-uploader-add-trigger />"""
+"""The whole area is one button with a name; the input behind it is hidden from keyboard and screen readers."""
+
+
+def drop(page: Page, label: str, *, other: bool = False) -> None:
+    """An area to drop files on; a recording and its sidecar may come together."""
+
+    async def take(event: Any) -> None:
+        try:
+            kept = await saved(page.bench, event.files)
+        except OSError as error:
+            page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
+            return
+        await used(page, kept, other)
+
+    def rejected() -> None:
+        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
+
+    def failed() -> None:
+        page.bench.refuse(
+            f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
+            "at a time, and room on the disk; give the file a short name, and drop it again"
+        )
+
+    made = ui.upload(
+        multiple=True,
+        auto_upload=True,
+        max_file_size=MOST_BYTES,
+        on_multi_upload=take,
+        on_rejected=rejected,
+    )
+    made.on("failed", failed, [])
+    made.props("flat hide-upload-btn").classes("drop")
+    made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
+    made.mark("other" if other else "recording")
 
 
 async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:

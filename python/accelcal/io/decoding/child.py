@@ -114,7 +114,7 @@ def _send(replies: IO[bytes], source: Source, name: str) -> None:
 
 
 def _reply(replies: IO[bytes], content: Mapping[str, Any]) -> None:
-    replies.write(json.dumps(content).encode() + b"\n")
+    replies.write(json.dumps(content, allow_nan=False).encode() + b"\n")
     replies.flush()
 
 

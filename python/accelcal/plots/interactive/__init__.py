@@ -7,6 +7,7 @@ from accelcal.plots.interactive.drift_limits import drift_limits
 from accelcal.plots.interactive.error_reduction import error_reduction
 from accelcal.plots.interactive.linked import linked
 from accelcal.plots.interactive.motion import simulated
+from accelcal.plots.interactive.overlay import overlay
 from accelcal.plots.interactive.ranking import ranking
 from accelcal.plots.interactive.regions import regions
 from accelcal.plots.interactive.residual import accel_residual, one_step
@@ -29,6 +30,7 @@ __all__ = [
     "linked",
     "marks",
     "one_step",
+    "overlay",
     "quantile_plot",
     "ranking",
     "regions",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import error_reduction_sentence, model_names
+from accelcal.plots.numbers import error_reduction_sentence, model_names, share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModels
 
@@ -32,12 +33,13 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
     """
     palette = style.theme_of(theme)
     errors = np.array(nested.errors)
-    factor, unit = formatting.prefixed("m", errors, nested.floor)
-    names, shares = model_names(nested), nested.shares
+    floor = nested.floor
+    factor, unit = formatting.prefixed("m", errors, floor.value)
+    names = model_names(nested)
+    tops, bottoms = (np.array([reach(nested, i) for i in range(len(errors))]) * factor).T
     figure = drawing.new_figure()
     texts = [
-        f"{e * factor:.3g} {unit}" + ("" if s is None else f"<br>{100.0 * s:.0f} % of the excess explained")
-        for e, s in zip(errors, shares, strict=True)
+        "<br>".join([f"{e * factor:.3g} {unit}", *share_text(nested, i).split(", ")]) for i, e in enumerate(errors)
     ]
     for said, inside, shape in (("in the model", True, ""), ("not in the model yet", False, "/")):
         rows = [i for i, member in enumerate(nested.models) if member.in_model == inside]
@@ -47,9 +49,17 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
                 y=errors[rows] * factor,
                 name=said,
                 width=0.55,
+                error_y={
+                    "array": tops[rows],
+                    "arrayminus": bottoms[rows],
+                    "color": palette.ink,
+                    "thickness": 1.6,
+                    "width": 6,
+                },
                 text=[texts[i] for i in rows],
                 textposition="outside",
                 cliponaxis=False,
+                constraintext="none",
                 marker={
                     "color": palette.model.colour if inside else drawing.translucent(palette.model.colour, 0.25),
                     "line": {"color": palette.model.colour, "width": 1.5},
@@ -58,7 +68,15 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
                 hovertemplate="%{y:.4g} " + unit + "<extra></extra>",
             )
     ends = np.array([-0.5, len(errors) - 0.5])
-    drawing.curve(figure, ends, np.full(2, nested.floor * factor), palette.floor, "noise floor", unit=unit, width=2.4)
+    said = "sensor noise alone, with 95 % of such records"
+    drawing.curve(figure, ends, np.full(2, floor.value * factor), palette.floor, said, unit=unit, width=2.4)
+    figure.add_hrect(
+        y0=floor.low * factor,
+        y1=floor.high * factor,
+        fillcolor=drawing.translucent(palette.floor.colour, 0.18),
+        line_width=0,
+        layer="below",
+    )
     unseen = (
         "the end of the fitted run, which does not reveal set-up and slow-drift errors"
         if nested.same_run
@@ -72,6 +90,12 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
         showgrid=False,
         title_text="model",
     )
-    top = 1.22 * max(float(np.nanmax(errors)), nested.floor) * factor
+    top = 1.22 * max(float(np.nanmax(errors * factor + np.nan_to_num(tops))), floor.high * factor)
     figure.update_yaxes(title_text=drawing.axis_title("rms error", unit), range=[0.0, top])
     return figure
+
+
+def reach(nested: NestedModels, number: int) -> tuple[float, float]:
+    """How far the interval of an error reaches above and below it, m; NaN where it has none."""
+    around, error = nested.intervals[number], nested.errors[number]
+    return (math.nan, math.nan) if around is None else (around.high - error, error - around.low)

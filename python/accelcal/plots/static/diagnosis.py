@@ -16,6 +16,7 @@ from accelcal.plots.numbers import (
     candidate_groups,
     error_reduction_sentence,
     model_names,
+    share_text,
     signed,
     tiles_of,
 )
@@ -45,22 +46,27 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
     figure = style.new_figure(WIDTH, 4.2, palette)
     axes = figure.subplots()
     errors = np.array(nested.errors)
-    factor, unit = formatting.prefixed("m", errors, nested.floor)
+    floor = nested.floor
+    factor, unit = formatting.prefixed("m", errors, floor.value)
     style.format_axes(axes, palette, x="model", y=formatting.label("rms error", unit))
-    for i, (member, error, share) in enumerate(zip(nested.models, errors * factor, nested.shares, strict=True)):
+    for i, (member, error, around) in enumerate(zip(nested.models, errors * factor, nested.intervals, strict=True)):
         axes.bar(
             i,
             error,
             width=0.55,
+            yerr=None if around is None else [[error - around.low * factor], [around.high * factor - error]],
+            ecolor=palette.ink,
+            capsize=4.0,
             color=palette.model.colour if member.in_model else palette.page,
             edgecolor=palette.model.colour,
             hatch="" if member.in_model else "//",
             label="in the model" if member.in_model else "not in the model yet",
         )
-        text = f"{error:.3g} {unit}" + ("" if share is None else f"\n{100.0 * share:.0f} % of the excess")
+        top = max(error if around is None else around.high * factor, floor.high * factor)
+        lines = [f"{error:.3g} {unit}", *share_text(nested, i).split(", ")]
         axes.annotate(
-            text,
-            (i, error),
+            "\n".join(lines).rstrip(),
+            (i, top),
             xytext=(0, 3),
             textcoords="offset points",
             ha="center",
@@ -68,14 +74,16 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
             fontsize=style.SMALL,
         )
     axes.axhline(
-        nested.floor * factor,
+        floor.value * factor,
         color=palette.floor.colour,
         linestyle=palette.floor.line,
         linewidth=2.0,
-        label="noise floor",
+        label="sensor noise alone, with 95 % of such records",
     )
+    axes.axhspan(floor.low * factor, floor.high * factor, color=palette.floor.colour, alpha=0.18, linewidth=0.0)
     axes.set_xticks(range(len(errors)), model_names(nested))
-    axes.set_ylim(0.0, 1.25 * max(float(np.nanmax(errors)), nested.floor) * factor)
+    highest = [around.high for around in nested.intervals if around is not None]
+    axes.set_ylim(0.0, 1.3 * max(float(np.nanmax(errors)), floor.high, *highest) * factor)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(labels, handles, strict=True))
     axes.legend(

@@ -25,6 +25,7 @@ FILES: tuple[type[BaseModel], ...] = (
     results.FormulaFile,
     results.FleetFile,
     results.TriadFile,
+    results.LiveFile,
     results.PaperFile,
     Content,
 )

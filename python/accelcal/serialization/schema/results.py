@@ -101,6 +101,25 @@ class SetupBias(Part):
     std: Value
 
 
+class RmsPart(Part):
+    """A root mean square, and the interval that holds it in 95 of 100 such records."""
+
+    value: Value
+    low: Value
+    high: Value
+
+
+class NoiseFloorPart(Part):
+    """What noise of the sensor alone would give, and where its density comes from."""
+
+    source: Literal["rest", "declared", "fit"]
+    density_m_per_s2_rthz: Value
+    density_std: Value
+    declared_m_per_s2_rthz: Value
+    drift_rms_m: dict[str, RmsPart | None]
+    simulated_rms_m: RmsPart
+
+
 class ComparisonFile(Part):
     """A model compared with a recording: `compare`."""
 
@@ -113,10 +132,12 @@ class ComparisonFile(Part):
     coast_rms_m: dict[str, Value]
     coast_frozen_rms_m: dict[str, Value]
     coast_floor_m: dict[str, Value]
+    noise_floor: NoiseFloorPart | None
     coast_starts: dict[str, int]
     setup_bias_m_per_s2: SetupBias
     accel_rms_m_per_s2: Value
     band_hz: Value
+    fit_percent: Value
     worst: str
     bins: list[BinsPart]
     outside: list[OutsidePart]
@@ -682,6 +703,69 @@ class TriadFile(Part):
     sentence: str
     terms: list[TriadTerm]
     remarks: list[str]
+
+
+class InnovationPart(Part):
+    """One reading against what the filter expected."""
+
+    t_s: Value
+    e_m: Value
+    std_m: Value
+
+
+class RunningPart(Part):
+    """A running mean, and where it lies with 99 % probability while the model holds."""
+
+    value: Value
+    low: Value
+    high: Value
+    readings: int
+
+
+class AlarmPart(Part):
+    """A block of innovations that the model does not explain."""
+
+    t_s: Value
+    kind: Literal["nis", "mean"]
+    value: Value
+    low: Value
+    high: Value
+    readings: int
+    since_s: Value
+    sentence: str
+
+
+class LinesPart(Part):
+    """What became of the lines."""
+
+    used: int
+    broken: int
+    out_of_order: int
+    missing: int
+
+
+class LiveFile(Part):
+    """One line of `live --json`."""
+
+    schema_: Literal["accelcal/live/1"] = Field(alias="schema")
+    event: Literal["state", "alarm", "end"]
+    source: str
+    t_s: Value
+    parameters: list[Estimated]
+    innovation: InnovationPart | None
+    nis: RunningPart | None
+    holds: bool | None
+    blocks: int
+    alarms: int
+    alarm: AlarmPart | None
+    lines: LinesPart
+    dropped_bytes: int
+    outputs: int
+    readings: int
+    untested: int
+    refused: int
+    recorded_rows: int
+    ended: str | None
 
 
 class PaperFile(Part):

@@ -1,4 +1,4 @@
-"""Downloads: model, report, code, certificate, sidecar, user effects, the steps as a script and as commands."""
+"""Export: model, report, code, certificate, sidecar, user effects, the steps as a script and as commands."""
 
 from __future__ import annotations
 
@@ -9,6 +9,12 @@ from accelcal.app.page import Page
 from accelcal.app.screens import session
 from accelcal.app.script import COPIES
 from accelcal.app.tasks import Export
+
+STEPS = {
+    "Python": ("These steps in Python", "python"),
+    "command line": ("These steps on the command line", "bash"),
+}
+"""Title of each script, and its language."""
 
 
 def show(page: Page) -> None:
@@ -30,8 +36,9 @@ def show(page: Page) -> None:
     with widgets.card("Session"):
         session.save(page)
     for name, make in COPIES.items():
-        with widgets.card("These steps in Python" if name == "Python" else "These steps on the command line"):
-            ui.code(make(state), language="python" if name == "Python" else "bash").classes("full")
+        title, language = STEPS[name]
+        with widgets.card(title):
+            widgets.code(make(state), language, title)
     widgets.copies(page)
 
 

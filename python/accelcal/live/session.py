@@ -1,0 +1,224 @@
+"""A live view without a face: bytes in, estimates and alarms out, rows to a file."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from accelcal.io.growing import GrowingParquet
+from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
+from accelcal.io.stream_lines import LineReader, Rows
+from accelcal.io.stream_source import ByteSource, Intake
+from accelcal.io.write import write_sidecar
+from accelcal.live.monitor import Alarm, InnovationMonitor, Interval
+from accelcal.live.settings import LiveSettings
+from accelcal.live.tracker import Innovation, Tracker, normalised
+from accelcal.model import Estimate
+
+GROUP_TIME = 2.0
+"""Most time that rows wait for the file, s; more in a long recording, whose table of row groups grows."""
+LONGEST_GROUP_TIME = 30.0
+GROUP_SHARE = 0.01
+"""Time between row groups over the length of the recording, between the two."""
+UNITS = {"t": "s", "accel": "m/s^2", "position": "m"}
+"""Columns of the recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveState:
+    """What a live view knows at one moment."""
+
+    t: float | None
+    """Stamp of the newest row, s."""
+    estimates: tuple[Estimate, ...]
+    innovation: Innovation | None
+    """The newest."""
+    nis: Interval | None
+    holds: bool | None
+    """Whether the newest block of innovations is what the model expects; None before the first."""
+    blocks: int
+    alarms: int
+    outputs: int
+    readings: int
+    used: int
+    broken: int
+    out_of_order: int
+    missing: int
+    dropped_bytes: int
+    untested: int
+    refused: int
+    refusal: str
+    recorded: int
+
+
+class LiveSession:
+    """Reads a source, feeds the filter, tests its innovations and records the rows.
+
+    Parameters
+    ----------
+    source : of the bytes; closed in the end.
+    declared : sidecar of the lines.
+    settings : of the filter.
+    recording : Parquet file to write, with a sidecar beside it; None for none.
+
+    Raises
+    ------
+    OSError
+        If the recording cannot be written.
+    """
+
+    def __init__(
+        self, source: ByteSource, declared: Sidecar, settings: LiveSettings, recording: Path | None = None
+    ) -> None:
+        self.source, self.declared = source, declared
+        self.lines = LineReader(declared, source.name, source.from_its_start)
+        self.tracker = Tracker(settings)
+        self.monitor = InnovationMonitor()
+        self._newest: Innovation | None = None
+        self._t: float | None = None
+        self._recorder = None if recording is None else _Recorder(recording, declared)
+        self._stack = ExitStack()
+        self._intake: Intake | None = None
+        self._stopped = False
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            opened.callback(self.source.close)
+            if self._recorder is not None:
+                opened.enter_context(self._recorder.file)
+            self._stack = opened.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if (
+                isinstance(error, SystemExit) and self._recorder is not None
+            ):  # nobody reads the output, or a second signal
+                self._recorder.write()
+        finally:
+            self._stack.close()
+
+    def run(self, *, ends: Callable[[], bool], on_alarm: Callable[[Alarm], None], show: Callable[[], None]) -> None:
+        """Follow the source to its end, or until `ends`; every row that was read is then in filter and file.
+
+        Parameters
+        ----------
+        ends : asked between chunks, several times a second.
+        on_alarm : told of each alarm.
+        show : called between chunks.
+
+        Raises
+        ------
+        RecordingError
+            If the columns cannot be told from header and sidecar.
+        OSError
+            If the recording cannot be written; what is in the file stays readable.
+        """
+        intake = self._intake = Intake(self.source)
+        self._stack.callback(intake.stop)  # before its source is closed
+        while not (intake.ended or ends()):
+            for chunk in intake.take(patience=0.1):
+                self._take(self.lines.feed(chunk), on_alarm)
+            show()
+        self._stopped = not intake.ended
+        intake.stop()
+        for chunk in intake.take(patience=0.0):
+            self._take(self.lines.feed(chunk), on_alarm)
+        self._take(self.lines.finish(whole=self.source.ends_lines and intake.error is None), on_alarm)
+        self._judge(self.tracker.finish(), on_alarm)
+        if self._recorder is not None:
+            self._recorder.write()
+
+    @property
+    def ended(self) -> str:
+        """Why nothing more came."""
+        error = None if self._intake is None else self._intake.error
+        if error is not None:
+            return f"the source broke off ({error.strerror or error})"
+        return "stopped" if self._stopped else "the source has ended"
+
+    @property
+    def state(self) -> LiveState:
+        """Everything there is to show now."""
+        counts, tracker, monitor = self.lines.counts, self.tracker, self.monitor
+        return LiveState(
+            t=self._t,
+            estimates=tracker.estimates,
+            innovation=self._newest,
+            nis=monitor.nis,
+            holds=monitor.holds,
+            blocks=monitor.blocks,
+            alarms=monitor.alarms,
+            outputs=tracker.outputs,
+            readings=tracker.readings,
+            used=counts.used,
+            broken=counts.broken,
+            out_of_order=counts.out_of_order,
+            missing=counts.missing,
+            dropped_bytes=0 if self._intake is None else self._intake.dropped,
+            untested=tracker.untested,
+            refused=tracker.refused,
+            refusal=tracker.refusal,
+            recorded=0 if self._recorder is None else self._recorder.file.rows,
+        )
+
+    def _take(self, rows: Rows, on_alarm: Callable[[Alarm], None]) -> None:
+        if not len(rows):
+            return
+        self._t = float(rows.t[-1])
+        if self._recorder is not None:
+            self._recorder.add(rows)
+        self._judge(self.tracker.feed(rows), on_alarm)
+
+    def _judge(self, found: list[Innovation], on_alarm: Callable[[Alarm], None]) -> None:
+        for innovation in found:
+            alarm = self.monitor.add(innovation.t, normalised(innovation))
+            if alarm is not None:
+                on_alarm(alarm)
+        if found:
+            self._newest = found[-1]
+
+
+class _Recorder:
+    """Rows to a file that is whole at any time."""
+
+    def __init__(self, path: Path, declared: Sidecar) -> None:
+        self.path, self.declared = path, declared
+        self.file = GrowingParquet(path, UNITS)
+        self._rows: list[Rows] = []
+        self._began = self._last = time.monotonic()
+
+    def add(self, rows: Rows) -> None:
+        """Keep rows, and write a row group when it is time."""
+        self._rows.append(rows)
+        now = time.monotonic()
+        if now - self._last > min(max(GROUP_TIME, GROUP_SHARE * (now - self._began)), LONGEST_GROUP_TIME):
+            self.write()
+
+    def write(self) -> None:
+        """Write what waits as a row group; with the first of them, the sidecar."""
+        self._last = time.monotonic()
+        if not self._rows:
+            return
+        if not self.file.rows:
+            channels = {"accel": Source("accel", "m/s^2"), "position": Source("position", "m")}
+            write_sidecar(
+                self.declared.rig,
+                {"time": Clock("t", "s"), **channels},
+                sidecar_of(self.path),
+                labels=self.declared.labels,
+            )
+        columns = {
+            name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in ("t", "accel", "position")
+        }
+        self._rows = []
+        self.file.append(columns)

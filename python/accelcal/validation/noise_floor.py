@@ -1,0 +1,125 @@
+"""The error that noise of the sensor alone would give: one floor for all models of a table, with its interval.
+
+Noise is drawn and passed through the filter, the start points and the rezeroing of the comparison, so that the scatter
+of a finite record and the overlap of its windows are in the interval. What effects do to simulated motion is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Recording
+from accelcal.estimation.drive import run_filter
+from accelcal.estimation.estimate import Fit
+from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval
+from accelcal.validation.prediction import Prediction
+from accelcal.validation.ruler import Ruler
+from accelcal.validation.sensor_noise import SensorNoise
+
+DRAWS, LEAST_DRAWS, MOST_NUMBERS = 100, 12, 20_000_000
+"""Records of noise, at least, and random numbers that they may take."""
+SEED = 20070601
+"""Of the noise: the same record has the same floor."""
+
+
+def noise_floor(
+    ruler: Ruler,
+    fit: Fit,
+    recording: Recording,
+    *,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
+) -> NoiseFloor:
+    """The floor under the errors of all models that are compared under a ruler.
+
+    Parameters
+    ----------
+    ruler : the filter; its noise is the least that was fitted.
+    fit : any of the models.
+    recording, start, end : what they are compared with, s.
+    horizons : of the drifts, s.
+    """
+    sensor = SensorNoise.of(recording, ruler.noise)
+    ahead = Prediction.of(ruler.held_by(fit), recording, start=start, end=end)
+    begins = {horizon: ahead.starts(horizon) for horizon in horizons}
+    drifts: dict[float, list[float]] = {horizon: [] for horizon, k in begins.items() if len(k)}
+    simulated = []
+    for noisy in _records(ahead, sensor, abs(fit.values().scale)):
+        for horizon, errors in drifts.items():
+            errors.append(noisy.drift(begins[horizon], horizon))
+        simulated.append(noisy.simulated())
+    of_horizons = {horizon: _spread(drifts[horizon]) if horizon in drifts else None for horizon in horizons}
+    return NoiseFloor(sensor, of_horizons, _spread(simulated))
+
+
+def _spread(errors: Sequence[float]) -> RmsInterval:
+    """Rms of root mean squares, and the interval of the next one; their logarithms are nearly normal."""
+    logarithms = np.log(errors)
+    n = len(errors)
+    reach = scipy.stats.t.ppf(0.975, n - 1) * math.sqrt(1.0 + 1.0 / n) * float(np.std(logarithms, ddof=1))
+    middle = float(np.mean(logarithms))
+    value = float(np.sqrt(np.mean(np.square(errors))))
+    return RmsInterval(value, math.exp(middle - reach), math.exp(middle + reach))
+
+
+@dataclass(frozen=True, slots=True)
+class _NoisyRecord:
+    """The filter over a record that is noise alone."""
+
+    ahead: Prediction
+    z: Array
+    """Readings, (n,) m."""
+    p: Array
+    v: Array
+    """State after each reading, (n,) m and m/s."""
+    evidence: Array
+    """Of a constant acceleration, cumulated, (n,)."""
+
+    def drift(self, k: NDArray[np.intp], horizon: float) -> float:
+        """Rezeroed rms error at a horizon after the readings `k`, m."""
+        t = self.ahead.run.t
+        end = np.minimum(np.searchsorted(t, t[k] + horizon), len(t) - 1)
+        h, information = t[end] - t[k], self.ahead.information[k]
+        constant = np.divide(self.evidence[k], information, out=np.zeros(len(k)), where=information > 0.0)
+        reached = self.ahead.unit_p[k] + h * self.ahead.unit_v[k] + h**2 / 2.0
+        error = self.z[end] - self.p[k] - h * self.v[k] - constant * reached
+        return float(np.sqrt(np.mean(error**2)))
+
+    def simulated(self) -> float:
+        """Rms error of the simulation from the first settled reading, m."""
+        k = int(np.argmax(self.ahead.counts))
+        rows = np.flatnonzero(self.ahead.breaks == self.ahead.breaks[k])
+        rows = rows[rows > k]
+        h = self.ahead.run.t[rows] - self.ahead.run.t[k]
+        error = self.z[rows] - self.p[k] - h * self.v[k]
+        return float(np.sqrt(np.mean(error**2))) if len(rows) else math.nan
+
+
+def _records(ahead: Prediction, sensor: SensorNoise, scale: float) -> Iterator[_NoisyRecord]:
+    """Records of noise: a motion by white acceleration that the output does not show, and readings of it."""
+    rng = np.random.default_rng(SEED)
+    d, still = ahead.drive, np.zeros(len(ahead.drive.t))
+    h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
+    reading = np.sqrt(ahead.noise.r + (d.extra_r if len(d.extra_r) else 0.0))
+    relative = sensor.std / sensor.density
+    for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
+        density = sensor.density * math.exp(relative * rng.standard_normal()) / scale
+        q = density**2 / 2.0 + d.extra_q
+        gained = np.sqrt(q * h) * rng.standard_normal(len(h))
+        moved = h / 2.0 * gained + np.sqrt(q * h**3 / 12.0) * rng.standard_normal(len(h))
+        speed = np.cumsum(gained)
+        z = np.cumsum(h * (speed - gained) + moved) + reading * rng.standard_normal(len(h))
+        track = run_filter(ahead.run, replace(d, z=z, first=still, second=still), ahead.noise)
+        e, S = track.series("e"), track.series("S")
+        evidence = np.cumsum(np.where(ahead.counts, ahead.unit_e * e / S, 0.0))
+        p = track.series("p") + track.series("gain_p") * e
+        v = track.series("v") + track.series("gain_v") * e
+        yield _NoisyRecord(ahead, z, p, v, evidence)

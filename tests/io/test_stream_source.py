@@ -1,0 +1,107 @@
+"""Sources of a running measurement: read by a thread of their own, bounded, and refused in one sentence."""
+
+from __future__ import annotations
+
+import os
+import pty
+import socket
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from accelcal.data.recording import RecordingError
+from accelcal.io.stream_source import ByteSource, Intake, open_file, open_serial, open_tcp
+
+
+def of_chunks(chunks: Iterator[bytes | None], *, waits: bool) -> ByteSource:
+    return ByteSource(
+        "made", lambda: next(chunks, b""), lambda: None, waits=waits, from_its_start=True, ends_lines=True
+    )
+
+
+def everything(intake: Intake, pause: float = 0.0) -> list[bytes | None]:
+    taken: list[bytes | None] = []
+    while not intake.ended:
+        taken += intake.take(1.0)
+        time.sleep(pause)
+    return taken
+
+
+@pytest.mark.parametrize("most", [100, 1 << 20])
+def test_a_sender_that_waits_loses_nothing(most: int) -> None:
+    chunks = [b"%6d\n" % i for i in range(2000)]
+    intake = Intake(of_chunks(iter(chunks), waits=True), most)
+    assert b"".join(c for c in everything(intake, pause=0.001 if most == 100 else 0.0) if c) == b"".join(chunks)
+    assert intake.dropped == 0
+
+
+def test_bytes_beyond_the_limit_are_dropped_counted_and_marked() -> None:
+    chunks = [b"%6d\n" % i for i in range(100)]
+    intake = Intake(of_chunks(iter(chunks), waits=False), most=70)
+    intake._thread.join()
+    taken = everything(intake)
+    assert taken == [*chunks[:10], None]
+    assert intake.dropped == 90 * 7
+
+
+def test_a_source_that_breaks_keeps_what_came() -> None:
+    def broken() -> Iterator[bytes]:
+        yield b"1,1,1\n"
+        raise OSError(5, "Input/output error")
+
+    intake = Intake(of_chunks(broken(), waits=True))
+    assert everything(intake) == [b"1,1,1\n"]
+    assert intake.error is not None
+    assert intake.error.strerror == "Input/output error"
+
+
+def test_a_connection_gives_its_bytes_and_ends() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+
+        def serve() -> None:
+            connection, _ = server.accept()
+            with connection:
+                for i in range(100):
+                    connection.sendall(b"%d\n" % i)
+                time.sleep(0.5)  # longer than one patience: no bytes are no end
+                connection.sendall(b"last\n")
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        source = open_tcp("127.0.0.1", port)
+        found = b"".join(c for c in everything(Intake(source)) if c)
+        thread.join()
+        source.close()
+    assert found == b"".join(b"%d\n" % i for i in range(100)) + b"last\n"
+
+
+def test_a_port_gives_its_bytes_until_it_is_stopped() -> None:
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    source = open_serial(os.ttyname(slave), 115200)
+    intake = Intake(source)
+    os.write(master, b"1,2,3\n")
+    assert b"".join(c for c in intake.take(5.0) if c).startswith(b"1")
+    intake.stop()
+    assert intake.ended or intake.take(0.0)
+    source.close()
+    os.close(master)
+    os.close(slave)
+
+
+def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
+    with pytest.raises(RecordingError, match="no connection"):
+        open_tcp("127.0.0.1", free)
+    with pytest.raises(RecordingError, match="cannot be opened"):
+        open_serial(str(tmp_path / "absent"), 9600)
+    with pytest.raises(RecordingError, match="no such file"):
+        open_file(tmp_path / "absent")
+    with pytest.raises(RecordingError, match="directory"):
+        open_file(tmp_path)

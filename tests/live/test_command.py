@@ -1,0 +1,293 @@
+"""`accelcal live` as a user meets it: file, server, port; screen, lines, JSON; ended by signals and by kills."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+import accelcal as ac
+from accelcal.cli import write_recording
+from accelcal.data.recording import Channel
+from accelcal.filters import run
+from accelcal.io import load, read_sidecar
+from accelcal.live import settings_of
+from tests.live.streams import RIG, Stream, stream
+from tests.schemas import require_published
+
+PACE = 0.02
+"""Time between two pieces of a stream, s."""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "rig.toml").write_text(RIG)
+    return tmp_path
+
+
+def started(folder: Path, *words: str, stdout: Any = subprocess.PIPE) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "accelcal", "live", "--rig", "rig.toml", *words]
+    return subprocess.Popen(command, cwd=folder, stdout=stdout, stderr=subprocess.PIPE, text=True)
+
+
+def done(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    child = started(folder, *words)
+    said, errors = child.communicate(timeout=120)
+    return subprocess.CompletedProcess(words, child.returncode, said, errors)
+
+
+def last(text: str) -> dict[str, Any]:
+    """The last of the JSON lines, each of which follows the schema."""
+    contents = [json.loads(line) for line in text.splitlines()]
+    for content in contents:
+        require_published(content)
+    assert contents[-1]["event"] == "end"
+    return dict(contents[-1])
+
+
+@contextmanager
+def server(content: bytes, *, keep: bool, seconds: float = 0.0) -> Iterator[str]:
+    """Serve one client, spread over `seconds`; `keep` the connection open until the block ends."""
+    over = threading.Event()
+
+    def serve() -> None:
+        connection, _ = listening.accept()
+        pieces = max(1, int(seconds / PACE))
+        size = -(-len(content) // pieces)
+        with connection:
+            try:
+                for i in range(pieces):
+                    connection.sendall(content[i * size : (i + 1) * size])
+                    time.sleep(PACE if seconds else 0.0)
+                if keep:
+                    over.wait(60.0)
+            except OSError:  # the client was killed
+                return
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"127.0.0.1:{listening.getsockname()[1]}"
+        over.set()
+        thread.join()
+
+
+def require_equal_to_record(folder: Path, end: dict[str, Any], made: Stream, name: str = "got.parquet") -> None:
+    """The recording holds the rows, and the estimates are those of `filters.run` on it, bit for bit."""
+    recording = load(folder / name)
+    n = len(recording.accel)
+    assert np.array_equal(recording.accel.t, made.t[:n])
+    assert np.array_equal(recording.accel.y, made.u[:n])
+    settings = settings_of(read_sidecar(folder / "rig.toml").rig)
+    accel = Channel("accel", recording.accel.t, settings.stage_output(recording.accel.y), "m/s^2")
+    x0, P0 = settings.start(float(recording.position.y[0]), 0.0)
+    q, r = settings.q, settings.r_position
+    record = run(settings.choice, accel, recording.position, q=q, r_position=r, x0=x0, P0=P0)
+    estimates = settings.estimates(record.states[-1], record.covariance)
+    assert [(e["name"], e["value"], e["std"]) for e in end["parameters"]] == [
+        (e.name, e.value, e.std) for e in estimates
+    ]
+    assert n == end["lines"]["used"] == end["recorded_rows"]
+
+
+def test_a_file_is_followed_recorded_and_equal_to_its_record(folder: Path) -> None:
+    made = stream(10.0)
+    (folder / "lines.txt").write_bytes(made.lines() + b"broken\n")
+    found = done(folder, "--file", "lines.txt", "-o", "got.parquet", "--json")
+    assert found.returncode == 0, found.stderr
+    end = last(found.stdout)
+    assert end["lines"] == {"used": len(made.t), "broken": 1, "out_of_order": 0, "missing": 0}
+    assert (end["alarms"], end["holds"], end["ended"]) == (0, True, "the source has ended")
+    require_equal_to_record(folder, end, made)
+    assert "wrote got.parquet" in found.stderr
+
+
+def test_a_step_of_the_bias_raises_an_alarm_soon(folder: Path) -> None:
+    for seed, step in ((1, 0.0), (2, 0.1)):  # without it none
+        (folder / "lines.txt").write_bytes(stream(20.0, seed, step=step, at=12.0).lines())
+        found = done(folder, "--file", "lines.txt", "--json")
+        alarms = [content for line in found.stdout.splitlines() if (content := json.loads(line))["event"] == "alarm"]
+        assert bool(alarms) == bool(step)
+        if step:
+            assert 12.0 < alarms[0]["alarm"]["t_s"] < 14.5
+            assert not last(found.stdout)["holds"] or len(alarms) >= 2
+            plain = done(folder, "--file", "lines.txt")
+            assert plain.stderr.count("alarm: t = ") >= 1
+            assert "blocks of innovations raised an alarm" in plain.stdout
+
+
+def test_a_server_is_followed_to_its_end(folder: Path) -> None:
+    made = stream(4.0)
+    with server(made.lines(), keep=False, seconds=1.0) as place:
+        found = done(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.2 s")
+    assert found.returncode == 0, found.stderr
+    assert len(found.stdout.splitlines()) >= 3
+    require_equal_to_record(folder, last(found.stdout), made)
+
+
+def test_a_port_is_followed_until_it_breaks_off(folder: Path) -> None:
+    made = stream(3.0)
+    master, slave = pty.openpty()
+    tty.setraw(slave)
+    words = ("--serial", os.ttyname(slave), "--baud", "115200", "-o", "got.parquet", "--json", "--every", "0.1 s")
+    child = started(folder, *words)
+    assert child.stdout is not None
+    assert child.stdout.readline()  # the port is open
+    content = b"the end of a line\n" + made.lines()
+    while content:
+        content = content[os.write(master, content[:1000]) :]
+    time.sleep(1.0)
+    os.close(slave)
+    os.close(master)
+    said, errors = child.communicate(timeout=60)
+    assert child.returncode == 0, errors
+    end = last(said)
+    assert end["lines"]["broken"] == 1
+    assert "broke off" in end["ended"]
+    require_equal_to_record(folder, end, made)
+    assert end["lines"]["used"] == len(made.t)
+
+
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)], ids=["Ctrl-C", "SIGTERM"])
+def test_a_signal_ends_it_with_a_summary_and_whole_files(folder: Path, sent: signal.Signals, code: int) -> None:
+    made = stream(6.0)
+    with server(made.lines(), keep=True, seconds=6.0) as place:
+        child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
+        assert child.stdout is not None
+        first = [child.stdout.readline() for _ in range(8)]
+        child.send_signal(sent)
+        rest, errors = child.communicate(timeout=60)
+    assert child.returncode == code, errors
+    assert "Traceback" not in errors
+    assert "no file was left half-written" in errors
+    end = last("".join(first) + rest)
+    assert end["ended"] == "stopped"
+    assert 0 < end["lines"]["used"] <= len(made.t)
+    require_equal_to_record(folder, end, made)
+    assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
+
+
+@pytest.mark.parametrize("moment", [0.5, 1.7, 3.2])
+def test_a_kill_leaves_a_recording_that_is_whole(folder: Path, moment: float) -> None:
+    made = stream(12.0)
+    with server(made.lines(), keep=True, seconds=12.0) as place:
+        child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
+        assert child.stdout is not None
+        while not (folder / "got.parquet").exists():
+            assert child.stdout.readline()
+        time.sleep(moment)
+        child.kill()
+        child.wait(timeout=60)
+    file = parquet.ParquetFile(folder / "got.parquet", page_checksum_verification=True)
+    recording = load(folder / "got.parquet")
+    n = len(recording.accel)
+    print(f"killed {moment:g} s after the first: {n} rows in {file.num_row_groups} row groups")
+    assert n > 500
+    assert np.array_equal(recording.accel.y, made.u[:n])
+    fitted = subprocess.run(
+        [sys.executable, "-m", "accelcal", "check", "got.parquet"], cwd=folder, capture_output=True, text=True
+    )
+    assert fitted.returncode == 0, fitted.stderr
+
+
+def test_an_output_that_nobody_reads_ends_it_with_a_whole_recording(folder: Path) -> None:
+    made = stream(6.0)
+    with server(made.lines(), keep=True, seconds=6.0) as place:
+        child = started(folder, "--tcp", place, "-o", "got.parquet", "--json", "--every", "0.1 s")
+        assert child.stdout is not None
+        for _ in range(5):
+            child.stdout.readline()
+        child.stdout.close()
+        assert child.wait(timeout=60) == 141
+    assert child.stderr is not None
+    assert child.stderr.read() == ""
+    recording = load(folder / "got.parquet")
+    assert np.array_equal(recording.accel.y, made.u[: len(recording.accel)])
+    assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
+
+
+def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
+    truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
+    for seed, name in ((1, "one"), (2, "two")):
+        rng = np.random.default_rng(seed)
+        made = ac.simulate("tones", seconds=20.0, rig=ac.ADXL105_RIG, parameters=truth, rng=rng)
+        write_recording(made.recording, tmp_path / f"{name}.csv")
+    call = [sys.executable, "-m", "accelcal"]
+    subprocess.run([*call, "fit", "one.csv", "-o", "m.json"], cwd=tmp_path, check=True, capture_output=True)
+    words = ["--file", "two.csv", "--rig", "two.toml", "--model", "m.json", "--save", "m2.json", "--json"]
+    found = subprocess.run([*call, "live", *words], cwd=tmp_path, capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr
+    assert last(found.stdout)["alarms"] == 0
+    before, after = (
+        {p["name"]: p for p in json.loads((tmp_path / name).read_text())["parameters"]}
+        for name in ("m.json", "m2.json")
+    )
+    for name in ("bias", "scale_factor"):
+        assert after[name]["std"] < 0.8 * before[name]["std"]
+        assert abs(after[name]["value"] - truth[name]) < 4.5 * after[name]["std"]  # false alarm 7e-6 each
+    compared = subprocess.run([*call, "compare", "m2.json", "two.csv"], cwd=tmp_path, capture_output=True, text=True)
+    assert compared.returncode == 0, compared.stderr
+    assert "followed live" in (tmp_path / "m2.json").read_text()
+
+
+def test_a_terminal_shows_a_screen(folder: Path) -> None:
+    (folder / "lines.txt").write_bytes(stream(5.0).lines())
+    master, slave = pty.openpty()
+    child = started(folder, "--file", "lines.txt", stdout=slave)
+    os.close(slave)
+    shown = b""
+    try:
+        while piece := os.read(master, 4096):
+            shown += piece
+    except OSError:  # the other side has closed
+        pass
+    child.communicate(timeout=60)
+    os.close(master)
+    assert child.returncode == 0
+    for word in ("± 2 sigma", "scale_factor", "the model holds", "NIS", "0 broken", "10000 lines", "source has ended"):
+        assert word in shown.decode(), word
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        ((), 2, "give one of --serial"),
+        (("--tcp", "a:1", "--file", "x"), 2, "give one of --serial"),
+        (("--serial", "/dev/absent"), 2, "belong together"),
+        (("--file", "x", "--baud", "9600"), 2, "belong together"),
+        (("--tcp", "nowhere"), 2, "expected HOST:PORT"),
+        (("--tcp", "nowhere:99999"), 2, "expected HOST:PORT"),
+        (("--file", "absent.txt"), 3, "absent.txt: no such file"),
+        (("--serial", "/dev/absent", "--baud", "9600"), 3, "cannot be opened"),
+        (("--tcp", "127.0.0.1:9"), 3, "no connection"),
+        (("--file", "words.txt"), 3, "no line could be used (3 broken"),
+        (("--file", "words.txt", "-o", "got.csv"), 2, "ends in .parquet"),
+        (("--file", "words.txt", "--save", "m.json"), 2, "needs --model"),
+        (("--file", "words.txt", "--every", "0"), 2, "expected a time above 0"),
+        (("--file", "words.txt", "-o", "rig.parquet"), 2, "would be overwritten"),
+    ],
+    ids=str,
+)
+def test_mistakes_end_in_one_sentence(folder: Path, words: tuple[str, ...], code: int, said: str) -> None:
+    (folder / "words.txt").write_text("no numbers\nat all\n1;2;3\n")
+    found = done(folder, *words)
+    assert found.returncode == code, found.stderr
+    assert said in " ".join(found.stderr.split())
+    assert "Traceback" not in found.stderr
+    assert found.stdout == ""
+    assert {path.name for path in folder.iterdir()} == {"rig.toml", "words.txt"}

@@ -1,0 +1,134 @@
+"""The noise floor: covers the drift of the true model, comes from the sensor, and stays put from step to step.
+
+`ACCELCAL_FLOORS=60` runs as many records; `make test` a part.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy
+
+from accelcal.data.recording import Recording
+from accelcal.data.rig import Rig
+from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.values import Noise
+from accelcal.model import Model
+from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation.evaluation import compare
+from accelcal.validation.noise_floor import noise_floor
+from accelcal.validation.paired import drift_spread
+from accelcal.validation.ruler import Ruler
+from accelcal.validation.sensor_noise import DIFFER, SensorNoise, density_at_rest
+from accelcal.workflow import compare_models
+
+RECORDS = int(os.environ.get("ACCELCAL_FLOORS", "12"))
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 0.0, "cubic": 3e-4}
+MOTIONS = ("tones", "interleaved", "moves", "rests")
+HORIZONS = (1.0, 5.0, 10.0)
+
+
+def bare(rig: Rig) -> Rig:
+    """The rig without its declared noise."""
+    return replace(rig, sensor=replace(rig.sensor, noise=None))
+
+
+def recorded(motion: str, rig: Rig, seed: int, seconds: float = 48.0) -> Recording:
+    rng = np.random.default_rng([17, seed])
+    made = simulate(motion, seconds=seconds, rig=rig, parameters=TRUTH, rng=rng).recording
+    return replace(made, rig=bare(rig)) if motion == "rests" else made
+
+
+def true_model(recording: Recording) -> Fit:
+    """Every coefficient at its true value, one of no importance estimated."""
+    held = {name: value for name, value in TRUTH.items() if name != "time_offset"}
+    return estimate(Model.linear().add("cubic").freeze(**held), recording)
+
+
+def test_the_floor_covers_the_drift_of_the_true_model() -> None:
+    inside, sources, number = dict.fromkeys(HORIZONS, 0), set(), 0
+    for seed in range(RECORDS):
+        motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
+        fit = true_model(recorded(motion, rig, seed))
+        unseen, ruler = recorded(motion, rig, seed + 1000), Ruler.of([fit])
+        floor, seen = noise_floor(ruler, fit, unseen), compare(fit, unseen, ruler=ruler)
+        sources.add(floor.sensor.source)
+        number += 1
+        for horizon in HORIZONS:
+            spread, drift = floor.drift[horizon], seen.coast_rms[horizon]
+            assert spread is not None
+            assert drift is not None
+            inside[horizon] += spread.low <= drift <= spread.high
+    least, most = scipy.stats.binom.interval(0.99, number, 0.95)
+    print(f"true drift inside the floor's 95 % interval: {inside} of {number} ({least:.0f} to {most:.0f})")
+    assert sources == {"rest", "declared"}
+    for count in inside.values():  # fails by chance once in a hundred
+        assert least <= count <= most
+
+
+def test_half_the_noise_is_not_covered() -> None:
+    # The twin of the test above, with a declared density that is wrong by a factor two.
+    wrong = 0
+    for seed in range(4):
+        rig = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=0.5 * (ADXL105_RIG.sensor.noise or 0.0)))
+        fit = true_model(recorded("tones", ADXL105_RIG, seed))
+        unseen = replace(recorded("tones", ADXL105_RIG, seed + 1000), rig=rig)
+        ruler = Ruler.of([fit])
+        spread = noise_floor(ruler, fit, unseen).drift[1.0]
+        assert spread is not None
+        wrong += not spread.low <= (compare(fit, unseen, ruler=ruler).coast_rms[1.0] or 0.0) <= spread.high
+    assert wrong == 4
+
+
+def test_the_floor_stays_where_it_is_from_step_to_step() -> None:
+    train, unseen = (recorded("interleaved", ADXL105_RIG, seed) for seed in (1, 2))
+    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("cubic"), train)]
+    for horizon in HORIZONS:
+        floors = []
+        for steps in (fits[:1], fits):
+            floor = compare_models(steps, unseen, Ruler.of(steps))[0].noise_floor
+            assert floor is not None
+            spread = floor.at(horizon)
+            assert spread is not None
+            floors.append(spread.value)
+        assert floors[1] == pytest.approx(floors[0], rel=0.03)
+
+
+def test_all_models_of_a_table_have_one_floor() -> None:
+    train, unseen = (recorded("interleaved", ADXL105_RIG, seed) for seed in (1, 2))
+    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("cubic"), train)]
+    first, second = compare_models(fits, unseen, Ruler.of(fits))
+    assert first.noise_floor is second.noise_floor is not None
+
+
+def test_density_at_rest_is_that_of_the_sensor() -> None:
+    for rig in (ADXL105_RIG, CXL02_RIG):
+        found = density_at_rest(recorded("rests", rig, 5))
+        assert found is not None
+        density, std = found
+        assert abs(density - (rig.sensor.noise or 0.0)) < 4.0 * std
+        assert std < 0.1 * density
+
+
+def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
+    fitted = Noise(1.0, 1e-12)
+    declared = CXL02_RIG.sensor.noise or 0.0
+    made = recorded("rests", CXL02_RIG, 6)
+    for factor, told in ((1.0, None), (2.0 * DIFFER, 2.0 * DIFFER * declared)):
+        rig = replace(CXL02_RIG, sensor=replace(CXL02_RIG.sensor, noise=factor * declared))
+        assert SensorNoise.of(replace(made, rig=rig), fitted).declared == told
+    assert SensorNoise.of(recorded("tones", CXL02_RIG, 6), fitted).source == "declared"
+    assert SensorNoise.of(replace(recorded("tones", CXL02_RIG, 6), rig=bare(CXL02_RIG)), fitted).source == "fit"
+
+
+def test_an_error_has_an_interval_over_its_start_points() -> None:
+    fit = true_model(recorded("tones", ADXL105_RIG, 7))
+    seen = compare(fit, recorded("tones", ADXL105_RIG, 8))
+    spread = drift_spread(seen, 1.0)
+    assert spread is not None
+    assert spread.value == pytest.approx(seen.coast_rms[1.0])
+    assert spread.low < spread.value < spread.high
+    assert drift_spread(seen, 10.0) is None  # one and a half stretches
