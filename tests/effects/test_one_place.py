@@ -13,12 +13,11 @@ from accelcal.model import NOMINAL
 PACKAGE = Path(accelcal.__file__).parent
 NAMES = {effect.name for effect in BUILT_IN} - set(NOMINAL)
 """All names but those of the nominal output: bias, scale_factor, time_offset, clock_skew and lowpass_error."""
-MAKERS = ("effects", "simulation", "paper", "demo.py")
+MAKERS = ("effects", "simulation", "paper", "demo.py", "app/examples.py")
 """Where names belong: the catalogue, and what makes recordings of known effects or repeats the paper's figures."""
 HOMONYMS = {
     ("app/screens/data.py", "cubic"): "model of `fit`: linear or cubic",
-    ("app/workbench.py", "cubic"): "model of `fit`, and the simulated example",
-    ("app/tasks.py", "cubic"): "the simulated example",
+    ("app/workbench.py", "cubic"): "model of `fit`: linear or cubic",
     ("serialization/schema/session.py", "cubic"): "model of `fit`: linear or cubic",
     ("fleet/task.py", "cubic"): "model of `fit`, and the simulated example",
     ("calibration/budget.py", "encoder_scale"): "key of a sidecar",

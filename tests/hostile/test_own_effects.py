@@ -94,7 +94,7 @@ def refused(tmp_path):
         ("    s.side['supply'][0] = 1.0\n    return s.v", "read-only"),
         ("    s.side['supply'] = s.a\n    return s.v", "does not support item assignment"),
         ("    s.a = s.v\n    return s.v", "cannot assign to field"),
-        ("    s.rig.tolerance = 1.0\n    return s.v", "cannot assign to field"),
+        ("    s.rig.tolerance = 1.0\n    return s.v", "tolerance cannot be set"),
         ("    return s.side['other']", "there is no 'other' here"),
         ("    return own(s)", "RecursionError"),
         ("    raise KeyboardInterrupt if False else RuntimeError('so')", "RuntimeError: so"),

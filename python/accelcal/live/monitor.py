@@ -85,7 +85,7 @@ class InnovationMonitor:
     >>> alarms[-1] is None
     True
     >>> [monitor.add(1.0 + 0.01 * i, 2.0) for i in range(100)][-1].kind
-    'nis'
+    'mean'
     """
 
     def __init__(
