@@ -35,6 +35,8 @@ HOMONYMS = {
     ("io/sidecar.py", "misalignment"): "key of a sidecar",
     ("io/write.py", "encoder_scale"): "key of a sidecar",
     ("io/write.py", "misalignment"): "key of a sidecar",
+    ("live/settings.py", "cubic"): "parameter of a live filter",
+    ("live/settings.py", "quadratic"): "parameter of a live filter",
     ("plots/static/signature.py", "velocity"): "variable of the motion",
     ("validation/regions.py", "velocity"): "variable of the motion",
 }
