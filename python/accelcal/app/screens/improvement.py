@@ -10,7 +10,6 @@ from accelcal.app.examples import example_of
 from accelcal.app.page import Page
 from accelcal.app.screens import start
 from accelcal.app.state import Step
-from accelcal.plots.numbers import floor_sentence
 
 LIMITS = 6
 """Detection limits that are shown without a click."""
@@ -71,7 +70,7 @@ def error(page: Page) -> None:
             figure("previous error", nested.errors[-2], "before")
         figure("sensor noise alone", nested.floor.value, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}; {floor_sentence(nested)}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
 

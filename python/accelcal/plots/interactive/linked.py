@@ -100,12 +100,14 @@ def _inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Arr
 
 
 def mark(figure: Figure, begin: float, end: float, label: str, palette: style.Theme) -> None:
-    """Shade a stretch of time over all panels and name it."""
+    """Shade a stretch of time over all panels and name it, unless the label is empty."""
     box: dict[str, Any] = {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0.0, "y1": 1.0}
     colour = palette.band if label == "held out" else palette.other.colour
     figure.add_shape(
         **box, fillcolor=colour, opacity=0.16, layer="below", line={"width": 1, "color": colour, "dash": "dash"}
     )
+    if not label:
+        return
     figure.add_annotation(
         x=0.5 * (begin + end),
         y=1.0,

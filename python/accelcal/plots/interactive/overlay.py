@@ -94,8 +94,8 @@ def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> 
         height=drawing.BOTTOM + 3 * PANEL,
         left=92,
     )
-    for begin, end in worst_stretches(*current.accel_residual):
-        mark(figure, begin, end, "largest residual", palette)
+    for number, (begin, end) in enumerate(worst_stretches(*current.accel_residual)):
+        mark(figure, begin, end, "" if number else "largest residual", palette)  # names would cover each other
     titles = {OUTPUT: ("output", "m/s²"), RESIDUAL: ("residual", residual_unit), POSITION: ("position", unit)}
     for row, (quantity, shown) in titles.items():
         figure.update_yaxes(title_text=drawing.axis_title(quantity, shown), row=row, col=1)
