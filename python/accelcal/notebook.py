@@ -219,7 +219,7 @@ def _(seen: Comparison) -> Card:
                 f"{h:g} s",
                 length(seen.coast_rms[h]),
                 length(seen.coast_frozen_rms[h]),
-                length(seen.coast_floor[h]),
+                length(seen.drift_floors[h]),
                 str(seen.coast_starts[h]),
             )
             for h in seen.coast_rms
@@ -430,7 +430,7 @@ def floor_of(seen: Comparison, horizon: float | None) -> str:
     spread = None if seen.noise_floor is None else seen.noise_floor.at(horizon)
     if spread is None:
         return ""
-    return f"; sensor noise alone {formatting.length(spread.low)} to {formatting.length(spread.high)}"
+    return f"; noise alone {formatting.length(spread.low)} to {formatting.length(spread.high)}"
 
 
 def as_sentence(text: str) -> str:

@@ -648,7 +648,7 @@ STAMPS = {
 def test_unusable_recordings_are_refused_at_once_or_by_a_fit(t: np.ndarray) -> None:
     y = np.zeros(t.shape) if t.dtype.kind == "U" else np.sin(t)
     for series in ((t, y, t, y), (t, y, U, np.sin(U)), (U, np.sin(U), t, y)):
-        with pytest.raises(ValueError, match="recording|expected real numbers in one dimension"):
+        with pytest.raises(ValueError, match=r"recording|expected real numbers in one dimension"):
             accelcal.fit(accelcal.Model.linear(), made(*series))
 
 

@@ -14,10 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from accelcal import filters
-from accelcal._core import FilterError, FilterStream, FixedRateFilter
+from accelcal._core import FilterError, FilterStream, FixedRateFilter, run_filter
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import FilterChoice, GaussMarkov
-from accelcal.filters.core_settings import core_setup
+from accelcal.filters.core_settings import core_samples, core_setup
 from accelcal.filters.stream import LiveFilter
 from tests.twin.cases import Case, cases
 
@@ -238,8 +238,14 @@ def unusable(kind: str) -> None:
             filters.run(aci, accel, position, **given | {"P0": -np.eye(4)})
         case "TooFew":
             filters.run(aci, accel, Channel("position", t[:0], z[:0], "m"), **given)
+        case "Belief":
+            hidden = np.diag([1.0, 1.0, 1.0, 0.0])
+            hidden[0, 3] = hidden[3, 0] = 1e-20  # beside a variance of zero, below the rounding of a pivot
+            filters.run(aci, accel, position, **given | {"P0": hidden})
         case "Lengths":
-            filters.run(aci, accel, Channel("position", t[:3], z[:2], "m"), **given)
+            setup = core_setup(aci, 1e-6, 1e-12, None, None, 0.0, None, None)
+            short = np.ascontiguousarray(t[:3]), np.ascontiguousarray(z[:2])
+            run_filter(setup, np.zeros(4), np.eye(4), core_samples(accel), short, False)
         case "NotFinite":
             filters.run(aci, accel, Channel("position", t, np.where(t > 0.01, np.nan, z), "m"), **given)
         case "NotRising":

@@ -50,6 +50,7 @@ def true_model(recording: Recording) -> Fit:
 
 def test_the_floor_covers_the_drift_of_the_true_model() -> None:
     inside, sources, number = dict.fromkeys(HORIZONS, 0), set(), 0
+    widths: list[float] = []
     for seed in range(RECORDS):
         motion, rig = MOTIONS[seed % 4], (ADXL105_RIG, CXL02_RIG)[seed // 4 % 2]
         fit = true_model(recorded(motion, rig, seed))
@@ -62,11 +63,13 @@ def test_the_floor_covers_the_drift_of_the_true_model() -> None:
             assert spread is not None
             assert drift is not None
             inside[horizon] += spread.low <= drift <= spread.high
+            widths.append(spread.high / spread.low)
     least, most = scipy.stats.binom.interval(0.99, number, 0.95)
     print(f"true drift inside the floor's 95 % interval: {inside} of {number} ({least:.0f} to {most:.0f})")
     assert sources == {"rest", "declared"}
     for count in inside.values():  # fails by chance once in a hundred
         assert least <= count <= most
+    assert all(width < 4.0 for width in widths), widths  # an interval that holds everything says nothing
 
 
 def test_half_the_noise_is_not_covered() -> None:
@@ -122,6 +125,35 @@ def test_a_declaration_that_differs_stands_beside_the_rest() -> None:
         assert SensorNoise.of(replace(made, rig=rig), fitted).declared == told
     assert SensorNoise.of(recorded("tones", CXL02_RIG, 6), fitted).source == "declared"
     assert SensorNoise.of(replace(recorded("tones", CXL02_RIG, 6), rig=bare(CXL02_RIG)), fitted).source == "fit"
+
+
+@pytest.mark.parametrize("noise", [0.0, 3.0])
+def test_a_declaration_that_the_record_contradicts_is_not_used(noise: float) -> None:
+    # None at all, and three times the true density: an error below such a floor would look like a good one.
+    made = recorded("tones", ADXL105_RIG, 9)
+    fit = true_model(made)
+    rig = replace(ADXL105_RIG, sensor=replace(ADXL105_RIG.sensor, noise=noise * (ADXL105_RIG.sensor.noise or 0.0)))
+    floor = noise_floor(Ruler.of([fit]), fit, replace(made, rig=rig))
+    assert floor.sensor.source == "fit"
+    assert floor.sensor.is_limit
+    assert floor.sensor.density == pytest.approx(ADXL105_RIG.sensor.noise, rel=0.1)
+
+
+def test_a_servo_that_works_at_rest_is_no_noise_of_the_sensor() -> None:
+    made = recorded("rests", CXL02_RIG, 10)
+    fit = true_model(made)
+    t = made.accel.t
+    dither = 0.02 * np.sin(2.0 * np.pi * np.cumsum(np.random.default_rng(1).uniform(3.0, 9.0, len(t))) / 1667.0)
+    shaken = replace(made, accel=replace(made.accel, y=made.accel.y + dither))
+    assert SensorNoise.of(made, fit.noise()).source == "rest"
+    assert SensorNoise.of(shaken, fit.noise()).source != "rest"
+
+
+def test_codes_of_a_converter_are_no_noise() -> None:
+    made = recorded("rests", CXL02_RIG, 11)
+    coarse = replace(made, accel=replace(made.accel, y=0.5 * np.rint(made.accel.y / 0.5)))
+    assert density_at_rest(made) is not None
+    assert density_at_rest(coarse) is None
 
 
 def test_an_error_has_an_interval_over_its_start_points() -> None:

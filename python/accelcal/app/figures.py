@@ -115,7 +115,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
 
 def overlay(state: State, theme: ThemeName) -> Picture:
     """Measured and simulated on held-out data, for every model on the path."""
-    seen = {spelled(step.label): step.heldout for step in state.path}
+    seen = [(spelled(step.label), step.heldout) for step in state.path]
     return picture(interactive.overlay(seen, theme=theme))
 
 

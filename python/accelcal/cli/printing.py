@@ -241,7 +241,7 @@ def contribution_lines(content: dict[str, Any]) -> list[str]:
 
 
 def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | None = None) -> None:
-    """Print the errors on held-out data; the smallest noise floor, since a missing effect is counted as noise.
+    """Print the errors on held-out data; the noise floor, since a missing effect is counted as noise.
 
     Parameters
     ----------
@@ -257,9 +257,7 @@ def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | 
         rows.append((name, *cells, f"{1e6 * seen['one_step_rms_m']:.4g}", fallen))
     floor = steps[0][1]["noise_floor"]
     if floor is not None:
-        rows.append(
-            ("sensor noise alone", *(spread_cell(floor["drift_rms_m"].get(h)) for h in ("1", "5", "10")), "", "")
-        )
+        rows.append(("noise alone", *(spread_cell(floor["drift_rms_m"].get(h)) for h in ("1", "5", "10")), "", ""))
     head = ["model", "1 s, mm", "5 s, mm", "10 s, mm", "one step, um"]
     measure = next((change["measure"] for change in changes if change is not None), None)
     width = len(head) if measure is None else len(head) + 1
@@ -287,7 +285,7 @@ def floor_line(floor: dict[str, Any]) -> str:
     declared = floor["declared_m_per_s2_rthz"]
     beside = "" if declared is None else f"; declared {density(declared)}"
     source = f"{SOURCES[floor['source']]} {density(floor['density_m_per_s2_rthz'])}{beside}"
-    return f"sensor noise alone: {source}; 95 % of such records lie between"
+    return f"noise alone: {source}; 95 % prediction intervals for a record of this length"
 
 
 def ruler_line(ruler: dict[str, float]) -> str:
@@ -534,7 +532,7 @@ def show_comparison(content: dict[str, Any]) -> None:
         for horizon, value in content["coast_rms_m"].items()
     ]
     show_table(
-        ("rms unaided drift after", "rezeroed, mm", "frozen, mm", "sensor noise alone, mm", "start points"),
+        ("rms unaided drift after", "rezeroed, mm", "frozen, mm", "noise alone, mm", "start points"),
         rows,
     )
     if floor is not None:

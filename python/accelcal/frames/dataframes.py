@@ -95,7 +95,7 @@ def of_comparison(seen: Comparison) -> DataFrame:
     columns = {
         "drift": seen.coast_rms,
         "drift_frozen": seen.coast_frozen_rms,
-        "noise_floor": seen.coast_floor,
+        "noise_floor": seen.drift_floors,
     }
     rows: dict[str, Any] = {"horizon": list(seen.coast_rms)}
     rows |= {key: numbers_of([of[h] for h in seen.coast_rms]) for key, of in columns.items()}
@@ -188,7 +188,7 @@ def of_steps(names: Sequence[str], steps: Sequence[Comparison]) -> DataFrame:
     rows: dict[str, Any] = {"model": list(names)}
     for h in steps[0].coast_rms:
         rows[f"drift_{h:g}s"] = numbers_of([seen.coast_rms[h] for seen in steps])
-        rows[f"noise_floor_{h:g}s"] = numbers_of([seen.coast_floor[h] for seen in steps])
+        rows[f"noise_floor_{h:g}s"] = numbers_of([seen.drift_floors[h] for seen in steps])
     rows["simulation"] = [seen.simulated_rms for seen in steps]
     rows["one_step"] = [seen.one_step_rms for seen in steps]
     return framed(rows, "model", {key: "m" for key in rows if key != "model"}, name=steps[0].recording)

@@ -79,17 +79,9 @@ def model_names(nested: NestedModels) -> list[str]:
     return found
 
 
-def nested_comparisons(nested: NestedModels) -> dict[str, Comparison]:
-    """Comparisons of all models by the names that figures give them."""
-    return dict(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
-
-
-def drift_floors(comparison: Comparison) -> Mapping[float, float | None]:
-    """Floor under the drift by horizon, m: that of the sensor where it is known, else what the fit takes for noise."""
-    if comparison.noise_floor is None:
-        return comparison.coast_floor
-    found = comparison.noise_floor.drift
-    return {horizon: None if spread is None else spread.value for horizon, spread in found.items()}
+def nested_comparisons(nested: NestedModels) -> list[tuple[str, Comparison]]:
+    """Comparisons of all models with the names that figures give them."""
+    return list(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
 
 
 def error_reduction_sentence(nested: NestedModels) -> str:
@@ -106,7 +98,7 @@ def floor_sentence(nested: NestedModels) -> str:
     """The noise floor with its interval and its source."""
     floor, sensor = nested.floor, nested.noise_floor.sensor
     ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
-    return f"sensor noise alone {ends} ({SOURCES[sensor.source]} {density(sensor.density)}{declared_beside(sensor)})"
+    return f"noise alone {ends} ({SOURCES[sensor.source]} {density(sensor.density)}{declared_beside(sensor)})"
 
 
 def declared_beside(sensor: SensorNoise) -> str:
@@ -122,12 +114,15 @@ def density(value: float) -> str:
 def share_text(nested: NestedModels, number: int) -> str:
     """What a step did to the error: the part of the excess over noise that it removes, and whether that is all."""
     share = nested.shares[number]
+    if number and nested.at_floor[number] and nested.at_floor[number - 1]:
+        return "within the noise"
     if share is None:
-        return "within sensor noise" if nested.at_floor[number] else ""
+        return "within the noise" if nested.at_floor[number] else ""
     if share < 0.0:
         return "error rises"
-    explained = f"{round(100.0 * min(share, 1.0))} % of the excess explained"
-    return f"{explained}, down to sensor noise" if nested.at_floor[number] else explained
+    if nested.at_floor[number]:
+        return f"{round(100.0 * min(share, 1.0))} % of the excess explained, down to the noise"
+    return f"{min(round(100.0 * share), 99)} % of the excess explained"
 
 
 def candidate_groups(diagnosis: Diagnosis, most: int = CANDIDATES) -> list[list[Candidate]]:

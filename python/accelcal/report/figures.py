@@ -72,7 +72,7 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
             lambda theme: interactive.error_reduction(nested, theme=theme),
             lambda theme: diagnosis.error_reduction(nested, theme=theme),
         )
-    compared = nested_comparisons(nested) if nested is not None else {"model": c.judged}
+    compared = nested_comparisons(nested) if nested is not None else [("model", c.judged)]
     yield Entry(
         "overlay",
         "falling",

@@ -73,15 +73,16 @@ class NestedModels:
         """Share of the base's mean square above the floor that each model removes; None for the base, or when noise
         alone may give an error as large as that of the base."""
         squares = [e**2 for e in self.errors]
-        if not self.errors[0] > self.floor.high:
+        if self.noise_floor.sensor.is_limit or not self.errors[0] > self.floor.high:
             return (None,) * len(squares)
         above = squares[0] - self.floor.value**2
         return (None, *((before - after) / above for before, after in itertools.pairwise(squares)))
 
     @property
     def at_floor(self) -> tuple[bool, ...]:
-        """Whether noise of the sensor alone may give the error of each model."""
-        return tuple(error <= self.floor.high for error in self.errors)
+        """Whether noise alone may give the error of each model; never where only an upper limit of it is known."""
+        known = not self.noise_floor.sensor.is_limit
+        return tuple(known and error <= self.floor.high for error in self.errors)
 
     @property
     def measure(self) -> str:

@@ -243,6 +243,14 @@ class Comparison:
     """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
 
     @property
+    def drift_floors(self) -> Mapping[float, float | None]:
+        """Floor under the drift by horizon, m: that of the sensor where known, else what the fit takes for noise."""
+        if self.noise_floor is None:
+            return self.coast_floor
+        found = self.noise_floor.drift
+        return {horizon: None if spread is None else spread.value for horizon, spread in found.items()}
+
+    @property
     def fit_percent(self) -> float | None:
         """Share of the output that the model gives, 100 (1 - |residual| / |output - its mean|), %.
 

@@ -47,12 +47,13 @@ def noise_floor(
     recording, start, end : what they are compared with, s.
     horizons : of the drifts, s.
     """
-    sensor = SensorNoise.of(recording, ruler.noise)
+    scale = abs(fit.values().scale)
+    sensor = SensorNoise.of(recording, ruler.noise, scale, end)
     ahead = Prediction.of(ruler.held_by(fit), recording, start=start, end=end)
     begins = {horizon: ahead.starts(horizon) for horizon in horizons}
     drifts: dict[float, list[float]] = {horizon: [] for horizon, k in begins.items() if len(k)}
     simulated = []
-    for noisy in _records(ahead, sensor, abs(fit.values().scale)):
+    for noisy in _records(ahead, sensor, scale, fit.runs[0].noise.all.reading):
         for horizon, errors in drifts.items():
             errors.append(noisy.drift(begins[horizon], horizon))
         simulated.append(noisy.simulated())
@@ -103,12 +104,12 @@ class _NoisyRecord:
         return float(np.sqrt(np.mean(error**2))) if len(rows) else math.nan
 
 
-def _records(ahead: Prediction, sensor: SensorNoise, scale: float) -> Iterator[_NoisyRecord]:
+def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: float) -> Iterator[_NoisyRecord]:
     """Records of noise: a motion by white acceleration that the output does not show, and readings of it."""
     rng = np.random.default_rng(SEED)
     d, still = ahead.drive, np.zeros(len(ahead.drive.t))
     h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
-    reading = np.sqrt(ahead.noise.r + (d.extra_r if len(d.extra_r) else 0.0))
+    reading = np.sqrt(encoder**2 + (d.extra_r if len(d.extra_r) else 0.0))  # a prescribed band has an `r` of its own
     relative = sensor.std / sensor.density
     for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
         density = sensor.density * math.exp(relative * rng.standard_normal()) / scale

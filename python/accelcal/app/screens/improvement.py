@@ -68,7 +68,7 @@ def error(page: Page) -> None:
         figure("current error", nested.errors[-1], "error")
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
-        figure("sensor noise alone", nested.floor.value, "floor")
+        figure("noise alone", nested.floor.value, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)

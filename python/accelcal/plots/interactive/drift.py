@@ -10,7 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import HEADLINE_HORIZON, allowed_horizons, drift_floors
+from accelcal.plots.numbers import HEADLINE_HORIZON, allowed_horizons
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -36,7 +36,7 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     curves = (
         ("bias of this run re-estimated", comparison.coast_rms, palette.model),
         ("all parameters from the fit", comparison.coast_frozen_rms, palette.other),
-        ("noise floor", drift_floors(comparison), palette.floor),
+        ("noise floor", comparison.drift_floors, palette.floor),
     )
     points = [(name, *allowed_horizons(found), chosen) for name, found, chosen in curves]
     allowed = points[0][1]
@@ -49,7 +49,7 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     for name, h, y, chosen in points:
         drawing.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
     quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else float(allowed[-1])
-    drift, floor = comparison.coast_rms[quoted], drift_floors(comparison)[quoted]
+    drift, floor = comparison.coast_rms[quoted], comparison.drift_floors[quoted]
     assert drift is not None
     assert floor is not None
     counts = ", ".join(f"{h:g} s: {comparison.coast_starts[h]}" for h in allowed.tolist())

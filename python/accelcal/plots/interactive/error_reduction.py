@@ -68,7 +68,7 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
                 hovertemplate="%{y:.4g} " + unit + "<extra></extra>",
             )
     ends = np.array([-0.5, len(errors) - 0.5])
-    said = "sensor noise alone, with 95 % of such records"
+    said = "noise alone, with 95 % prediction interval"
     drawing.curve(figure, ends, np.full(2, floor.value * factor), palette.floor, said, unit=unit, width=2.4)
     figure.add_hrect(
         y0=floor.low * factor,

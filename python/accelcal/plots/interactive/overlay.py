@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,13 +28,13 @@ OUTPUT, RESIDUAL, POSITION = 1, 2, 3
 """Rows."""
 
 
-def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> Figure:
+def overlay(models: Sequence[tuple[str, Comparison]], *, theme: ThemeName = "light") -> Figure:
     """Draw what was measured, what each model says, and the difference, over one time axis.
 
     Parameters
     ----------
-    models : comparisons with one recording by name, in order; the last one is the current model. A click on a name in
-        the legend switches it on and off.
+    models : name and comparison of each model, with one recording, in order; the last one is the current model. A click
+        on a name in the legend switches it on and off.
     theme : "light" or "dark".
 
     Raises
@@ -47,11 +47,11 @@ def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> 
     if not models:
         raise ValueError("an overlay needs at least one comparison")
     palette = style.theme_of(theme)
-    *_, (last, current) = models.items()
+    last, current = models[-1]
     figure = drawing.new_figure(3, 1, shared_xaxes=True, vertical_spacing=0.09)
     t, position, _ = current.simulated
     scale, unit = formatting.prefixed("m", position)
-    ruler, residual_unit = formatting.prefixed("m/s²", *(seen.accel_residual[1] for seen in models.values()))
+    ruler, residual_unit = formatting.prefixed("m/s²", *(seen.accel_residual[1] for _, seen in models))
     drawn = [
         drawing.trace(
             figure,
@@ -76,11 +76,11 @@ def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> 
             showlegend=False,
         ),
     ]
-    for number, (name, seen) in enumerate(models.items()):
+    for number, (name, seen) in enumerate(models):
         line, faint = _line(palette, number, len(models))
         at, residual = seen.accel_residual
         said = f"{name}, {_fit(seen)}"
-        common: dict[str, Any] = {"legendgroup": name, "opacity": faint}
+        common: dict[str, Any] = {"legendgroup": f"{number} {name}", "opacity": faint}
         drawn.append(drawing.trace(figure, at, seen.measured - residual, line, said, unit="m/s²", row=OUTPUT, **common))
         common["showlegend"] = False
         drawing.trace(figure, at, residual, line, said, factor=ruler, unit=residual_unit, row=RESIDUAL, **common)
@@ -89,7 +89,7 @@ def overlay(models: Mapping[str, Comparison], *, theme: ThemeName = "light") -> 
     drawing.format_figure(
         figure,
         palette,
-        f"Measured against {last}: {_fit(current)} of the output below {current.band:.3g} Hz",
+        f"Measured and simulated output ({last}): {_fit(current)} below {current.band:.3g} Hz",
         note="; ".join(filter(None, ("position: simulated from the output alone", drawing.thinning_note(*drawn)))),
         height=drawing.BOTTOM + 3 * PANEL,
         left=92,

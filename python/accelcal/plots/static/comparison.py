@@ -27,7 +27,6 @@ from accelcal.plots.numbers import (
     LAGS,
     TWO_SIDED_95,
     allowed_horizons,
-    drift_floors,
     imposed_band_note,
     normal_quantiles,
     normalised_residuals,
@@ -408,7 +407,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
 def summary_sentence(fit: Fit, comparison: Comparison) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
     drift = comparison.coast_rms.get(HEADLINE_HORIZON)
-    floor = drift_floors(comparison).get(HEADLINE_HORIZON)
+    floor = comparison.drift_floors.get(HEADLINE_HORIZON)
     drifted = f"no unaided drift over {HEADLINE_HORIZON:g} s (too short)"
     if drift is not None and floor is not None:
         drifted = f"unaided drift after {HEADLINE_HORIZON:g} s {length(drift)} rms (noise floor {length(floor)})"
@@ -464,7 +463,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     curves = (
         ("bias of this run re-estimated", comparison.coast_rms, palette.model),
         ("all parameters from the fit", comparison.coast_frozen_rms, palette.other),
-        ("noise floor", drift_floors(comparison), palette.floor),
+        ("noise floor", comparison.drift_floors, palette.floor),
     )
     points = {name: allowed_horizons(found) for name, found, _ in curves}
     factor, unit = prefixed("m", *[y for _, y in points.values()])
@@ -501,7 +500,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     style.legend(axes, palette, columns=3 if size == style.LARGE else 2)
     longest = max(allowed)
     quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else longest
-    drift, floor = comparison.coast_rms[quoted], drift_floors(comparison)[quoted]
+    drift, floor = comparison.coast_rms[quoted], comparison.drift_floors[quoted]
     if drift is not None and floor is not None:
         text = f"Unaided drift after {quoted:g} s: {length(drift)} rms, noise floor {length(floor)}"
         style.headline(part, text, palette, size)

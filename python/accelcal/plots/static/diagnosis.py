@@ -78,7 +78,7 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
         color=palette.floor.colour,
         linestyle=palette.floor.line,
         linewidth=2.0,
-        label="sensor noise alone, with 95 % of such records",
+        label="noise alone, with 95 % prediction interval",
     )
     axes.axhspan(floor.low * factor, floor.high * factor, color=palette.floor.colour, alpha=0.18, linewidth=0.0)
     axes.set_xticks(range(len(errors)), model_names(nested))
