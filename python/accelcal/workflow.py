@@ -469,17 +469,23 @@ def compare_models(
     recording: Recording,
     ruler: Ruler,
     report: Callable[[float], None] = lambda share: None,
+    *,
+    base: Fit | None = None,
 ) -> tuple[Comparison, ...]:
     """Compare several models with one recording under one ruler, above one noise floor.
 
-    `report` is called with the share of the work that is done, 0 to 1.
+    Parameters
+    ----------
+    fits, recording, ruler : models, what they are compared with, and the filter.
+    report : called with the share of the work that is done, 0 to 1.
+    base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     """
     found = []
     for number, fit in enumerate(fits, start=1):
         found.append(compare(fit, recording, ruler=ruler))
         report(number / (len(fits) + 1))
     whole, start, end, _ = whole_part(recording)
-    floor = noise_floor(ruler, fits[0], whole, start=start, end=end)
+    floor = noise_floor(ruler, base or fits[0], whole, start=start, end=end)
     return tuple(replace(seen, noise_floor=floor) for seen in found)
 
 

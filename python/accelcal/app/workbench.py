@@ -276,7 +276,7 @@ class Workbench:
             return state
         fits = [self._model(opened.models[step.key], step.key) for step in stored]
         ruler = Ruler.of(fits)
-        compared = self._done(tasks.judged, fits, state.unseen, ruler, report=report, state=state)
+        compared = self._done(tasks.judged, fits, state.unseen, ruler, fits[0], report=report, state=state)
         keys: dict[int | None, int | None] = {None: None}
         steps: list[Step] = []
         for step, found, heldout in zip(stored, fits, compared, strict=True):
@@ -390,7 +390,9 @@ class Workbench:
         before, ruler = [step.fit for step in state.steps], Ruler.of([*(step.fit for step in state.steps), found])
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
-        *others, last = self._done(tasks.judged, fits, state.unseen, ruler, report=share_of(report, 0.8, 1.0))
+        base = before[0] if before else found
+        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=share_of(report, 0.8, 1.0))
+        *others, last = judged
         compared = tuple(replace(step, heldout=heldout) for step, heldout in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
@@ -483,7 +485,7 @@ class Workbench:
             return None
         kept = self._whole
         if kept is None or kept[0] != state.step.key:
-            (found,) = self._done(tasks.judged, [state.step.fit], state.data, None)
+            (found,) = self._done(tasks.judged, [state.step.fit], state.data, None, state.step.fit)
             kept = self._whole = (state.step.key, found)
         return kept[1]
 
