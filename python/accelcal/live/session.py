@@ -128,6 +128,8 @@ class LiveSession:
         while not (intake.ended or ends()):
             for chunk in intake.take(patience=0.1):
                 self._take(self.lines.feed(chunk), on_alarm)
+            if self._recorder is not None:
+                self._recorder.write_if_due()
             show()
         self._stopped = not intake.ended
         intake.stop()
@@ -198,8 +200,11 @@ class _Recorder:
         self._began = self._last = time.monotonic()
 
     def add(self, rows: Rows) -> None:
-        """Keep rows, and write a row group when it is time."""
+        """Keep rows for the next row group."""
         self._rows.append(rows)
+
+    def write_if_due(self) -> None:
+        """Write a row group when it is time; asked often, also while no row comes."""
         now = time.monotonic()
         if now - self._last > min(max(GROUP_TIME, GROUP_SHARE * (now - self._began)), LONGEST_GROUP_TIME):
             self.write()
