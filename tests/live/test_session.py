@@ -52,3 +52,27 @@ def test_rows_are_written_although_none_follow(tmp_path: Path, monkeypatch: pyte
         assert path.exists()
         assert view.ended == "stopped"
     assert len(load(path).accel) == len(made.t)
+
+
+def test_a_damaged_stamp_at_the_end_costs_its_row(tmp_path: Path) -> None:
+    made = stream(0.5)
+    with opened(tmp_path, iter([made.lines(), b"1e200,,5"])) as view:
+        followed(view)
+        assert view.state.broken == 1
+        assert view.state.used == len(made.t)
+    assert len(load(tmp_path / "got.parquet").accel) == len(made.t)
+
+
+def test_a_defect_on_the_way_keeps_the_rows_that_came(tmp_path: Path) -> None:
+    def broken() -> Iterator[bytes | None]:
+        yield stream(0.5).lines()
+        while True:
+            yield None
+
+    def show() -> None:
+        if view.state.used:
+            raise RuntimeError("a defect")
+
+    with pytest.raises(RuntimeError, match="a defect"), opened(tmp_path, broken()) as view:
+        view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=show)
+    assert len(load(tmp_path / "got.parquet").accel) == view.state.used > 0

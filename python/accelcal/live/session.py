@@ -100,9 +100,8 @@ class LiveSession:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if (
-                isinstance(error, SystemExit) and self._recorder is not None
-            ):  # nobody reads the output, or a second signal
+            # Such as nobody reading the output, a second signal or a defect; a disk that refuses would do so again.
+            if self._recorder is not None and error is not None and not isinstance(error, OSError):
                 self._recorder.write()
         finally:
             self._stack.close()
