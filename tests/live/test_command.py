@@ -291,3 +291,14 @@ def test_mistakes_end_in_one_sentence(folder: Path, words: tuple[str, ...], code
     assert "Traceback" not in found.stderr
     assert found.stdout == ""
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "words.txt"}
+
+
+@pytest.mark.parametrize(("there", "what"), [("got.parquet", "recording"), ("got.toml", "sidecar")])
+def test_an_earlier_recording_is_never_replaced(folder: Path, there: str, what: str) -> None:
+    (folder / "lines.txt").write_bytes(stream(1.0).lines())
+    (folder / there).write_bytes(b"earlier")
+    found = done(folder, "--file", "lines.txt", "-o", "got.parquet")
+    assert found.returncode == 2, found.stderr
+    assert f"{there}: there is a {what} already; give another name" in " ".join(found.stderr.split())
+    assert (folder / there).read_bytes() == b"earlier"
+    assert {path.name for path in folder.iterdir()} == {"rig.toml", "lines.txt", there}

@@ -213,7 +213,11 @@ class _Recorder:
         self._last = time.monotonic()
         if not self._rows:
             return
-        if not self.file.rows:
+        names = ("t", "accel", "position")
+        first = not self.file.rows
+        self.file.append({name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in names})
+        self._rows.clear()
+        if first:
             channels = {"accel": Source("accel", "m/s^2"), "position": Source("position", "m")}
             write_sidecar(
                 self.declared.rig,
@@ -221,8 +225,3 @@ class _Recorder:
                 sidecar_of(self.path),
                 labels=self.declared.labels,
             )
-        columns = {
-            name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in ("t", "accel", "position")
-        }
-        self._rows = []
-        self.file.append(columns)
