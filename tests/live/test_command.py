@@ -221,6 +221,17 @@ def test_an_output_that_nobody_reads_ends_it_with_a_whole_recording(folder: Path
     assert {path.name for path in folder.iterdir()} == {"rig.toml", "got.parquet", "got.toml"}
 
 
+def test_plain_lines_reach_a_pipe_while_the_source_is_open(folder: Path) -> None:
+    with server(stream(1.0).lines(), keep=True) as place, started(folder, "--tcp", place, "--every", "0.1 s") as child:
+        assert child.stdout is not None
+        shown = [child.stdout.readline() for _ in range(2)]
+        assert child.poll() is None
+        assert all("lines" in line and "bias" in line for line in shown)
+        child.send_signal(signal.SIGINT)
+        child.communicate(timeout=60)
+    assert child.returncode == 130
+
+
 def test_a_model_is_followed_and_saved(tmp_path: Path) -> None:
     truth = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 2e-4}
     for seed, name in ((1, "one"), (2, "two")):
