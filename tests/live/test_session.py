@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from accelcal.io import load, read_sidecar
+from accelcal.io import growing, load, read_sidecar
 from accelcal.io.stream_source import ByteSource
 from accelcal.live import LiveSession, session, settings_of
 from tests.live.streams import RIG, stream
@@ -61,6 +61,16 @@ def test_a_damaged_stamp_at_the_end_costs_its_row(tmp_path: Path) -> None:
         assert view.state.broken == 1
         assert view.state.used == len(made.t)
     assert len(load(tmp_path / "got.parquet").accel) == len(made.t)
+
+
+def test_a_stop_in_the_middle_of_a_write_stays_what_ended_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object) -> None:
+        raise SystemExit(130)
+
+    monkeypatch.setattr(growing._Copy, "take", stopped)
+    with pytest.raises(SystemExit), opened(tmp_path, iter([stream(0.5).lines()])) as view:
+        followed(view)
+    assert {path.name for path in tmp_path.iterdir()} == {"rig.toml"}
 
 
 def test_a_defect_on_the_way_keeps_the_rows_that_came(tmp_path: Path) -> None:

@@ -101,7 +101,8 @@ class LiveSession:
     ) -> None:
         try:
             # Such as nobody reading the output, a second signal or a defect; a disk that refuses would do so again.
-            if self._recorder is not None and error is not None and not isinstance(error, OSError):
+            waits = error is not None and not isinstance(error, OSError)
+            if waits and self._recorder is not None and not self._recorder.file.broken:
                 self._recorder.write()
         finally:
             self._stack.close()
