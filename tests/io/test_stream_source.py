@@ -63,6 +63,21 @@ def test_a_source_that_breaks_keeps_what_came() -> None:
     assert intake.error.strerror == "Input/output error"
 
 
+@pytest.mark.parametrize("error", [TypeError("byref() argument"), ValueError()], ids=repr)
+def test_a_driver_that_raises_anything_ends_the_source(error: Exception) -> None:
+    def broken() -> Iterator[bytes]:
+        yield b"1,1,1\n"
+        raise error
+
+    intake = Intake(of_chunks(broken(), waits=True))
+    began, taken = time.monotonic(), list[bytes | None]()
+    while not intake.ended and time.monotonic() < began + MOST:
+        taken += intake.take(1.0)
+    assert intake.ended
+    assert taken == [b"1,1,1\n"]
+    assert intake.error is error
+
+
 def test_a_connection_gives_its_bytes_and_ends() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

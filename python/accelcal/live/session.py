@@ -145,7 +145,8 @@ class LiveSession:
         """Why nothing more came."""
         error = None if self._intake is None else self._intake.error
         if error is not None:
-            return f"the source broke off ({error.strerror or error})"
+            said = error.strerror if isinstance(error, OSError) else None
+            return f"the source broke off ({said or error or type(error).__name__})"
         return "stopped" if self._stopped else "the source has ended"
 
     @property
