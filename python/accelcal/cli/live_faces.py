@@ -56,7 +56,7 @@ class Lines:
         say_line(line_of(state), flush=True)
 
     def alarm(self, alarm: Alarm, state: LiveState) -> None:
-        """Say that the model has stopped to hold, once for blocks in a row."""
+        """Say that the model no longer holds, once for blocks in a row."""
         if alarm.t == alarm.since:
             print_status(f"alarm: {alarm.sentence}")
 

@@ -63,7 +63,7 @@ class LiveSession:
 
     Parameters
     ----------
-    source : of the bytes; closed in the end.
+    source : of the bytes; closed at the end.
     declared : sidecar of the lines.
     settings : of the filter.
     recording : Parquet file to write, with a sidecar beside it; None for none.
