@@ -67,6 +67,21 @@ def test_time_is_an_index_or_a_column(run: ac.Recording, clock: str) -> None:
     np.testing.assert_allclose(found.position.y, np.sin(t), rtol=1e-12)
 
 
+def test_dates_with_a_time_zone_are_instants(run: ac.Recording) -> None:
+    t = run.accel.t
+    frame = pd.DataFrame({"accel_g": run.accel.y / 9.80665, "position_mm": 1e3 * np.sin(t)})
+    began = pd.Timestamp("2026-03-29 01:59:55", tz="Europe/Berlin")  # the clock jumps an hour 5 s later
+    frame.index = pd.Index(began + pd.to_timedelta(t, unit="s"))
+    np.testing.assert_allclose(ac.Recording.from_dataframe(frame, rig=run.rig).accel.t, t, atol=2e-9)
+
+
+@pytest.mark.parametrize("index", [pd.RangeIndex(0), pd.DatetimeIndex([]), pd.DatetimeIndex([], tz="UTC")], ids=str)
+def test_a_frame_without_rows_is_refused_in_a_sentence(index: pd.Index) -> None:
+    frame = pd.DataFrame({"accel_g": np.empty(0), "position_mm": np.empty(0)}, index=index)
+    with pytest.raises(ac.RecordingError, match="no sample"):
+        ac.Recording.from_dataframe(frame)
+
+
 def test_arrays_with_two_clocks_and_side_channels(run: ac.Recording) -> None:
     found = ac.Recording.from_arrays(
         1e3 * run.accel.t,

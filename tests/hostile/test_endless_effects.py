@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from accelcal._support import stopping, supervised
+
 from .workbench import descendants, has_ended
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="needs processes that can be split")
@@ -88,3 +90,23 @@ def test_nothing_goes_on_behind_a_command_that_was_killed(tmp_path: Path) -> Non
     child.kill()
     child.wait(60)
     assert all(has_ended(pid) for pid in below)
+
+
+@pytest.mark.parametrize("seen", [False, True], ids=["at once", "when its end was just seen"])
+def test_a_signal_at_the_edges_of_the_wait_ends_the_child(seen: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    child = subprocess.Popen([sys.executable, "-c", "" if seen else "import time; time.sleep(600)"])
+
+    def let_come() -> None:
+        if seen:
+            child.wait(timeout=60)
+        raise stopping.Stopped(signal.SIGTERM)
+
+    try:
+        with pytest.raises(stopping.Stopped) as stopped:
+            supervised._code_of(child.pid, let_come)
+        assert stopped.value.number == signal.SIGTERM
+        assert has_ended(child.pid)
+    finally:
+        child.kill()
+        child.wait(timeout=60)

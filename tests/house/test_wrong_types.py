@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,10 @@ WRONG: dict[str, tuple[Any, str]] = {
     "grow without a run": (lambda r, f: ac.add(f, "cubic"), r"add\(fit, recordings, \*names\): recordings is the text"),
     "diagnose turned round": (lambda r, f: ac.diagnose(r, f), r"fit is a Recording"),
     "compare turned round": (lambda r, f: ac.compare(r, f), r"fit is a Recording"),
+    "a word among the horizons": (
+        lambda r, f: ac.compare(f, r, horizons=[1.0, "2 s"]),
+        r"horizons is a list .*expected a list of numbers",
+    ),
     "history of one": (lambda r, f: ac.history(f, r), r"expected a list of Fit"),
     "improve a model": (lambda r, f: ac.improve(ac.Model.linear()), r"recordings is a Model"),
     "power of a model": (lambda r, f: ac.power(ac.Model.linear()), r"source is a Model"),
@@ -122,6 +127,12 @@ def test_annotations_of_all_checked_functions_can_be_evaluated() -> None:
         (int, np.int64(1), 1.5),
         (float | None, None, "1"),
         (tuple[str, ...], ("a",), "a"),
+        (bool, np.bool_(True), 1),
+        (Sequence[float], np.array([1.0, 2.0]), np.eye(2)),
+        (Sequence[float], np.array([1, 2]), np.array(["a"])),
+        (Sequence[int], np.array([1, 2]), np.array([1.0])),
+        (float | Sequence[float], np.array([1.0]), np.array([True])),
+        (Sequence[str], ["a"], np.array(["a"])),
     ],
 )
 def test_numbers_of_numpy_pass_and_truth_values_do_not(hint: Any, right: object, wrong: object) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -13,7 +14,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from accelcal.io import atomic_write
+from accelcal.io import atomic_write, growing
 from accelcal.io.growing import GrowingParquet
 
 ROWS, GROUPS = 50, 6
@@ -128,6 +129,28 @@ def test_a_writer_that_is_cut_off_in_the_middle_harms_only_the_copy_that_nobody_
         assert rows_of(path) == 3 * ROWS
         with pytest.raises(pa.ArrowInvalid, match="magic bytes"):  # the sister: this is what a kill would leave
             parquet.ParquetFile(hidden).read()
+
+
+@pytest.mark.parametrize("step", ["grow", "take"])
+def test_after_a_group_that_could_not_be_written_none_follows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    path = tmp_path / "run.parquet"
+
+    def refuse(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with GrowingParquet(path, UNITS) as file:
+        file.append(group(0))
+        with monkeypatch.context() as full:
+            full.setattr(growing._Copy, step, refuse)
+            with pytest.raises(OSError, match="No space left"):
+                file.append(group(1))
+        with pytest.raises(OSError, match="an earlier row group could not be written"):
+            file.append(group(1))
+        assert rows_of(path) == ROWS == file.rows
+    assert rows_of(path) == ROWS
+    assert [each.name for each in tmp_path.iterdir()] == ["run.parquet"]
 
 
 def test_a_folder_a_pipe_and_a_missing_folder_are_refused(tmp_path: Path) -> None:

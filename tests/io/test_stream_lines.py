@@ -83,6 +83,8 @@ BROKEN = {
     "infinite time": b"inf,1,1",
     "beyond a double": b"3,1e400,1",
     "beyond all reason": b"3,1e200,1",
+    "a time beyond all reason": b"1e200,1,1",
+    "a time before all reason": b"-1e200,1,1",
     "underscores": b"3,1_0,1",
     "other digits": "3,٣,1".encode(),
     "not text": b"3,\xff\xfe,1",

@@ -16,6 +16,9 @@ import pytest
 from accelcal.data.recording import RecordingError
 from accelcal.io.stream_source import ByteSource, Intake, open_file, open_serial, open_tcp
 
+MOST = 60.0
+"""Longest wait for anything, s."""
+
 
 def of_chunks(chunks: Iterator[bytes | None], *, waits: bool) -> ByteSource:
     return ByteSource(
@@ -42,7 +45,8 @@ def test_a_sender_that_waits_loses_nothing(most: int) -> None:
 def test_bytes_beyond_the_limit_are_dropped_counted_and_marked() -> None:
     chunks = [b"%6d\n" % i for i in range(100)]
     intake = Intake(of_chunks(iter(chunks), waits=False), most=70)
-    intake._thread.join()
+    intake._thread.join(MOST)
+    assert not intake._thread.is_alive()
     taken = everything(intake)
     assert taken == [*chunks[:10], None]
     assert intake.dropped == 90 * 7
@@ -59,24 +63,43 @@ def test_a_source_that_breaks_keeps_what_came() -> None:
     assert intake.error.strerror == "Input/output error"
 
 
+@pytest.mark.parametrize("error", [TypeError("byref() argument"), ValueError()], ids=repr)
+def test_a_driver_that_raises_anything_ends_the_source(error: Exception) -> None:
+    def broken() -> Iterator[bytes]:
+        yield b"1,1,1\n"
+        raise error
+
+    intake = Intake(of_chunks(broken(), waits=True))
+    began, taken = time.monotonic(), list[bytes | None]()
+    while not intake.ended and time.monotonic() < began + MOST:
+        taken += intake.take(1.0)
+    assert intake.ended
+    assert taken == [b"1,1,1\n"]
+    assert intake.error is error
+
+
 def test_a_connection_gives_its_bytes_and_ends() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
 
         def serve() -> None:
+            server.settimeout(MOST)
             connection, _ = server.accept()
             with connection:
+                connection.settimeout(MOST)
                 for i in range(100):
                     connection.sendall(b"%d\n" % i)
                 time.sleep(0.5)  # longer than one patience: no bytes are no end
                 connection.sendall(b"last\n")
 
-        thread = threading.Thread(target=serve)
+        thread = threading.Thread(target=serve, daemon=True)
         thread.start()
         source = open_tcp("127.0.0.1", port)
-        found = b"".join(c for c in everything(Intake(source)) if c)
-        thread.join()
-        source.close()
+        try:
+            found = b"".join(c for c in everything(Intake(source)) if c)
+        finally:
+            source.close()
+            thread.join(MOST)
     assert found == b"".join(b"%d\n" % i for i in range(100)) + b"last\n"
 
 
@@ -84,14 +107,17 @@ def test_a_port_gives_its_bytes_until_it_is_stopped() -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
     source = open_serial(os.ttyname(slave), 115200)
-    intake = Intake(source)
-    os.write(master, b"1,2,3\n")
-    assert b"".join(c for c in intake.take(5.0) if c).startswith(b"1")
-    intake.stop()
-    assert intake.ended or intake.take(0.0)
-    source.close()
-    os.close(master)
-    os.close(slave)
+    try:
+        intake = Intake(source)
+        os.write(master, b"1,2,3\n")
+        assert b"".join(c for c in intake.take(MOST) if c).startswith(b"1")
+        assert intake._thread.is_alive()
+        intake.stop()
+        assert not intake._thread.is_alive()
+    finally:
+        source.close()
+        os.close(master)
+        os.close(slave)
 
 
 def test_what_cannot_be_opened_is_one_sentence(tmp_path: Path) -> None:

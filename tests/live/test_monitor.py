@@ -1,4 +1,4 @@
-"""Alarms of a live view: as rare as stated while the model holds, soon after it stops to hold."""
+"""Alarms of a live view: as rare as stated while the model holds, soon after it no longer holds."""
 
 from __future__ import annotations
 

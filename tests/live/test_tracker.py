@@ -154,6 +154,19 @@ def test_an_absurd_value_does_not_end_it(rig: Rig) -> None:
         assert tracker.outputs == len(u)
 
 
+@pytest.mark.parametrize("offset", [0.0, 0.9e-3])
+def test_an_absurd_stamp_does_not_end_it(rig: Rig, offset: float) -> None:
+    made = stream(1.0)
+    for stamp in (1e200, 1e150, 1e110):
+        t, u, z = made.t.copy(), made.u.copy(), made.z.copy()
+        t[-1], u[-1], z[-1] = stamp, np.nan, 0.005
+        with np.errstate(all="ignore"):
+            tracker, found = tracked(replace(settings_of(rig), offset=offset), Stream(t, u, z), seed=1)
+        print(f"stamp {stamp:g}: {len(found)} innovations, {tracker.refused} events refused: {tracker.refusal}")
+        assert tracker.outputs == len(u) - 1
+        assert len(found) > 400
+
+
 def test_readings_without_outputs_do_not_end_it(rig: Rig) -> None:
     made = stream(1.0)
     u = made.u.copy()

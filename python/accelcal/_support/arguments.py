@@ -29,6 +29,8 @@ HOW_TO = {
     "Diagnosis": "accelcal.diagnose(fit, recording) makes one",
 }
 """Where an object of a class comes from, by its name."""
+SEVERAL = {"float": "numbers", "int": "whole numbers", "str": "texts"}
+"""Elements of a list, in words."""
 NAMES_OF_EFFECTS = "enter a function with @accelcal.effect(...), then give the name of the effect as text"
 
 
@@ -102,8 +104,12 @@ def accepts(hint: Any, value: object) -> bool:
         return isinstance(value, numbers.Real) and not isinstance(value, bool)
     if hint is int:
         return isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if hint is bool:
+        return isinstance(value, bool | np.bool_)
     if hint is None:
         return value is None
+    if origin is Sequence and isinstance(value, np.ndarray):
+        return value.ndim == 1 and set(classes(inside[0])) <= {"float", "int"} and accepts(hint, value.tolist())
     if origin is not None and isinstance(origin, type):
         if issubclass(origin, np.ndarray):
             return isinstance(value, np.ndarray)
@@ -173,7 +179,7 @@ def expected(hint: Any) -> str:
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return f"a mapping of {expected(inside[0])} to {expected(inside[1])}"
     if isinstance(origin, type) and issubclass(origin, Sequence) and inside:
-        return f"a list of {' or '.join(name for name in classes(inside[0]))}"
+        return f"a list of {' or '.join(dict.fromkeys(SEVERAL.get(name, name) for name in classes(inside[0])))}"
     if origin is not None:
         return "a function" if "Callable" in str(origin) else getattr(origin, "__name__", str(origin))
     kind = getattr(hint, "__name__", str(hint))

@@ -9,13 +9,13 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from accelcal._support import stopping
 
 GRACE = 2.0
-"""Time that the child has to clean up and to end by itself, s; a second signal makes an end of it at once."""
+"""Time that the child has to clean up and to end by itself, s; a second signal ends it at once."""
 POLL = 0.02
 """Interval at which its end is looked for meanwhile, s."""
 _END_WITH_PARENT = 1
@@ -39,7 +39,7 @@ def continue_in_child() -> None:
         if stream is not None:
             stream.flush()
     watched, held = os.pipe()
-    with _held_back():
+    with _held_back() as let_come:
         child = os.fork()
         if child == 0:
             os.close(held)
@@ -47,15 +47,15 @@ def continue_in_child() -> None:
             _follow(watched)
             return
         os.close(watched)
-    raise stopping.HasEnded(_code_of(child))
+        raise stopping.HasEnded(_code_of(child, let_come))
 
 
 @contextmanager
-def _held_back() -> Iterator[None]:
-    """Let signals wait that ask the command to end."""
+def _held_back() -> Iterator[Callable[[], object]]:
+    """Let signals wait that ask the command to end; yields what lets them come before the block ends."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {getattr(signal, name) for name in stopping.SIGNALS})
     try:
-        yield
+        yield lambda: signal.pthread_sigmask(signal.SIG_SETMASK, before)
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
@@ -79,8 +79,10 @@ def _follow(watched: int) -> None:
     Thread(target=end, daemon=True).start()
 
 
-def _code_of(child: int) -> int:
+def _code_of(child: int, let_come: Callable[[], object]) -> int:
     """Exit code of the child; a signal is passed on to it, and it is ended where it does not obey.
+
+    Signals wait until `let_come` is called, so that none of them comes where it would not be passed on.
 
     Raises
     ------
@@ -88,6 +90,7 @@ def _code_of(child: int) -> int:
         If the child did not end by itself, so that nothing has been said.
     """
     try:
+        let_come()
         code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     except stopping.Stopped as stopped:
         code = _ended(child, stopped.number)
@@ -113,7 +116,10 @@ def _ended(child: int, number: int) -> int:
     with suppress(ProcessLookupError):
         os.kill(child, number)
     while True:
-        found, status = os.waitpid(child, os.WNOHANG)
+        try:
+            found, status = os.waitpid(child, os.WNOHANG)
+        except ChildProcessError:  # the signal came when its end had just been seen; what it was is lost
+            return -number
         if found:
             return os.waitstatus_to_exitcode(status)
         if max(again, default=began) > began + stopping.AGAIN or time.monotonic() > began + GRACE:

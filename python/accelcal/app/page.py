@@ -98,7 +98,7 @@ class Page:
         """Show the first screen in the theme of the browser, and follow the workbench from now on."""
         asked = f"[matchMedia('(prefers-color-scheme: dark)').matches, innerWidth <= {NARROW}]"
         try:
-            dark, self.is_narrow = await ui.run_javascript(asked, timeout=5.0)
+            dark, self.is_narrow = await ui.run_javascript(asked, timeout=30.0)
         except TimeoutError:
             dark = False  # a browser that is busy gets its page all the same
         self._set_theme("dark" if dark else "light")

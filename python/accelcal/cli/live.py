@@ -44,9 +44,9 @@ def live(
     output: Output = None,
     save: Annotated[
         Path | None,
-        typer.Option("--save", help="Model file to write in the end; needs --model.", callback=writable_file),
+        typer.Option("--save", help="Model file to write at the end; needs --model.", callback=writable_file),
     ] = None,
-    every: Annotated[str, typer.Option("--every", help="Time between lines where no terminal is.")] = "5 s",
+    every: Annotated[str, typer.Option("--every", help="Time between lines when stdout is not a terminal.")] = "5 s",
     json: Json = False,
 ) -> None:
     """Follow a running measurement, lines t,accel,position: parameters, innovations, and whether the model holds.
@@ -64,6 +64,8 @@ def live(
         raise UsageError(f"--every {every!r}: expected a time above 0")
     if output is not None and output.suffix != ".parquet":
         raise UsageError(f"--output {output}: expected a name that ends in .parquet")
+    if output is not None:
+        refuse_replacing(output)
     if save is not None and model is None:
         raise UsageError("--save: needs --model, whose noise, rig and range the new file keeps; or fit the recording")
     opener = source_of(serial, baud, tcp, file)
@@ -110,6 +112,21 @@ def source_of(serial: str | None, baud: int | None, tcp: str | None, file: Path 
     if not (host and colon and port.isascii() and port.isdecimal() and 0 < int(port[:9]) < 1 << 16):
         raise UsageError(f"--tcp {tcp!r}: expected HOST:PORT, such as 192.168.1.7:5025")
     return functools.partial(stream_source.open_tcp, host.removeprefix("[").removesuffix("]"), int(port))
+
+
+def refuse_replacing(output: Path) -> None:
+    """Refuse to record where a recording, or its sidecar, is already: a measurement cannot be made again.
+
+    Raises
+    ------
+    UsageError
+        Naming the file that is there.
+    """
+    from accelcal.io import sidecar_of
+
+    for path, what in ((output, "recording"), (sidecar_of(output), "sidecar")):
+        if path.is_file():
+            raise UsageError(f"--output {output}: {path}: there is a {what} already; give another name")
 
 
 def face_of(source: str, every: float, *, json: bool) -> Lines:

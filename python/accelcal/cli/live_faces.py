@@ -53,17 +53,17 @@ class Lines:
 
     def show(self, state: LiveState) -> None:
         """One line of what is known."""
-        say_line(line_of(state))
+        say_line(line_of(state), flush=True)
 
     def alarm(self, alarm: Alarm, state: LiveState) -> None:
-        """Say that the model has stopped to hold, once for blocks in a row."""
+        """Say that the model no longer holds, once for blocks in a row."""
         if alarm.t == alarm.since:
             print_status(f"alarm: {alarm.sentence}")
 
     def end(self, state: LiveState, ended: str) -> None:
         """Say what came of it all."""
         for text in summary_of(state, self.source, ended):
-            say_line(text)
+            say_line(text, flush=True)
 
 
 class JsonLines(Lines):

@@ -19,9 +19,9 @@ def say(text: str, style: str = "") -> None:
     Console().print(Text(visible(text), style=style))
 
 
-def say_line(text: str, end: str = "\n") -> None:
-    """Print a line on stdout as it is, however long."""
-    print(visible(text), end=end)
+def say_line(text: str, end: str = "\n", *, flush: bool = False) -> None:
+    """Print a line on stdout as it is, however long; `flush` shows it at once in a pipe as well."""
+    print(visible(text), end=end, flush=flush)
 
 
 def say_card(markdown: str) -> None:

@@ -35,7 +35,7 @@ _Enter = Callable[[Callable[..., Array]], Callable[..., Array]]
 
 
 def _looked_at(declare: Callable[_P, _Enter]) -> Callable[_P, _Enter]:
-    """The decorator of the catalogue for users: what it enters is tried once, and looked at at every evaluation."""
+    """The decorator of the catalogue for users: what it enters is tried once, and checked at every evaluation."""
 
     @wraps(declare)
     def effect(*args: _P.args, **declared: _P.kwargs) -> _Enter:

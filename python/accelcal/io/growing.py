@@ -61,6 +61,8 @@ class GrowingParquet:
         self.rows, self.groups = 0, 0
         self.size = 0
         """Bytes of the file under its name."""
+        self.broken = False
+        """Whether an append failed or was cut short: copies and table may not match, and none can follow."""
         self._schema = pa.schema(
             [pa.field(name, pa.float64(), metadata={"unit": unit}) for name, unit in units.items()]
         )
@@ -97,10 +99,13 @@ class GrowingParquet:
         Raises
         ------
         OSError
-            If it cannot be written; the file under its name is then as it was.
+            If it cannot be written, or an earlier group could not; the file under its name is then as it was.
         """
         import pyarrow as pa
 
+        if self.broken:
+            raise OSError(errno.EIO, f"{self.path}: an earlier row group could not be written, so none can follow")
+        self.broken = True  # until all of it is done
         values = {name: pa.array(y, mask=np.isnan(y)) for name, y in columns.items()}
         group, table = _encoded(pa.table(values, schema=self._schema), self._new)
         if self._table is None:
@@ -116,6 +121,7 @@ class GrowingParquet:
         self._new += len(group)
         self.rows, self.groups = self.rows + len(next(iter(columns.values()))), self.groups + 1
         self.size = hidden.size
+        self.broken = False
 
     def close(self) -> None:
         """Remove the copy that nobody sees; the file stays under its name."""

@@ -62,10 +62,14 @@ def from_dataframe(frame: DataFrame, *, units: Mapping[str, str] | None, rig: Ri
 
 
 def index_in_seconds(index: Any) -> Any:
-    """The index of a frame as stamps: numbers as they are, time deltas and dates in s, dates from the first."""
-    stamps = index.to_numpy()
+    """The index of a frame as stamps: numbers as they are, time deltas and dates in s, dates from the first.
+
+    Dates with a time zone are instants, and go through UTC.
+    """
+    zoned = getattr(index, "tz", None) is not None and hasattr(index, "tz_convert")
+    stamps = (index.tz_convert(None) if zoned else index).to_numpy()
     if stamps.dtype.kind == "M":
-        stamps = stamps - stamps[0]
+        stamps = stamps - stamps[:1]
     return stamps / np.timedelta64(1, "ns") * 1e-9 if stamps.dtype.kind == "m" else stamps
 
 

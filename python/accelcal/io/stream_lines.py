@@ -20,8 +20,8 @@ LONGEST = 1000
 """Bytes of a line; what is longer is no line."""
 MOST_AHEAD = 60.0
 """A row waits for the next from this step on while the usual step is not known, s."""
-MOST_ACCEL, MOST_POSITION = 1e6, 1e6
-"""What no stage does, m/s² and m: such a number is a line that was damaged on its way."""
+MOST_TIME, MOST_ACCEL, MOST_POSITION = 1e12, 1e6, 1e6
+"""What no clock shows and no stage does, s, m/s² and m: such a number is a line that was damaged on its way."""
 MOST_RANGES = 2.0
 """The same of the output, in declared ranges of the sensor."""
 CHANNELS = ("accel", "position")
@@ -129,7 +129,8 @@ class LineReader:
         if self._columns is None or not lines:
             return _NO_ROWS
         rows = self._columns.converted(self._numbers(lines, self._columns))
-        known = np.isfinite(rows[:, 0]) & ~np.any(np.abs(rows[:, 1:]) > (self._most_accel, MOST_POSITION), axis=1)
+        most = (self._most_accel, MOST_POSITION)
+        known = (np.abs(rows[:, 0]) <= MOST_TIME) & ~np.any(np.abs(rows[:, 1:]) > most, axis=1)
         self.counts.broken += len(rows) - int(known.sum())
         return self._ordered(rows[known])
 

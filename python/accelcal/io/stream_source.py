@@ -22,8 +22,8 @@ CHUNK = 1 << 16
 """Most bytes of one read."""
 MOST_WAITING = 1 << 26
 """Most bytes that wait to be processed; 10 kHz of 30 bytes a line for 3 min."""
-MOST_AHEAD = 1 << 18
-"""The same of a sender that waits."""
+MOST_KEPT_WAITING = 1 << 18
+"""The same of a sender that is kept waiting beyond it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class ByteSource:
     name: str
     """As messages show it."""
     read: Callable[[], bytes | None]
-    """Next bytes, b"" at the end, None where none came within `PATIENCE`; OSError where the source breaks."""
+    """Next bytes, b"" at the end, None where none came within `PATIENCE`; raises where the source breaks."""
     close: Callable[[], None]
     waits: bool
     """Whether the sender waits for a slow reader; else bytes that nobody reads are lost."""
@@ -124,11 +124,11 @@ class Intake:
 
     def __init__(self, source: ByteSource, most: int | None = None) -> None:
         self.source = source
-        self.most = most or (MOST_AHEAD if source.waits else MOST_WAITING)
+        self.most = most or (MOST_KEPT_WAITING if source.waits else MOST_WAITING)
         self.dropped = 0
         """Bytes that were read and thrown away, because too many waited."""
-        self.error: OSError | None = None
-        """Why the source ended, if it broke."""
+        self.error: Exception | None = None
+        """Why the source ended, if it broke; a driver may raise anything."""
         self._chunks: deque[bytes | None] = deque()
         self._waiting = 0
         self._ended = False
@@ -168,11 +168,12 @@ class Intake:
                     break
                 if chunk is not None:
                     self._keep(chunk)
-        except OSError as error:
+        except Exception as error:
             self.error = error
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+        finally:
+            with self._changed:
+                self._ended = True
+                self._changed.notify_all()
 
     def _keep(self, chunk: bytes) -> None:
         with self._changed:

@@ -63,7 +63,7 @@ class LiveSession:
 
     Parameters
     ----------
-    source : of the bytes; closed in the end.
+    source : of the bytes; closed at the end.
     declared : sidecar of the lines.
     settings : of the filter.
     recording : Parquet file to write, with a sidecar beside it; None for none.
@@ -100,9 +100,9 @@ class LiveSession:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         try:
-            if (
-                isinstance(error, SystemExit) and self._recorder is not None
-            ):  # nobody reads the output, or a second signal
+            # Such as nobody reading the output, a second signal or a defect; a disk that refuses would do so again.
+            waits = error is not None and not isinstance(error, OSError)
+            if waits and self._recorder is not None and not self._recorder.file.broken:
                 self._recorder.write()
         finally:
             self._stack.close()
@@ -128,6 +128,8 @@ class LiveSession:
         while not (intake.ended or ends()):
             for chunk in intake.take(patience=0.1):
                 self._take(self.lines.feed(chunk), on_alarm)
+            if self._recorder is not None:
+                self._recorder.write_if_due()
             show()
         self._stopped = not intake.ended
         intake.stop()
@@ -143,7 +145,8 @@ class LiveSession:
         """Why nothing more came."""
         error = None if self._intake is None else self._intake.error
         if error is not None:
-            return f"the source broke off ({error.strerror or error})"
+            said = error.strerror if isinstance(error, OSError) else None
+            return f"the source broke off ({said or error or type(error).__name__})"
         return "stopped" if self._stopped else "the source has ended"
 
     @property
@@ -198,8 +201,11 @@ class _Recorder:
         self._began = self._last = time.monotonic()
 
     def add(self, rows: Rows) -> None:
-        """Keep rows, and write a row group when it is time."""
+        """Keep rows for the next row group."""
         self._rows.append(rows)
+
+    def write_if_due(self) -> None:
+        """Write a row group when it is time; asked often, also while no row comes."""
         now = time.monotonic()
         if now - self._last > min(max(GROUP_TIME, GROUP_SHARE * (now - self._began)), LONGEST_GROUP_TIME):
             self.write()
@@ -209,7 +215,11 @@ class _Recorder:
         self._last = time.monotonic()
         if not self._rows:
             return
-        if not self.file.rows:
+        names = ("t", "accel", "position")
+        first = not self.file.rows
+        self.file.append({name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in names})
+        self._rows.clear()
+        if first:
             channels = {"accel": Source("accel", "m/s^2"), "position": Source("position", "m")}
             write_sidecar(
                 self.declared.rig,
@@ -217,8 +227,3 @@ class _Recorder:
                 sidecar_of(self.path),
                 labels=self.declared.labels,
             )
-        columns = {
-            name: np.concatenate([getattr(rows, name) for rows in self._rows]) for name in ("t", "accel", "position")
-        }
-        self._rows = []
-        self.file.append(columns)

@@ -73,7 +73,7 @@ class Tracker:
         if self.filter is not None:
             try:
                 self._settle(self.filter.finish(), found)
-            except ValueError as error:
+            except (ValueError, ArithmeticError) as error:
                 self._refuse(error)
         return found
 
@@ -116,7 +116,7 @@ class Tracker:
                     self._take_output(t, self.settings.stage_output(value), found)
                 else:
                     self._take_reading(t, value)
-            except ValueError as error:
+            except (ValueError, ArithmeticError) as error:
                 self._refuse(error)
         return found
 
@@ -194,7 +194,7 @@ class Tracker:
         powers = {"k": a, "K0": 1.0, "K2": a * a, "K3": a * a * a}
         return np.array([-powers[name] / slope for name in self.settings.names]), slope
 
-    def _refuse(self, error: ValueError) -> None:
+    def _refuse(self, error: Exception) -> None:
         self.refused += 1
         self.refusal = str(error)
         waiting = 0 if self.filter is None else self.filter.waiting

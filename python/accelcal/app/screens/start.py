@@ -18,7 +18,7 @@ FORMATS = (
     ),
     ("Units", "m/s², g, mg, V, mV or counts; m, mm, µm; s, ms. Volts and counts need the sensor's scale."),
     ("Sidecar", "A .toml of the same name says what sensor and rig are; drop it together with the recording."),
-    ("Session", "A .accelcal file, saved on the Export tab, goes on where it was saved."),
+    ("Session", "A .accelcal file, saved on the Export tab, resumes the work where it was saved."),
 )
 
 
@@ -39,7 +39,7 @@ def show(page: Page) -> None:
             for name, example in EXAMPLES.items():
                 offer(page, name, example)
         session.earlier(page)
-        with widgets.card("What is read"):
+        with widgets.card("Supported files"):
             formats()
 
 

@@ -1,0 +1,88 @@
+"""A live view without a face: what it writes and when, whatever its source does."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from accelcal.io import growing, load, read_sidecar
+from accelcal.io.stream_source import ByteSource
+from accelcal.live import LiveSession, session, settings_of
+from tests.live.streams import RIG, stream
+
+MOST = 60.0
+"""Longest that a test waits, s."""
+
+
+def opened(folder: Path, chunks: Iterator[bytes | None]) -> LiveSession:
+    """On a source of these chunks, recorded in `got.parquet`."""
+    (folder / "rig.toml").write_text(RIG)
+    declared = read_sidecar(folder / "rig.toml")
+
+    def read() -> bytes | None:
+        chunk = next(chunks, b"")
+        if chunk is None:
+            time.sleep(0.01)
+        return chunk
+
+    source = ByteSource("made", read, lambda: None, waits=True, from_its_start=True, ends_lines=True)
+    return LiveSession(source, declared, settings_of(declared.rig), folder / "got.parquet")
+
+
+def followed(view: LiveSession, ends: Callable[[], bool] = lambda: False) -> None:
+    view.run(ends=ends, on_alarm=lambda alarm: None, show=lambda: None)
+
+
+def test_rows_are_written_although_none_follow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(session, "GROUP_TIME", 0.2)
+    made = stream(0.5)
+
+    def burst() -> Iterator[bytes | None]:
+        yield made.lines()
+        while True:
+            yield None
+
+    began, path = time.monotonic(), tmp_path / "got.parquet"
+    with opened(tmp_path, burst()) as view:
+        # The last row may wait for one that confirms its stamp.
+        followed(view, ends=lambda: path.exists() or time.monotonic() > began + MOST)
+        assert path.exists()
+        assert view.ended == "stopped"
+    assert len(load(path).accel) == len(made.t)
+
+
+def test_a_damaged_stamp_at_the_end_costs_its_row(tmp_path: Path) -> None:
+    made = stream(0.5)
+    with opened(tmp_path, iter([made.lines(), b"1e200,,5"])) as view:
+        followed(view)
+        assert view.state.broken == 1
+        assert view.state.used == len(made.t)
+    assert len(load(tmp_path / "got.parquet").accel) == len(made.t)
+
+
+def test_a_stop_in_the_middle_of_a_write_stays_what_ended_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stopped(*_: object) -> None:
+        raise SystemExit(130)
+
+    monkeypatch.setattr(growing._Copy, "take", stopped)
+    with pytest.raises(SystemExit), opened(tmp_path, iter([stream(0.5).lines()])) as view:
+        followed(view)
+    assert {path.name for path in tmp_path.iterdir()} == {"rig.toml"}
+
+
+def test_a_defect_on_the_way_keeps_the_rows_that_came(tmp_path: Path) -> None:
+    def broken() -> Iterator[bytes | None]:
+        yield stream(0.5).lines()
+        while True:
+            yield None
+
+    def show() -> None:
+        if view.state.used:
+            raise RuntimeError("a defect")
+
+    with pytest.raises(RuntimeError, match="a defect"), opened(tmp_path, broken()) as view:
+        view.run(ends=lambda: False, on_alarm=lambda alarm: None, show=show)
+    assert len(load(tmp_path / "got.parquet").accel) == view.state.used > 0
