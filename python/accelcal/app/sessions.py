@@ -73,7 +73,7 @@ class Workbenches:
         self._make_room()
         name = name or secrets.token_urlsafe(12)
         home = self.folder / name
-        home.mkdir(mode=0o700)
+        home.mkdir(mode=0o700, exist_ok=True)  # that of a session of a killed server is there
         bench = Workbench(home, self._compute)
         bench.changed = lambda state: self.keeper.keep(name, state)
         self._kept[name] = Session(bench)
