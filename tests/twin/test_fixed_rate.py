@@ -122,7 +122,7 @@ def test_a_failed_step_leaves_the_filter_as_it_was() -> None:
         (FilterChoice("aci", integrator="rk4", carrier="factored"), {}, "use LiveFilter"),
         (FilterChoice("cwpa"), {"tau": 1e-3}, "no structured kernel|needs q_accel"),
         (FilterChoice("aci"), {"dt": -1.0}, "dt"),
-        (FilterChoice("aci"), {"P0": -np.eye(4)}, "initial covariance"),
+        (FilterChoice("aci"), {"P0": -np.eye(4)}, "initial belief"),
     ],
 )
 def test_what_a_fixed_rate_cannot_do_is_refused(choice: FilterChoice, more: dict[str, Any], sentence: str) -> None:
