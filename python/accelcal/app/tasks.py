@@ -73,12 +73,13 @@ def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
     return drop(before, train, name, report=report)
 
 
-def judged(
-    fits: Sequence[Fit], data: Recording, ruler: Ruler | None, base: Fit, *, report: Report
-) -> tuple[Comparison, ...]:
+def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
+    """Compare one model with data, with its own filter."""
+    return compare(found, data)
+
+
+def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler, base: Fit, *, report: Report) -> tuple[Comparison, ...]:
     """Compare models with data, all with the filter of `ruler`, above the noise floor of the model they grew from."""
-    if ruler is None:
-        return tuple(compare(each, data) for each in fits)
     return compare_models(fits, data, ruler, report, base=base)
 
 

@@ -485,8 +485,7 @@ class Workbench:
             return None
         kept = self._whole
         if kept is None or kept[0] != state.step.key:
-            (found,) = self._done(tasks.judged, [state.step.fit], state.data, None, state.step.fit)
-            kept = self._whole = (state.step.key, found)
+            kept = self._whole = (state.step.key, self._done(tasks.compared, state.step.fit, state.data))
         return kept[1]
 
     def before(self) -> Comparison | None:

@@ -241,7 +241,7 @@ def contribution_lines(content: dict[str, Any]) -> list[str]:
 
 
 def show_steps(steps: list[tuple[str, dict[str, Any]]], table: dict[str, Any] | None = None) -> None:
-    """Print the errors on held-out data; the noise floor, since a missing effect is counted as noise.
+    """Print the errors on held-out data, and what noise alone would give.
 
     Parameters
     ----------
@@ -279,12 +279,9 @@ def spread_cell(spread: dict[str, float] | None) -> str:
 
 def floor_line(floor: dict[str, Any]) -> str:
     """Where the noise of the floor comes from."""
-    from accelcal.plots.numbers import density
-    from accelcal.validation.sensor_noise import SOURCES
+    from accelcal.plots.numbers import source_of_noise
 
-    declared = floor["declared_m_per_s2_rthz"]
-    beside = "" if declared is None else f"; declared {density(declared)}"
-    source = f"{SOURCES[floor['source']]} {density(floor['density_m_per_s2_rthz'])}{beside}"
+    source = source_of_noise(floor["source"], floor["density_m_per_s2_rthz"], floor["declared_m_per_s2_rthz"])
     return f"noise alone: {source}; 95 % prediction intervals for a record of this length"
 
 

@@ -16,7 +16,7 @@ from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.sensor_noise import SOURCES, SensorNoise
+from accelcal.validation.sensor_noise import SOURCES, Source
 
 HEADLINE_HORIZON = 10.0
 """Unaided drift that is quoted first, s."""
@@ -98,12 +98,13 @@ def floor_sentence(nested: NestedModels) -> str:
     """The noise floor with its interval and its source."""
     floor, sensor = nested.floor, nested.noise_floor.sensor
     ends = f"{formatting.length(floor.low)} to {formatting.length(floor.high)}"
-    return f"noise alone {ends} ({SOURCES[sensor.source]} {density(sensor.density)}{declared_beside(sensor)})"
+    return f"noise alone {ends} ({source_of_noise(sensor.source, sensor.density, sensor.declared)})"
 
 
-def declared_beside(sensor: SensorNoise) -> str:
-    """The declared density where it differs from that at rest."""
-    return "" if sensor.declared is None else f"; declared {density(sensor.declared)}"
+def source_of_noise(source: Source, value: float, declared: float | None) -> str:
+    """Where a noise density comes from, and the declared one where it differs, both in (m/s²)/sqrt(Hz)."""
+    beside = "" if declared is None else f"; declared {density(declared)}"
+    return f"{SOURCES[source]} {density(value)}{beside}"
 
 
 def density(value: float) -> str:
