@@ -181,6 +181,23 @@ def test_a_signal_that_is_ignored_stays_ignored(folder):
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_what_fails_because_of_a_signal_is_no_error_of_accelcal(name, tmp_path):
+    # An import that a signal cuts off leaves half a module behind, on which the next line fails.
+    code = f"import os, signal, sys\nsignal.signal(signal.{name}, signal.default_int_handler)\n"
+    code += "from accelcal._support import stopping\nfrom accelcal.cli.common import with_exit_codes\n"
+    code += "def work():\n    try:\n"
+    code += f"        os.kill(os.getpid(), signal.{name})\n"
+    code += "    except BaseException:\n        raise AttributeError('array') from None\n"
+    code += "sys.exit(stopping.run(with_exit_codes(work)))\n"
+    environment = {**os.environ, "TMPDIR": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=60)
+    assert done.returncode == 128 + getattr(signal, name)
+    assert done.stderr.count("\n") == 1
+    assert "error of accelcal" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_a_signal_that_a_library_swallows_still_ends_the_command(name):
     code = f"import os, signal, sys\nsignal.signal(signal.{name}, signal.default_int_handler)\n"  # nohup ignores some
     code += "from accelcal._support import stopping\ndef work():\n    try:\n"

@@ -129,6 +129,11 @@ def deferred() -> Iterator[Callable[[], bool]]:
         signal.raise_signal(came[0][0])
 
 
+def asked_to_end() -> bool:
+    """Whether a signal has asked the command that runs here to end: what fails from then on is no error of its own."""
+    return running is not None and running.first is not None
+
+
 def run(command: Callable[[], None]) -> int:
     """Run a command to its end, of whatever kind; return its exit code.
 

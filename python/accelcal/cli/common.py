@@ -17,6 +17,7 @@ import typer
 
 from accelcal._support import internal_error
 from accelcal._support.plain_text import visible
+from accelcal._support.stopping import asked_to_end
 from accelcal._support.supervised import continue_in_child
 
 WRITTEN = ("output", "c", "rust", "dcc", "save")
@@ -115,7 +116,7 @@ def with_exit_codes(command: Callable[..., None]) -> Callable[..., None]:
         except KeyboardInterrupt:  # of a caller that catches no signals
             exit_with("interrupted; no file was left half-written", INTERRUPTED)
         except BaseException as error:
-            if speaks_for_itself(error):
+            if speaks_for_itself(error) or asked_to_end():
                 raise
             exit_with(internal_error.sentence(error) + template_hint(error, kwargs), code_of(error))
 
