@@ -78,6 +78,13 @@ an effect to differ. [parts; tests/diagnosis/search/test_homogeneity.py]"""
 HOMOGENEITY_ALPHA = 1e-3
 """Probability of the differences between the parts below which an effect does not have one size. A true effect is
 refused in one record of a thousand. [probability; tests/diagnosis/search/test_homogeneity.py]"""
+ENGINES_APART = 4.0
+"""Difference of two independent estimates of one record, over its standard deviation, beyond which the verdict says so
+and nothing is called adequate. Their errors of method are small beside the noise that both share.
+[standard deviations; tests/diagnosis/test_independent_estimate.py]"""
+ENGINES_LEAST_STD = 0.1
+"""Least standard deviation of that difference, over that of the estimate. What matters less than the uncertainty is no
+difference. [share; tests/diagnosis/test_independent_estimate.py]"""
 EQUAL_SIZE_SHARE = 0.1
 """Difference of sizes, over the size, that counts as equal, rms. Shape parameters and the smoothed motion are not
 exact, which the standard deviations of a strong effect do not show. [share;

@@ -134,6 +134,11 @@ KINDS: dict[str, Kind] = {
         "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
         "sensor and reference cannot be told apart there",
     ),
+    "engines_disagree": Kind(
+        "verdict",
+        "Two independent estimates of this record disagree in {parameters}: {parameter} is {replay} by the replay and "
+        "{weak} by the weak form, {sigma:.3g} standard deviations of their difference apart",
+    ),
     "run_to_run": Kind("beside", "{text}"),
     "goes_with": Kind("beside", "{text}"),
     "transverse_coherence": Kind(

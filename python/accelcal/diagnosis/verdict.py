@@ -26,6 +26,7 @@ from accelcal.diagnosis.findings import (
     with_findings,
 )
 from accelcal.diagnosis.further_run import FurtherRun, further_runs
+from accelcal.diagnosis.independent_estimate import differences, disagreement
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
@@ -247,6 +248,7 @@ def verdict_on(
     delay_found = "time_offset" not in model.fixed and delay_is_significant(profiled, found, alpha)
     delay_found = delay_found and delay_is_significant(with_detected_effects(solution, profiled, found), found, alpha)
     unresolved = unresolved_motion(runs)
+    apart = disagreement(differences(solution))
     solution.states.clear()  # the comparison predicts anew: one set of filters at a time
     if not found.enough:
         significant = ()
@@ -283,16 +285,19 @@ def verdict_on(
     transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
     verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured, unsteady)
     if seen and verdict == "adequate":
-        sentence = seen[0].sentence
-        verdict, left = "tied", f"{sentence[0].upper()}{sentence[1:]} ({found.examined} candidates examined)."
+        text = seen[0].sentence
+        verdict, left = "tied", f"{text[0].upper()}{text[1:]} ({found.examined} candidates examined)."
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
         groups.insert(0, delay)
         inside = (in_model(profiled, delay, sizes), *inside)
+    sentence = with_findings(inside, left, profiled.rig.tolerance)
+    if apart is not None and verdict == "adequate":
+        verdict = "unexplained"
     return Diagnosis(
         verdict=verdict,
-        sentence=with_findings(inside, left, profiled.rig.tolerance),
+        sentence=f"{apart.sentence}. {sentence}" if apart else sentence,
         effects=tuple(group.effect for group in groups),
         classes=tuple(groups),
         inseparable=tuple(
@@ -309,7 +314,7 @@ def verdict_on(
         alpha=alpha,
         breaks=stretch.breaks,
         remarks=(
-            *(one for one in (turning, coloured, unresolved, disagreeing) if one is not None),
+            *(one for one in (apart, turning, coloured, unresolved, disagreeing) if one is not None),
             *run_to_run(profiled),
             *stretch.remarks,
             *unsteady,

@@ -200,7 +200,10 @@ class ColumnFilter:
             if buffer.size < len(terms) * bank.rows:
                 buffer = np.empty(len(terms) * bank.rows)
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
-            for first, columns, port in self._columns(terms, readings, copies):
+            grid = grid_rows(self.state, readings)
+            for first, columns, port in column_parts(
+                self.state, terms, grid, readings, lambda: self.at_readings, copies
+            ):
                 here = slice(first, first + len(columns))
                 if port == "output":
                     bank.carry_inputs(columns, factor, response[here], sums[here])
@@ -234,39 +237,52 @@ class ColumnFilter:
             self._last = readings, bank_of(self.state, readings, grid, self.group)
         return self._last[1]
 
-    def _columns(
-        self, terms: Sequence[Term], readings: slice, copies: Container[int]
-    ) -> Iterator[tuple[int, list[Array], str]]:
-        """Columns over a stretch, of one port at a time, without `copies`: index of the first, at most `PARALLEL` of
-        them, the port."""
-        first, filters = 0, self.state.run.filters
 
-        def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
-            k, term = place
-            return k in copies, term.port, is_local(term.effect) and not filters.acts
+def column_parts(
+    state: RunState,
+    terms: Sequence[Term],
+    grid: slice,
+    readings: slice,
+    at_readings: Callable[[], Signals],
+    copies: Container[int],
+) -> Iterator[tuple[int, list[Array], str]]:
+    """Columns over a stretch, of one port at a time, without `copies`, at most `PARALLEL` of them together.
 
-        for (copied, port, local), places in groupby(enumerate(terms), key=kind):
-            alike = [term for _, term in places]
-            if copied:
-                first += len(alike)
-                continue
-            s, rows = (
-                (self.signals, grid_rows(self.state, readings)) if port == "output" else (self.at_readings, readings)
-            )
-            if local:
-                s, rows = s.part(rows), slice(None)
-            waiting: list[Array] = []
-            for column in evaluate(alike, s):
-                if filters.acts:
-                    output = port == "output"
-                    column = filters.behind(column, s.step) if output else filters.behind_at(self.state.run.t, column)
-                waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
-                if len(waiting) == PARALLEL:
-                    yield first, waiting, port
-                    first, waiting = first + PARALLEL, []
-            if waiting:
+    Parameters
+    ----------
+    grid, readings : rows of the signals, and readings, of the stretch.
+    at_readings : the motion at the times of all readings.
+
+    Yields
+    ------
+    Index of the first, the columns on the grid or at the readings, and the port.
+    """
+    first, filters = 0, state.run.filters
+
+    def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
+        k, term = place
+        return k in copies, term.port, is_local(term.effect) and not filters.acts
+
+    for (copied, port, local), places in groupby(enumerate(terms), key=kind):
+        alike = [term for _, term in places]
+        if copied:
+            first += len(alike)
+            continue
+        s, rows = (state.signals, grid) if port == "output" else (at_readings(), readings)
+        if local:
+            s, rows = s.part(rows), slice(None)
+        waiting: list[Array] = []
+        for column in evaluate(alike, s):
+            if filters.acts:
+                output = port == "output"
+                column = filters.behind(column, s.step) if output else filters.behind_at(state.run.t, column)
+            waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
+            if len(waiting) == PARALLEL:
                 yield first, waiting, port
-                first += len(waiting)
+                first, waiting = first + PARALLEL, []
+        if waiting:
+            yield first, waiting, port
+            first += len(waiting)
 
 
 def multiples(terms: Sequence[Term], s: Signals) -> dict[int, tuple[int, float]]:

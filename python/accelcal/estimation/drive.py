@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.signals import Signals
+
+INTERPOLATION: Literal["hold", "linear", "cubic"] = "cubic"
+"""Of the output between its samples."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +79,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
         stamps,
         run.driving.y,
         run.t - begin,
-        how="cubic",
+        how=INTERPOLATION,
         tau=run.tau(values),
         delay=values.time_offset,
         hole=HOLE * run.accel_step,
@@ -90,7 +94,7 @@ def drive(run: PreparedRun, values: Values, signals: Signals | None) -> DriveInt
         total = values.total("output", signals)
         if total is not None:
             total = filters.behind(total, signals.step)
-            once, twice, _ = _core.drive(t_grid, total, run.t, how="cubic", tau=0.0, delay=0.0, hole=np.inf)
+            once, twice, _ = _core.drive(t_grid, total, run.t, how=INTERPOLATION, tau=0.0, delay=0.0, hole=np.inf)
             first -= once
             second -= twice
         if any(values.additive("position")):

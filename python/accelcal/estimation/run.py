@@ -70,6 +70,13 @@ class PreparedRun:
     """Instants from which the position counts from another zero, s."""
     every: int = 1
     """One reading in so many is used."""
+    read: tuple[Array, Array] | None = None
+    """Times (s) and positions (m) of all readings, where only some are used."""
+
+    @property
+    def all_readings(self) -> tuple[Array, Array]:
+        """Times (s) and positions (m) of all readings, those among them that are not used."""
+        return (self.t, self.z) if self.read is None else self.read
 
     @property
     def rig(self) -> Rig:
@@ -254,6 +261,7 @@ def prepare(
     period = usual_step(part.t)
     every = reading_stride(t, z, part, period, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
     starts = new_starts(recording, t)
+    read = (t, z) if every > 1 else None
     if every > 1:
         t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
     run = PreparedRun(
@@ -267,6 +275,7 @@ def prepare(
         left_out=left_out,
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
         every=every,
+        read=read,
     )
     return run if every_reading else without_repeated_counts(run)
 
@@ -288,7 +297,8 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     t, z = distinct_readings(run.t, run.z, apart)
     if t is run.t or len(t) < MIN_READINGS:
         return run
-    return replace(run, t=t, z=z, reading_step=float(np.median(np.diff(t))), rounding=run.least_step)
+    step = float(np.median(np.diff(t)))
+    return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=run.all_readings)
 
 
 def reading_stride(t: Array, z: Array, accel: Channel, step: float, resolution: float) -> int:

@@ -1,0 +1,156 @@
+"""Two estimates of one record, by the replay and by the weak form: how far apart they are where nothing is wrong.
+
+From the top of the repository: python -m benches.engines [--regime NAME ...] [--records 16] [--seed 1] [--fault]
+Each record is honest; both engines fit the base model. With --fault the replay is given an output that is held or
+linear between its samples: where that moves its scale factor by ten standard deviations, the two must disagree.
+Outcomes are kept in OUT, and an interrupted run continues.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Literal
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from benches.outcomes import run_all
+from tests.regimes.regimes import TABLE
+from tests.regimes.rig import Planted
+from tests.regimes.trials import Trial
+
+from accelcal import Model, Recording
+from accelcal.diagnosis.independent_estimate import differences
+from accelcal.diagnosis.policy import ENGINES_APART
+from accelcal.estimation import drive
+from accelcal.estimation.estimate import solve_runs
+from accelcal.io import load
+
+FAULTS: tuple[Literal["hold", "linear"], ...] = ("hold", "linear")
+MOVED = 10.0
+"""Standard deviations by which a fault moves the scale factor of the replay, least, to be counted."""
+LEAST_FAULTS = 0.99
+"""Share of the faults that must be seen."""
+
+
+def run(trial: Trial) -> dict[str, Any]:
+    """Fit the base model to one record by both."""
+    return compared(trial.key, built(trial))
+
+
+def run_faulty(trial: Trial) -> dict[str, Any]:
+    """Fit it once as it should be, and once for each fault."""
+    recording, found = built(trial), {"key": trial.key}
+    with_fault: list[dict[str, Any]] = []
+    try:
+        healthy = solve_runs(Model.linear(), [recording])
+        std = float(np.sqrt(healthy.covariance[1, 1]))
+        for fault in FAULTS:
+            drive.INTERPOLATION = fault
+            one = compared(f"{trial.key}{fault}", recording)
+            if "values" in one:
+                moved = abs(one["values"]["scale_factor"] - healthy.states[0].values.by_name["scale_factor"])
+                with_fault.append({**one, "moved": moved / std})
+    except Exception as error:  # what no engine can fit is no comparison
+        return {**found, "error": f"{type(error).__name__}: {error}", "faults": []}
+    finally:
+        drive.INTERPOLATION = "cubic"
+    return {**found, "faults": with_fault}
+
+
+def built(trial: Trial) -> Recording:
+    """The recording of a trial, through its files."""
+    with tempfile.TemporaryDirectory() as folder:
+        return load(TABLE[trial.regime].build(trial.record_seed, Planted()).write(folder))
+
+
+def compared(key: str, recording: Recording) -> dict[str, Any]:
+    """Both estimates of the base model on a record."""
+    outcome: dict[str, Any] = {"key": key}
+    try:
+        begin = time.process_time()
+        solution = solve_runs(Model.linear(), [recording])
+        fitted = time.process_time()
+        found = differences(solution)
+    except Exception as error:
+        return {**outcome, "error": f"{type(error).__name__}: {error}"}
+    if not found:
+        return outcome
+    std = dict(zip([t.name for t, _ in solution.layout.slots], np.sqrt(np.diag(solution.covariance)), strict=True))
+    return {
+        **outcome,
+        "names": [one.name for one in found],
+        "sigma": [one.sigma for one in found],
+        "shift": [(one.weak - one.replay) / std[one.name] for one in found],
+        "values": dict(solution.states[0].values.by_name),
+        "fit": fitted - begin,
+        "both": time.process_time() - fitted,
+    }
+
+
+def worst(outcome: dict[str, Any]) -> float:
+    """Largest difference, in its standard deviations; 0 where nothing was compared."""
+    return max((abs(sigma) for sigma in outcome.get("sigma", ())), default=0.0)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing; print counts and thresholds."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--regime", nargs="+", default=["*"], help="names, all by default")
+    parser.add_argument("--records", type=int, default=16, help="of each regime")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--fault", action="store_true", help="spoil the replay")
+    parser.add_argument("--out", type=Path, default=Path("build/engines"))
+    parser.add_argument("--workers", type=int, default=2)
+    chosen = parser.parse_args(arguments)
+    names = [name for name in TABLE if any(fnmatchcase(name, pattern) for pattern in chosen.regime)]
+    trials = [Trial(name, number, chosen.seed) for number in range(chosen.records) for name in names]
+    if chosen.fault:
+        return faults(run_all(run_faulty, trials, chosen.out / "faults.jsonl", chosen.workers))
+    return nulls(run_all(run, trials, chosen.out / "null.jsonl", chosen.workers))
+
+
+def nulls(outcomes: Sequence[dict[str, Any]]) -> int:
+    """Print every alarm, then counts; 1 where there are too many."""
+    refused = [one for one in outcomes if "error" in one]
+    compared = [one for one in outcomes if one.get("sigma")]
+    none = len(outcomes) - len(refused) - len(compared)
+    alarms = [one for one in compared if worst(one) > ENGINES_APART]
+    for one in alarms:
+        k = int(np.argmax(np.abs(one["sigma"])))
+        print(
+            f"{one['key']}: {one['names'][k]} {one['sigma'][k]:.1f} standard deviations of the difference, "
+            f"{one['shift'][k]:.2f} of the estimate"
+        )
+    shift = np.abs(np.concatenate([one["shift"] for one in compared]))
+    allowed = max(3, round(1e-3 * len(compared)))
+    print(f"{len(outcomes)} records, {len(refused)} that no fit takes, {none} that are not compared")
+    middle, most = np.median(shift), np.quantile(shift, 0.99)
+    print(f"|difference| over the uncertainty: median {middle:.3f} (at most 0.5), 99 % {most:.2f}")
+    print(f"alarms: {len(alarms)} of {len(compared)} (at most {allowed})")
+    both, fit = (sum(one[name] for one in compared) for name in ("both", "fit"))
+    print(f"processor time of the comparison over that of the fit: {both / fit:.2f}")
+    return 0 if len(alarms) <= allowed else 1
+
+
+def faults(outcomes: Sequence[dict[str, Any]]) -> int:
+    """Print every fault that is not seen, then counts; 1 where there are too many."""
+    counted = [one for outcome in outcomes for one in outcome["faults"] if one["moved"] >= MOVED and one.get("sigma")]
+    seen = [one for one in counted if worst(one) > ENGINES_APART]
+    for one in counted:
+        if one not in seen:
+            print(
+                f"{one['key']}: the scale factor moves by {one['moved']:.0f} standard deviations, {worst(one):.1f} seen"
+            )
+    print(f"faults that are seen: {len(seen)} of {len(counted)} (at least {LEAST_FAULTS:.0%})")
+    return 0 if len(seen) >= LEAST_FAULTS * len(counted) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

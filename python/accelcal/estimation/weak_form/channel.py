@@ -1,0 +1,77 @@
+"""One channel of a run against the test functions: sums that are integrals, whatever its stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from scipy.sparse import csr_array as Sparse
+
+from accelcal.data.arrays import Array
+from accelcal.estimation.channel_filters import GRID_ERROR
+from accelcal.estimation.weak_form.splines import Splines
+from accelcal.signals.processing import low_pass
+
+CARRIER_CUTOFF = 0.3
+"""Bandwidth of the smooth carrier of an uneven channel over the rate of the test functions."""
+CARRIER_DEGREE = 5
+"""Of the splines that lead from uneven stamps to even ones and back."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledChannel:
+    """Samples, the time that each stands for, and what a smooth carrier of uneven samples adds.
+
+    A sum over even samples against a test function is its integral but for aliases, which the test function does not
+    pass. Of uneven samples a smooth carrier is taken off, whose integral is found on even times: what is left is noise,
+    and the sum of it needs no more than the trapezoid rule.
+    """
+
+    t: Array
+    """(n,) s."""
+    y: Array
+    """(n,), the carrier taken off."""
+    weight: Array
+    """Time that each sample stands for, (n,) s."""
+    carrier_t: Array
+    """Even times, (m,) s; empty where the samples are even themselves."""
+    carrier_y: Array
+    """(m,)"""
+
+    @classmethod
+    def of(cls, t: Array, y: Array, step: float, rate: float) -> SampledChannel:
+        """A channel with samples every `step` s, for test functions at a rate in Hz."""
+        none = np.empty(0)
+        even = float(t[-1] - t[0]) / max(1, len(t) - 1)
+        if float(np.max(np.abs(t - t[0] - even * np.arange(len(t))), initial=0.0)) < GRID_ERROR**2 * step:
+            return cls(t, y, np.full(len(t), even), none, none)
+        weight = np.gradient(t)
+        at = np.arange(t[0], t[-1] + 0.5 * step, step)
+        at = at[at <= t[-1]]
+        carrier = low_pass(through(t, y)(at), 1.0 / step, CARRIER_CUTOFF * rate)
+        return cls(t, y - through(at, carrier)(np.clip(t, at[0], at[-1])), weight, at, carrier)
+
+    def sums(self, splines: Splines, order: int, weights: Sparse, rows: slice) -> Array:
+        """Integrals of the channel against the derivatives of the test functions, (count,).
+
+        `weights` are those of the samples in `rows`.
+        """
+        found = np.asarray(weights @ self.y[rows])
+        if len(self.carrier_t):
+            near = covering(self.carrier_t, splines)
+            t, y = self.carrier_t[near], self.carrier_y[near]
+            step = float(self.carrier_t[1] - self.carrier_t[0])
+            found += splines.weights(t, order, np.full(len(t), step)) @ y
+        return found
+
+
+def through(t: Array, y: Array) -> scipy.interpolate.BSpline:
+    """A smooth function through samples."""
+    return scipy.interpolate.make_interp_spline(t, y, k=CARRIER_DEGREE)
+
+
+def covering(t: Array, splines: Splines) -> slice:
+    """Samples within the supports of the test functions."""
+    end = splines.start + (splines.count - 1) * splines.step + splines.support
+    return slice(*np.searchsorted(t, [splines.start, end]))

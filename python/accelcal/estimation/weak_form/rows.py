@@ -1,0 +1,382 @@
+"""Rows of the weak form of one run, whitened by their exact covariance: what `ColumnFilter` offers, made without a
+filter."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+from scipy.sparse import csr_array as Sparse
+
+from accelcal.data.arrays import Array, Flags
+from accelcal.estimation.channel_filters import HOLE
+from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
+from accelcal.estimation.run_state import RunState
+from accelcal.estimation.smoothing import held_after
+from accelcal.estimation.values import Noise
+from accelcal.estimation.weak_form.channel import SampledChannel, covering
+from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
+from accelcal.model import Term
+from accelcal.signals.signals import Signals
+
+TOGETHER = 4096
+"""Test functions whose sums are taken at a time."""
+FEWEST_ROWS = 64
+"""Fewer rows than this are no regression."""
+LEAST_STEPS = 400
+"""Steps of the test functions in a record, least: half a test function is lost at either end, 1 % of it each."""
+RESOLVED = 1.2
+"""Steps of a channel between two test functions, least, where it is no whole number: aliases then stay below 1e-8."""
+WHOLE = 1e-3
+"""Distance from a whole number that counts as one."""
+LOST = 1.5
+"""Spacing of output samples, in their steps, beyond which no test function crosses it."""
+
+
+class NoWeakForm(ValueError):
+    """A run has no weak form; the text says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Covariance:
+    """Covariance of the rows, q of_output + r of_readings + extra, by diagonals (DEGREE + 1, rows), lowest first."""
+
+    of_output: Array
+    of_readings: Array
+    extra: Array
+
+    def at(self, q: float, r: float) -> Array:
+        """Diagonals at a density of process noise, (m/s²)²/Hz, and a variance of a reading, m²."""
+        return q * self.of_output + r * self.of_readings + self.extra
+
+    def part(self, rows: slice) -> Covariance:
+        """Of successive rows."""
+        return Covariance(*(each[:, rows] for each in (self.of_output, self.of_readings, self.extra)))
+
+
+class WeakRows:
+    """Innovations and columns of the weak form of one run (derivations 6.15).
+
+    For a test function phi and noise-free channels <phi'', z> = <phi, p''>; what the model takes for p'' leaves
+    <phi'', z> - <phi, p''(u)> = noise, whose covariance over overlapping test functions is known exactly.
+
+    Parameters
+    ----------
+    state : a run at given coefficients; its smoothed motion makes the columns, its noise whitens them.
+
+    Raises
+    ------
+    NoWeakForm
+        If the run is too short or broken, or its output has passed a high-pass.
+    """
+
+    group = 1
+
+    def __init__(self, state: RunState) -> None:
+        self.state = state
+        self.signals: Signals = state.signals
+        run, values = state.run, state.values
+        if run.filters.blocking:
+            raise NoWeakForm("the output has passed a high-pass, whose state at the start is not known")
+        stamps = values.instants(run.driving.t, run.origins.t)
+        if len(stamps) <= DEGREE:
+            raise NoWeakForm("the record is too short")
+        self._tau = run.tau(values)
+        t, z = self._read()
+        self._reading_step = float(np.median(np.diff(t)))
+        begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1])
+        self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
+        self._gain = run.rig.polarity / values.scale
+        self._readings = SampledChannel.of(t, z - np.mean(z), self._reading_step, self.full_rate)
+        output = run.driving.y - values.bias * run.filters.at_rest
+        self._output = SampledChannel.of(stamps, output, run.accel_step, self.full_rate)
+        self._kept = self._whole_ones(stamps)
+        if int(np.count_nonzero(self._kept)) < FEWEST_ROWS:
+            raise NoWeakForm("the record is too short, or breaks off too often")
+        self.raw, self.covariance = self._summed()
+        self.noise = state.noise
+        self._last: tuple[slice, slice, slice, Sparse, Sparse] | None = None
+
+    def at_noise(self, noise: Noise) -> WeakRows:
+        """The same rows, whitened at another noise."""
+        one = copy.copy(self)
+        one.noise = noise
+        for name in ("factor", "whitened"):
+            one.__dict__.pop(name, None)
+        return one
+
+    def _read(self) -> tuple[Array, Array]:
+        """Times and positions of all readings, what the model adds to them taken off, as `drive` does; no noise that
+        two readings share has to be thinned out here."""
+        run, values = self.state.run, self.state.values
+        if run.read is None:
+            return run.t, self.state.drive.z
+        t, z = run.read
+        added = values.total("position", self.at_readings) if any(values.additive("position")) else None
+        return t, z if added is None else z - run.filters.behind_at(t, added)
+
+    def _step(self, span: float) -> float:
+        """Spacing of the test functions over a span, s: as narrow as the motion and the crossover ask for, and the
+        channels allow."""
+        run, noise = self.state.run, self.state.noise.usual
+        crossover = (noise.q / (noise.r * self._reading_step)) ** 0.25 / (2.0 * np.pi)
+        highest = max(self.signals.cutoff, crossover)
+        widest = min(1.0 / (OVERSAMPLING * highest), span / LEAST_STEPS)
+        every = max(1, int(widest / self._reading_step))
+        while not resolved(every * self._reading_step / run.accel_step):
+            every += 1
+        return every * self._reading_step
+
+    @property
+    def full_rate(self) -> float:
+        """Of the test functions, Hz."""
+        return 1.0 / self.splines.step
+
+    @property
+    def rate(self) -> float:
+        """Of the rows, Hz; those that a break takes away are not missed."""
+        return self.full_rate
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.raw)
+
+    @property
+    def times(self) -> Array:
+        """Middle of the test function of each row, (rows,) s."""
+        return (self.splines.begins + 0.5 * self.splines.support)[self._kept]
+
+    @cached_property
+    def factor(self) -> Array:
+        """Cholesky factor of the covariance at the noise, by its diagonals."""
+        return factor(self.covariance.at(self.noise.q, self.noise.r))
+
+    @cached_property
+    def whitened(self) -> Array:
+        """Innovations, (rows,)."""
+        return solved(self.factor, self.raw[:, None])[:, 0]
+
+    @cached_property
+    def at_readings(self) -> Signals:
+        """The motion at the times of the readings, where effects of the encoder are evaluated."""
+        return self.signals.resampled(self.state.run.all_readings[0] - self.state.run.origins.t)
+
+    def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
+        """Whitened columns, stretch by stretch.
+
+        Yields
+        ------
+        The rows of the stretch, and the columns (terms, rows of the stretch) in the order of the terms.
+        """
+        copies = multiples(terms, self.signals)
+        whiten, begin = Whitening(self.factor, len(terms)), 0
+        for part in self._parts(max(DEGREE + 1, MOST_SUMS // max(1, len(terms)))):
+            kept = self._kept[part]
+            columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
+            grid, readings, of_grid, of_readings = self._weights(part)
+            for first, found, port in column_parts(self.state, terms, grid, readings, lambda: self.at_readings, copies):
+                weights, factor = (of_grid, -self._gain) if port == "output" else (of_readings, 1.0)
+                columns[:, first : first + len(found)] = (weights @ np.column_stack(found))[kept] * factor
+            for k, (source, times) in copies.items():
+                columns[:, k] = columns[:, source] * times
+            rows = slice(begin, begin + len(columns))
+            yield rows, whiten(rows, columns).T
+            begin = rows.stop
+
+    def whole(self, terms: Sequence[Term]) -> Array:
+        """A few whitened columns over the whole run, (terms, rows)."""
+        found = np.empty((len(terms), self.rows))
+        for rows, part in self.stretches(terms):
+            found[:, rows] = part
+        return found
+
+    def _parts(self, most: int) -> list[slice]:
+        """Test functions in stretches of at most so many."""
+        count = self.splines.count
+        return [slice(begin, min(begin + most, count)) for begin in range(0, count, most)]
+
+    def _whole_ones(self, stamps: Array) -> Flags:
+        """Test functions that no break of a channel and no new zero of the position lies in, (count,)."""
+        run, begins = self.state.run, self.splines.begins
+        lost = np.flatnonzero(np.diff(stamps) > LOST * run.accel_step)
+        spans = [np.column_stack([stamps[lost], stamps[lost + 1]])]
+        t, step = self._readings.t, self._reading_step
+        lost = np.flatnonzero(np.diff(t) > min(max(self.splines.step, LOST * step), HOLE * step))
+        spans.append(np.column_stack([t[lost], t[lost + 1]]))
+        again = np.flatnonzero(self.state.drive.restart[1:])
+        spans.append(np.column_stack([run.t[again], run.t[again + 1]]))
+        kept = np.ones(self.splines.count, dtype=np.bool_)
+        for begin, end in np.concatenate(spans):
+            kept[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
+        return kept
+
+    def _summed(self) -> tuple[Array, Covariance]:
+        """<phi'', z> - <phi, p''(u)> of all rows, and their covariance."""
+        run, s = self.state.run, self.signals
+        total = self.state.values.total("output", s)
+        added = np.zeros(len(s.t)) if total is None else run.filters.behind(total, s.step)
+        if run.gravity.channel is None:
+            added += run.gravity.constant * run.filters.at_rest / self._gain
+        else:
+            at = np.asarray(run.gravity.at(s.t + run.origins.t))
+            added += run.filters.behind(at, s.step) / self._gain
+        extra_q = held_after(self.state.drive, self._output.t)
+        extra_r = self.state.drive.extra_r
+        if len(extra_r):
+            extra_r = np.interp(self._readings.t, run.t, extra_r)
+        rows, covariances = [], []
+        for part in self._parts(TOGETHER):
+            # The covariance reaches DEGREE rows beyond the part.
+            wide = slice(part.start, min(part.stop + DEGREE, self.splines.count))
+            kept = self._kept[wide]
+            inner = int(np.count_nonzero(self._kept[part]))
+            samples, of_output = self._of_output(wide)
+            readings, of_readings = self._of_readings(wide)
+            grid, of_grid = self._of_grid(part)
+            splines = self.splines.part(part.start, part.stop)
+            count = splines.count
+            y = self._readings.sums(splines, 2, of_readings[:count], readings)
+            y -= self._gain * self._integral_of_output(splines, of_output[:count], samples)
+            y += self._gain * (of_grid @ added[grid])
+            rows.append(y[self._kept[part]])
+            variance = self._variances(of_output[kept], of_readings[kept], extra_q[samples], extra_r, readings)
+            covariances.append([each[:, :inner] for each in variance])
+        found = [np.concatenate(each, axis=1) for each in zip(*covariances, strict=True)]
+        return np.concatenate(rows), Covariance(*found)
+
+    def _variances(
+        self, of_output: Sparse, of_readings: Sparse, extra_q: Array, extra_r: Array, readings: slice
+    ) -> tuple[Array, Array, Array]:
+        """Covariance of rows from unit noise of the output, of the readings, and from what varies along the record."""
+        step = self.state.run.accel_step
+        unit, one = bands(of_output, 1.0 / step), bands(of_readings)
+        extra = np.zeros_like(one)
+        if np.any(extra_q):
+            extra += bands(of_output, extra_q / step)
+        if len(extra_r) and np.any(extra_r[readings]):
+            extra += bands(of_readings, extra_r[readings])
+        return unit, one, extra
+
+    def _integral_of_output(self, splines: Splines, weights: Sparse, samples: slice) -> Array:
+        """<phi, u> with a first-order low-pass undone, (count,)."""
+        found = self._output.sums(splines, 0, weights, samples)
+        if self._tau and len(self._output.carrier_t):  # the weights hold it for the samples
+            near = covering(self._output.carrier_t, splines)
+            t, y = self._output.carrier_t[near], self._output.carrier_y[near]
+            step = np.full(len(t), self._output.carrier_t[1] - self._output.carrier_t[0])
+            found -= self._tau * (splines.weights(t, 1, step) @ y)
+        return found
+
+    def _of_output(self, part: slice) -> tuple[slice, Sparse]:
+        """Samples within some test functions, and their weights: <phi - tau phi', u> undoes a low-pass of tau."""
+        splines = self.splines.part(part.start, part.stop)
+        samples = covering(self._output.t, splines)
+        t, weight = self._output.t[samples], self._output.weight[samples]
+        found = splines.weights(t, 0, weight)
+        if self._tau:
+            found = found - self._tau * splines.weights(t, 1, weight)
+        return samples, found
+
+    def _of_readings(self, part: slice) -> tuple[slice, Sparse]:
+        """Readings within some test functions, and their weights in the second derivative."""
+        splines = self.splines.part(part.start, part.stop)
+        readings = covering(self._readings.t, splines)
+        return readings, splines.weights(self._readings.t[readings], 2, self._readings.weight[readings])
+
+    def _of_grid(self, part: slice) -> tuple[slice, Sparse]:
+        """Rows of the signals within some test functions, and their weights; refined where the grid is coarse."""
+        splines, s = self.splines.part(part.start, part.stop), self.signals
+        t = s.t + self.state.run.origins.t
+        near = covering(t, splines)
+        grid = slice(max(0, near.start - 2), min(len(t), near.stop + 2))
+        between = math.ceil(RESOLVED * s.step / splines.step)
+        if between <= 1:
+            return grid, splines.weights(t[grid], 0, np.full(grid.stop - grid.start, s.step))
+        fine, filled = refined(t[grid], between)
+        return grid, (splines.weights(fine, 0, np.full(len(fine), s.step / between)) @ filled).tocsr()
+
+    def _weights(self, part: slice) -> tuple[slice, slice, Sparse, Sparse]:
+        """Rows of the signals and readings of a stretch, and their weights; those of the last stretch are kept."""
+        if self._last is None or self._last[0] != part:
+            grid, of_grid = self._of_grid(part)
+            readings, of_readings = self._of_readings(part)
+            self._last = part, grid, readings, of_grid, of_readings
+        return self._last[1:]
+
+
+class Whitening:
+    """Forward substitution of many columns, stretch by stretch."""
+
+    def __init__(self, factor: Array, columns: int) -> None:
+        self.factor = factor
+        self.before = np.zeros((0, columns))
+
+    def __call__(self, rows: slice, y: Array) -> Array:
+        """Whiten the columns (rows, m) of the stretch that follows the last."""
+        reach = len(self.before)
+        y = np.array(y, order="F")
+        for back in range(1, reach + 1):  # row i - back of the stretch before, for i of this
+            for i in range(min(DEGREE, len(y))):
+                k = back + i
+                if k <= DEGREE:
+                    y[i] -= self.factor[k, rows.start - back] * self.before[reach - back]
+        found = solved(self.factor[:, rows], y)
+        self.before = np.concatenate([self.before, found])[-DEGREE:]
+        return found
+
+
+def splines_over(begin: float, end: float, step: float) -> Splines:
+    """Test functions that lie within a span, s."""
+    return Splines(begin, step, max(0, int((end - begin) / step) - DEGREE))
+
+
+def resolved(steps: float) -> bool:
+    """Whether test functions so many samples apart take sums for integrals."""
+    return steps >= RESOLVED or (round(steps) >= 1 and abs(steps - round(steps)) < WHOLE)
+
+
+def refined(t: Array, between: int) -> tuple[Array, Sparse]:
+    """Times with so many steps in place of one, and the matrix that leads there from the samples by cubics."""
+    n = len(t)
+    place = np.arange((n - 1) * between + 1) / between
+    cell = np.clip(place.astype(np.intp) - 1, 0, n - 4)
+    u = place - cell  # the four samples lie at 0, 1, 2, 3
+    weights = np.column_stack(
+        [
+            (u - 1.0) * (u - 2.0) * (u - 3.0) / -6.0,
+            u * (u - 2.0) * (u - 3.0) / 2.0,
+            u * (u - 1.0) * (u - 3.0) / -2.0,
+            u * (u - 1.0) * (u - 2.0) / 6.0,
+        ]
+    )
+    rows = np.repeat(np.arange(len(place)), 4)
+    columns = (cell[:, None] + np.arange(4)).ravel()
+    fine = t[0] + place * float((t[-1] - t[0]) / (n - 1))
+    return fine, Sparse((weights.ravel(), (rows, columns)), shape=(len(place), n))
+
+
+def factor(diagonals: Array) -> Array:
+    """Cholesky factor of a banded covariance, by its diagonals.
+
+    Raises
+    ------
+    NoWeakForm
+        If it is not positive definite.
+    """
+    try:
+        return np.asarray(scipy.linalg.cholesky_banded(diagonals, lower=True))
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise NoWeakForm(f"the covariance of its rows is not positive definite: {error}") from error
+
+
+def solved(factor: Array, y: Array) -> Array:
+    """Forward substitution, (rows, m)."""
+    found, info = scipy.linalg.lapack.dtbtrs(np.asfortranarray(factor), np.asfortranarray(y), uplo=b"L")
+    assert info == 0
+    return np.asarray(found)

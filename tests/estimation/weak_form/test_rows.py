@@ -1,0 +1,130 @@
+"""Rows of the weak form: white where the model is right, and of the same information as those of the replay."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import scipy
+
+import accelcal as ac
+from accelcal.data.channel_filter import ChannelFilter
+from accelcal.estimation.columns import ColumnFilter
+from accelcal.estimation.estimate import solve_runs
+from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.weak_form import rows as weak
+from accelcal.estimation.weak_form.noise import with_noise
+from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows, refined
+from tests.hostile.case import case_rng
+
+MODEL = ac.Model.linear().add("cubic")
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
+MOTIONS = ("interleaved", "tones", "moves")
+
+
+def recording(motion: str, number: int, rig: ac.Rig = ac.CXL02_RIG) -> ac.Recording:
+    rng = case_rng(f"weak form {motion}", number)
+    return ac.simulate(motion, seconds=30.0, rig=rig, parameters=TRUTH, rng=rng).recording
+
+
+@cache
+def solution(motion: str, number: int = 0) -> Solution:
+    return solve_runs(MODEL, [recording(motion, number)])
+
+
+def gap(channel: ac.Channel, begin: float, end: float) -> ac.Channel:
+    kept = (channel.t < begin) | (channel.t > end)
+    return replace(channel, t=channel.t[kept], y=channel.y[kept])
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_innovations_are_white_and_of_unit_variance(motion: str) -> None:
+    rows = WeakRows(solution(motion).states[0])
+    y, n = rows.whitened, rows.rows
+    variance, correlation = float(np.mean(y**2)), float(np.mean(y[1:] * y[:-1]))
+    # Noise was estimated by the replay, whose own innovations leave it to a few per cent.
+    print(f"{motion}: variance {variance:.3f} (0.9 to 1.1), correlation of neighbours {correlation:+.3f} of {n} rows")
+    assert 0.9 < variance < 1.1
+    assert abs(correlation) < 5.0 / np.sqrt(n)
+
+
+def test_noise_that_is_not_that_of_the_rows_is_seen() -> None:
+    state = solution("moves").states[0]
+    rows = WeakRows(state)
+    wrong = rows.at_noise(replace(state.noise, r=4.0 * state.noise.r)).whitened
+    assert float(np.mean(wrong**2)) < 0.8
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_estimates_and_uncertainties_are_those_of_the_replay(motion: str) -> None:
+    """A step from the estimates of the replay at the noise of the weak form's own likelihood goes nowhere."""
+    found = solution(motion)
+    rows = with_noise(WeakRows(found.states[0]))
+    X, y = rows.whole(found.model.free), rows.whitened
+    covariance = np.linalg.inv(X @ X.T)
+    std = np.sqrt(np.diag(found.covariance))
+    moved, ratio = covariance @ (X @ y) / std, np.sqrt(np.diag(covariance)) / std
+    print(f"{motion}: moved by {np.abs(moved).max():.3f} standard deviations (0.3), ratio {np.round(ratio, 3)} (5 %)")
+    assert np.max(np.abs(moved)) < 0.3
+    assert np.all(np.abs(ratio - 1.0) < 0.05)
+
+
+def test_the_covariance_is_that_of_drawn_noise() -> None:
+    """Sums of drawn samples, over many draws, have the covariance that is claimed for them."""
+    state = solution("interleaved").states[0]
+    rows, draws, rng = WeakRows(state), 400, case_rng("weak form drawn", 0)
+    part = slice(0, 200)
+    samples, of_output = rows._of_output(part)
+    readings, of_readings = rows._of_readings(part)
+    q, r, step = state.noise.q, state.noise.r, state.run.accel_step
+    noise = of_readings @ rng.normal(0.0, np.sqrt(r), (readings.stop - readings.start, draws))
+    noise -= of_output @ rng.normal(0.0, np.sqrt(q / step), (samples.stop - samples.start, draws))
+    whitened = weak.solved(weak.factor(rows.covariance.part(part).at(q, r)), noise)
+    chi2 = float(np.sum(whitened**2))
+    low, high = scipy.stats.chi2.ppf([1e-4, 1.0 - 1e-4], whitened.size)
+    print(f"chi-square {chi2:.0f} of {whitened.size} ({low:.0f} to {high:.0f})")
+    assert low < chi2 < high
+
+
+def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = WeakRows(solution("moves").states[0])
+    whole = rows.whole(MODEL.terms)
+    monkeypatch.setattr(weak, "MOST_SUMS", 1000 * len(MODEL.terms))
+    parts = list(rows.stretches(MODEL.terms))
+    assert len(parts) > 3
+    assert np.allclose(np.concatenate([part for _, part in parts], axis=1), whole, rtol=1e-9, atol=1e-9)
+
+
+def test_no_row_crosses_a_break() -> None:
+    made = recording("moves", 1)
+    broken = replace(made, position=gap(made.position, 10.0, 11.0), accel=gap(made.accel, 20.0, 20.5))
+    rows = WeakRows(solve_runs(MODEL, [broken]).states[0])
+    half = 0.5 * rows.splines.support
+    for begin, end in ((10.0, 11.0), (20.0, 20.5)):
+        inside = (rows.times + half > begin + 0.01) & (rows.times - half < end - 0.01)
+        assert not np.any(inside)
+    assert rows.rows > 0.8 * rows.splines.count
+    assert abs(float(np.mean(rows.whitened**2)) - 1.0) < 0.1
+
+
+def test_columns_answer_to_what_the_search_asks() -> None:
+    """Both makers of rows offer the same names."""
+    state = solution("moves").states[0]
+    for name in ("rate", "rows", "times", "whitened", "whole", "stretches", "group"):
+        assert hasattr(WeakRows(state), name)
+        assert hasattr(ColumnFilter(state), name)
+
+
+def test_a_run_behind_a_high_pass_has_none() -> None:
+    rig = replace(ac.CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
+    state = solve_runs(ac.Model.linear(), [replace(recording("moves", 2), rig=rig)]).states[0]
+    with pytest.raises(NoWeakForm, match="high-pass"):
+        WeakRows(state)
+
+
+def test_a_refined_grid_holds_cubics() -> None:
+    t = np.arange(0.0, 1.0, 0.01)
+    fine, matrix = refined(t, 3)
+    assert np.allclose(matrix @ (t**3 - t), fine**3 - fine, atol=1e-13)
