@@ -12,6 +12,7 @@ import numpy as np
 from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, is_local
+from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Term, evaluate
 from accelcal.signals.signals import Signals
@@ -202,7 +203,7 @@ class ColumnFilter:
             sums = buffer[: len(terms) * bank.rows].reshape(len(terms), bank.rows)
             grid = grid_rows(self.state, readings)
             for first, columns, port in column_parts(
-                self.state, terms, grid, readings, lambda: self.at_readings, copies
+                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
             ):
                 here = slice(first, first + len(columns))
                 if port == "output":
@@ -239,7 +240,8 @@ class ColumnFilter:
 
 
 def column_parts(
-    state: RunState,
+    run: PreparedRun,
+    signals: Signals,
     terms: Sequence[Term],
     grid: slice,
     readings: slice,
@@ -257,7 +259,7 @@ def column_parts(
     ------
     Index of the first, the columns on the grid or at the readings, and the port.
     """
-    first, filters = 0, state.run.filters
+    first, filters = 0, run.filters
 
     def kind(place: tuple[int, Term]) -> tuple[bool, str, bool]:
         k, term = place
@@ -268,14 +270,15 @@ def column_parts(
         if copied:
             first += len(alike)
             continue
-        s, rows = (state.signals, grid) if port == "output" else (at_readings(), readings)
+        s, rows = (signals, grid) if port == "output" else (at_readings(), readings)
         if local:
             s, rows = s.part(rows), slice(None)
         waiting: list[Array] = []
         for column in evaluate(alike, s):
             if filters.acts:
                 output = port == "output"
-                column = filters.behind(column, s.step) if output else filters.behind_at(state.run.t, column)
+                at = s.t + run.origins.t
+                column = filters.behind(column, s.step) if output else filters.behind_at(at, column)
             waiting.append(np.ascontiguousarray(column) if local else column[rows].copy())  # frees the whole one
             if len(waiting) == PARALLEL:
                 yield first, waiting, port

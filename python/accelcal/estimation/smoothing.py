@@ -57,6 +57,7 @@ def smoothed_signals(
     values: Values,
     before: Signals | None,
     cutoff: float | None = None,
+    taken_off: Array | None = None,
 ) -> Signals:
     """Smoothed motion: corrected output plus the smoothed process noise.
 
@@ -69,13 +70,18 @@ def smoothed_signals(
     noise, values : those that the filter was run with.
     before : motion that non-constant effects are evaluated on; None while there is none yet.
     cutoff : bandwidth, Hz; by default that of the motion itself.
+    taken_off : smoothed noise of the output at `uniform_times`, with the sign and scale of the stage, m/s²; by default
+        that of the track.
     """
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
     output = np.interp(values.stamps(t, run.origins.t), run.undone.t, run.undone.y)
     subtract_effects(output, run, t, values, before)
-    wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
+    if taken_off is None:
+        wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
+    else:
+        wanted = -taken_off
     gain, filters = run.rig.polarity / values.scale, run.filters
     crossover = run.crossover(noise)
     if cutoff is None:

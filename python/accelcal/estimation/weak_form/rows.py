@@ -6,7 +6,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,7 +17,7 @@ from accelcal.data.arrays import Array, Flags
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.smoothing import held_after
+from accelcal.estimation.smoothing import held_after, smoothed_signals, uniform_times
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.channel import SampledChannel, covering
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
@@ -72,7 +72,8 @@ class WeakRows:
     Raises
     ------
     NoWeakForm
-        If the run is too short or broken, or its output has passed a high-pass.
+        If the run is too short or broken, its output has passed a high-pass, or its position a filter while only some
+        readings are used.
     """
 
     group = 1
@@ -83,6 +84,8 @@ class WeakRows:
         run, values = state.run, state.values
         if run.filters.blocking:
             raise NoWeakForm("the output has passed a high-pass, whose state at the start is not known")
+        if run.filters.acts and run.read is not None:
+            raise NoWeakForm("the position is filtered, and only some of its readings are used")
         stamps = values.instants(run.driving.t, run.origins.t)
         if len(stamps) <= DEGREE:
             raise NoWeakForm("the record is too short")
@@ -101,6 +104,8 @@ class WeakRows:
         self.raw, self.covariance = self._summed()
         self.noise = state.noise
         self._last: tuple[slice, slice, slice, Sparse, Sparse] | None = None
+        if run.read is not None:  # the smoothed motion of fewer readings has noise that these rows would regress on
+            self.signals = self._smoothed()
 
     def at_noise(self, noise: Noise) -> WeakRows:
         """The same rows, whitened at another noise."""
@@ -180,7 +185,9 @@ class WeakRows:
             kept = self._kept[part]
             columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
             grid, readings, of_grid, of_readings = self._weights(part)
-            for first, found, port in column_parts(self.state, terms, grid, readings, lambda: self.at_readings, copies):
+            for first, found, port in column_parts(
+                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
+            ):
                 weights, factor = (of_grid, -self._gain) if port == "output" else (of_readings, 1.0)
                 columns[:, first : first + len(found)] = (weights @ np.column_stack(found))[kept] * factor
             for k, (source, times) in copies.items():
@@ -195,6 +202,24 @@ class WeakRows:
         for rows, part in self.stretches(terms):
             found[:, rows] = part
         return found
+
+    def _smoothed(self) -> Signals:
+        """The motion smoothed by these rows: the share of either channel is then that of the innovations, so that the
+        error of the regressors is not correlated with them."""
+        run, state, step = self.state.run, self.state, self.state.run.accel_step
+        weight = np.zeros(self.splines.count)
+        weight[self._kept] = scipy.linalg.cho_solve_banded((self.factor, True), self.raw)
+        noise = np.zeros(len(self._output.t))
+        for part in self._parts(TOGETHER):
+            samples, weights = self._of_output(part)
+            noise[samples] -= weights.T @ weight[part]
+        noise *= (self.noise.q + held_after(state.drive, self._output.t)) / step
+        t = uniform_times(run)
+        taken_off = np.interp(t, self._output.t, noise, left=0.0, right=0.0)
+        found = smoothed_signals(
+            run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, taken_off
+        )
+        return replace(found, reach=self.signals.reach)
 
     def _parts(self, most: int) -> list[slice]:
         """Test functions in stretches of at most so many."""
