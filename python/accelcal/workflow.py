@@ -32,12 +32,14 @@ from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
     Fit,
+    engine_of,
     estimate_dwells,
     restored_states,
     result,
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
+from accelcal.estimation.run import Engine
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
@@ -137,6 +139,7 @@ def diagnose(
             end=stretch.end,
             origins=fit.origins,
             others_whole=not stretch.chosen,
+            engine=engine_of(fit),
             report=within(report, 0.1, 0.3),
         )
 
@@ -218,6 +221,7 @@ def fit(
     band: float | None = None,
     origins: Origins | None = None,
     reject_outliers: bool = True,
+    method: Engine = "replay",
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a model to one or several recordings; samples that the noise of their channel does not allow are rejected.
@@ -229,6 +233,8 @@ def fit(
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
     origins : zero of time, position and temperature; by default those of the first recording.
+    method : "replay", a filter on position and velocity, or "weak", integrals against smooth test functions
+        (derivations 6.15); both give the same estimates where the record is what it should be.
     reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.estimate`.
     report : called with the share of the work that is done, 0 to 1.
 
@@ -263,7 +269,14 @@ def fit(
     several, broken = usable_recordings(several, start is not None or end is not None)
     share = 0.8 if reject_outliers else 1.0
     solution = solve_runs(
-        model, several, start=start, end=end, band=band, origins=origins, report=within(report, 0.0, share)
+        model,
+        several,
+        start=start,
+        end=end,
+        band=band,
+        origins=origins,
+        engine=method,
+        report=within(report, 0.0, share),
     )
     found = result(solution)
     if reject_outliers:
@@ -309,7 +322,7 @@ def fit_without_outliers(
     """
 
     def solve(these: Sequence[Recording]) -> Solution:
-        return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins)
+        return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins, engine=engine_of(fit))
 
     clean = clean_fit(recordings, solve, solved=solution)
     rejected = clean.rejected(recordings)
@@ -372,7 +385,8 @@ def add(
             model = model.alike(*instead).add(name)  # no single run shows it: the joint fit tells whether all do
             continue
         if states is None or model is not fit.model:
-            states = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.4)).states
+            shared = within(report, 0.0, 0.4)
+            states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=shared).states
         requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
@@ -383,7 +397,7 @@ def add(
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")
         model = requested.entered[0].enter(model)
-    solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.6, 0.9))
+    solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.6, 0.9))
     lost = [name for name in names if name not in solution.model.effects]
     if lost:
         raise ValueError(f"{lost[0]!r} cannot be added: these recordings do not tell it from the bias")
@@ -423,7 +437,7 @@ def drop(
     """
     several, broken = usable_recordings(runs_of(recordings))
     model = model_in_motion(fit).drop(*names)
-    solution = solve_runs(model, several, origins=fit.origins, report=within(report, 0.0, 0.9))
+    solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.0, 0.9))
     left, solution = fit_without_outliers(result(solution), solution, several)
     return with_breaks(with_noise_effects(left, several, solution.states), broken)
 

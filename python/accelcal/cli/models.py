@@ -63,7 +63,7 @@ def fit(
     start: From = None,
     end: To = None,
     band: Band = None,
-    method: Annotated[str, typer.Option("--method", help="replay, aci or cwpa.")] = "replay",
+    method: Annotated[str, typer.Option("--method", help="replay, weak, aci or cwpa.")] = "replay",
     form: Annotated[str, typer.Option("--form", help="aci: forward or inverse.")] = "forward",
     interpolation: Annotated[str, typer.Option("--interpolation", help="aci: hold, linear or cubic.")] = "cubic",
     integrator: Annotated[str, typer.Option("--integrator", help="aci: rk2, rk4 or exact.")] = "exact",
@@ -84,7 +84,7 @@ def fit(
     from accelcal.data.recording import Recording
     from accelcal.model import Model
     from accelcal.serialization import model_file
-    from accelcal.workflow import fit as fit_replay
+    from accelcal.workflow import fit as fit_runs
 
     chosen = {"linear": Model.linear, "cubic": Model.cubic}.get(model)
     if chosen is None:
@@ -92,7 +92,7 @@ def fit(
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
     recordings = [load_run(path, rig) for path in runs]
-    if method == "replay":
+    if method in ("replay", "weak"):
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
             if source is not None and source.name == "COMMANDLINE":
@@ -100,8 +100,14 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            found = fit_replay(
-                varying(chosen(), vary or []), recordings, start=begin, end=stop, band=width, report=report
+            found = fit_runs(
+                varying(chosen(), vary or []),
+                recordings,
+                start=begin,
+                end=stop,
+                band=width,
+                method="weak" if method == "weak" else "replay",
+                report=report,
             )
     else:
         if vary:
@@ -148,7 +154,7 @@ def filter_choice(
     )
     for option, value, known in allowed:
         if value not in known:
-            expected = ", ".join(str(k) for k in (*(("replay",) if option == "--method" else ()), *known))
+            expected = ", ".join(str(k) for k in (*(("replay", "weak") if option == "--method" else ()), *known))
             raise UsageError(f"{option} {value!r}: expected one of {expected}")
     return FilterChoice(
         system=method,  # type: ignore[arg-type]

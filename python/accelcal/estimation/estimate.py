@@ -36,7 +36,7 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.run import Engine, PreparedRun, prepare
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -303,12 +303,13 @@ def solve_runs(
     band: float | None = None,
     origins: Origins | None = None,
     others_whole: bool = False,
+    engine: Engine = "replay",
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
 
-    Parameters and errors are those of :func:`fit`; with `others_whole`, `start` and `end` are those of the first
-    recording alone: each has a clock of its own.
+    Parameters and errors are those of :func:`fit`; `engine` makes the rows of the regression; with `others_whole`,
+    `start` and `end` are those of the first recording alone: each has a clock of its own.
     """
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
@@ -318,6 +319,7 @@ def solve_runs(
     first = prepare(recordings[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
     runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
+    runs = [replace(run, engine=engine) for run in runs]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -333,6 +335,11 @@ def solve_runs(
             solution = replace(iterate(model, runs, bands, report), chosen=tuple(bands))
         solution = replace(solution, by_band=tuple(trials))
     return replace(refine_shapes(solution), seen_by_runs=seen)
+
+
+def engine_of(fit: Fit) -> Engine:
+    """What made the rows that a fit was made from; the replay for fits of other kinds."""
+    return "weak" if fit.method == "weak" else "replay"
 
 
 def require_process_size(model: Model) -> None:
@@ -365,7 +372,7 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
         return None
     states = []
     for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = prepare(recording, fit.origins)
+        run = replace(prepare(recording, fit.origins), engine=engine_of(fit))
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None
@@ -482,6 +489,7 @@ def result(solution: Solution) -> Fit:
         runs=fits,
         origins=runs[0].origins,
         rig=runs[0].rig,
+        method=runs[0].engine,
         validity=validity(states),
         remarks=tuple(remarks),
         shapes=(*solution.shapes, *held_shapes(model)),

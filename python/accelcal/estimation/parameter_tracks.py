@@ -12,7 +12,7 @@ from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
-from accelcal.estimation.estimate import Fit, solve_runs
+from accelcal.estimation.estimate import Fit, engine_of, solve_runs
 from accelcal.estimation.rows import rows_of_run
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def track(
     as a Kalman filter with the parameters in its state would. Noise and smoothed regressors are those of the whole
     record. Where a band was imposed, deviations are scaled to the robust ones at the end.
     """
-    solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins)
+    solution = solve_runs(fit.model, [recording], start=start, end=end, origins=fit.origins, engine=engine_of(fit))
     state, model = solution.states[0], solution.model
     run = state.run
     belief = solution.layout.prior_information(model)

@@ -11,12 +11,24 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
 from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
+from accelcal.estimation.noise import NoiseSearch
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.weak_form.noise import with_noise
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term
 
 Rows = tuple[Array, Array, Array]
 """Times (n,) s, columns (n, m), innovations (n,)."""
+
+
+def sums_of(state: RunState) -> ColumnFilter | WeakRows:
+    """What makes innovations and columns of a run at a rate that its motion needs."""
+    if state.run.engine == "replay":
+        return ColumnFilter(state)
+    if state.weak is None:
+        state.weak = WeakRows(state)
+    return state.weak
 
 
 def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
@@ -24,12 +36,16 @@ def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
 
     A run whose noise is not white is one stretch of sums.
     """
-    if state.spectrum is None:
+    if state.spectrum is None and state.run.engine == "weak":
+        rows = sums_of(state)
+        for part, columns in rows.stretches(terms):
+            yield rows.times[part], columns.T, rows.whitened[part]
+    elif state.spectrum is None:
         for readings, columns in whitened_columns(state, terms):
             kept = state.counts[readings]
             yield state.run.t[readings][kept], columns, state.whitened[readings][kept]
     else:
-        sums = ColumnFilter(state)
+        sums = sums_of(state)
         whiten = whitener(state.spectrum, sums.rate)
         yield sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
     rest = rows_of_dwells(state, terms)
@@ -47,7 +63,12 @@ def rows_of_dwells(state: RunState, terms: Sequence[Term]) -> DwellRows | None:
 
 def measure_noise(state: RunState, model: Model) -> None:
     """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, and the angle
-    zeros of its dwells, a step on, with the scatter between them."""
+    zeros of its dwells, a step on, with the scatter between them. The weak form has a likelihood of its own for q and
+    R."""
+    if state.run.engine == "weak":
+        state.weak = with_noise(WeakRows(state)) if state.band is None else WeakRows(state)
+        state.noise = state.weak.noise
+        state.search = NoiseSearch(state.noise) if state.band is None else state.search
     state.spectrum = spectrum_of(state, model.free)
     settle_dwells(state, model)
 
@@ -65,7 +86,7 @@ def settle_dwells(state: RunState, model: Model, steps: int = 1) -> None:
 
 def spectrum_of(state: RunState, terms: Sequence[Term]) -> MeasuredSpectrum | None:
     """Spectrum of what the terms leave of a run's innovations; None where it is white."""
-    crossover, sums = state.run.crossover(state.noise), ColumnFilter(state)
+    crossover, sums = state.run.crossover(state.noise), sums_of(state)
     y = sums.whitened
     if state.band is None and white(measured_spectrum(y, sums.rate, crossover)):
         return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -26,6 +27,8 @@ from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpol
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import jumps
 
+Engine = Literal["replay", "weak"]
+"""What makes the rows of the regression: the filter on position and velocity, or the weak form."""
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
 TOO_GOOD = 0.2
@@ -72,6 +75,7 @@ class PreparedRun:
     """One reading in so many is used."""
     read: tuple[Array, Array] | None = None
     """Times (s) and positions (m) of all readings, where only some are used."""
+    engine: Engine = "replay"
 
     @property
     def all_readings(self) -> tuple[Array, Array]:

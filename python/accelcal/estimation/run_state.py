@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.model import Model
 from accelcal.signals.processing import spectral_density
 from accelcal.signals.signals import Signals
+
+if TYPE_CHECKING:
+    from accelcal.estimation.weak_form.rows import WeakRows
 
 COLOURED = 0.15
 """Autocorrelation of innovations beyond which the noise is not the white noise of the model."""
@@ -58,6 +62,8 @@ class RunState:
     """Noise by likelihood, before a band is imposed."""
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
+    weak: WeakRows | None = None
+    """Rows of the weak form, where the run is fitted by it; made when they are asked for."""
     of_dwells: Nuisances | None = None
     """What was estimated of the dwells of the recording beside the coefficients; None before a fit has."""
     counts: Flags = field(init=False)
@@ -90,7 +96,8 @@ class RunState:
         self.search = self.search.scaled(ratio**2)  # the sensor's noise stays; q is that noise over 1 + k
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
         functions = variance_functions(run, self.noise, self.signals)
-        if search_noise:
+        self.weak = None
+        if search_noise and run.engine == "replay":
             self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
         self.drive = with_growth(self.drive, self.noise, functions)
@@ -108,6 +115,7 @@ class RunState:
         grown = copy.copy(self)
         grown.values = Values(initial_coefficients(model) | dict(self.values.by_name), model.terms)
         grown.search = NoiseSearch(self.search.noise, GROWN)
+        grown.weak = None
         return grown
 
     @property

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from accelcal import _core
 from accelcal.data.arrays import Array
@@ -15,7 +16,15 @@ from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.shrinkage import Shrinkage, left_density
 from accelcal.estimation.values import Noise, Values
-from accelcal.signals.processing import GRID_PER_CUTOFF, derivative, integral, low_pass, motion_bandwidth, resample
+from accelcal.signals.processing import (
+    GRID_PER_CUTOFF,
+    derivative,
+    integral,
+    low_pass,
+    motion_bandwidth,
+    quintic,
+    resample,
+)
 from accelcal.signals.signals import Signals
 
 
@@ -76,8 +85,8 @@ def smoothed_signals(
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
-    output = np.interp(values.stamps(t, run.origins.t), run.undone.t, run.undone.y)
-    subtract_effects(output, run, t, values, before)
+    output = quintic(run.undone.t, run.undone.y, values.stamps(t, run.origins.t))
+    added = effects_at(run, t, values, before)
     if taken_off is None:
         wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
     else:
@@ -85,7 +94,7 @@ def smoothed_signals(
     gain, filters = run.rig.polarity / values.scale, run.filters
     crossover = run.crossover(noise)
     if cutoff is None:
-        rough = gain * output - run.rig.gravity * filters.at_rest + wanted
+        rough = gain * (output - added) - run.rig.gravity * filters.at_rest + wanted
         usual = noise.usual
         density = usual.r * run.reading_step
         cutoff, reach = motion_bandwidth(rough, rate, q=usual.q, reading_density=density, crossover=crossover)
@@ -93,12 +102,12 @@ def smoothed_signals(
     else:
         reach = cutoff
     gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
-    output = low_pass(output, rate, cutoff)
     tau = run.tau(values)
-    if tau > 0.0:
-        output = output + tau * derivative(output, run.accel_step)
+    if tau > 0.0:  # the effects act before the low-pass of the output
+        output += tau * derivative(output, run.accel_step)
+    output = low_pass(output - added, rate, cutoff)
     a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, cutoff), run.accel_step)
-    del output, wanted
+    del output, added, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
     grid = Thinning.of(t, run.accel_step, cutoff)
     jerk = grid.thin(derivative(a, run.accel_step))
@@ -173,12 +182,14 @@ def uniform_times(run: PreparedRun) -> Array:
     return np.arange(run.t[0], run.t[-1] + 0.5 * run.accel_step, run.accel_step)
 
 
-def subtract_effects(output: Array, run: PreparedRun, t: Array, values: Values, signals: Signals | None) -> None:
-    """Subtract bias and additive effects from an output at times `t`, in place."""
-    output -= values.bias * run.filters.at_rest
+def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | None) -> Array | float:
+    """Bias and additive effects at times `t`, as the output shows them but for its one RC, (n,) m/s²."""
+    bias = values.bias * run.filters.at_rest
     total = None if signals is None else values.total("output", signals)
-    if signals is not None and total is not None:
-        output -= np.interp(t, signals.t + run.origins.t, run.filters.behind_high_passes(total, signals.step))
+    if signals is None or total is None:
+        return bias
+    blocked = run.filters.behind_high_passes(total, signals.step)
+    return bias + np.asarray(scipy.interpolate.CubicSpline(signals.t + run.origins.t, blocked)(t))
 
 
 def output_at(run: PreparedRun, t: Array, cutoff: float, tau: float) -> Array:
@@ -207,8 +218,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
 
     def corrected(signals: Signals | None) -> Signals:
-        output = plain.copy()
-        subtract_effects(output, run, t, values, signals)
+        output = plain - effects_at(run, t, values, signals)
         a = run.rig.polarity / values.scale * output - gravity
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)

@@ -22,8 +22,9 @@ from accelcal.diagnosis.search.likelihood_gain import (
 from accelcal.diagnosis.search.slow_noise import SlowNoise, slow_noise
 from accelcal.estimation.columns import ColumnFilter
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, whitener
-from accelcal.estimation.rows import rows_of_dwells, spectrum_of
+from accelcal.estimation.rows import rows_of_dwells, spectrum_of, sums_of
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, evaluate
 
 ALIKE = 0.05
@@ -45,7 +46,7 @@ class BaseProjection:
     """
 
     def __init__(self, state: RunState, model: Model, separate: Sequence[Term] = ()) -> None:
-        self.column_filter = ColumnFilter(state)
+        self.column_filter = sums_of(state)
         self._cached: tuple[Sequence[Term], slice, Array] | None = None
         uncertain = [*nuisances(state, model), *((term, np.inf) for term in separate)]
         base = [term for term in model.terms if term.name not in model.fixed]
@@ -169,7 +170,7 @@ def columns_of(items: Sequence[Hypothesis]) -> tuple[list[Term], list[slice]]:
     return terms, [slice(begins[k], begins[k] + len(item.terms)) for k, item in zip(keys, items, strict=True)]
 
 
-def rounding_variances(terms: Sequence[Term], filters: Sequence[ColumnFilter]) -> Array:
+def rounding_variances(terms: Sequence[Term], filters: Sequence[ColumnFilter | WeakRows]) -> Array:
     """Variance of each coefficient from rests of an encoder that noise does not dither, (terms,) in its unit squared.
 
     Rounding errors of two rests differ by up to one count, variance step²/6, and a few rests do not average them out:
