@@ -18,10 +18,11 @@ from accelcal.estimation.shrinkage import Shrinkage, left_density
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import (
     GRID_PER_CUTOFF,
+    PASSED,
     derivative,
     integral,
-    low_pass,
     motion_bandwidth,
+    motion_low_pass,
     quintic,
     resample,
 )
@@ -105,8 +106,8 @@ def smoothed_signals(
     tau = run.tau(values)
     if tau > 0.0:  # the effects act before the low-pass of the output
         output += tau * derivative(output, run.accel_step)
-    output = low_pass(output - added, rate, cutoff)
-    a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, cutoff), run.accel_step)
+    output = motion_low_pass(output - added, rate, cutoff)
+    a = gain * output - gravity + filters.before_position(motion_low_pass(wanted, rate, cutoff), run.accel_step)
     del output, added, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
     grid = Thinning.of(t, run.accel_step, cutoff)
@@ -119,7 +120,7 @@ def smoothed_signals(
     for begin, end in unbroken_spans(run, integrals, t):
         if end - begin > 2 * edge:
             inner = slice(edge, end - begin - edge)
-            wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, cutoff)[inner]
+            wanting[begin:end][inner] = motion_low_pass(wanting[begin:end], rate, cutoff)[inner]
     v += filters.before_position(wanting, run.accel_step)
     del wanting
     for hole in unread:
@@ -168,7 +169,8 @@ def smoothed_std(
     run: PreparedRun, noise: Noise, cutoff: float, shrinkage: Shrinkage | None = None
 ) -> tuple[float, float, float]:
     """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth; v and a may be shrunk."""
-    f: Array = np.linspace(cutoff / 400.0, cutoff, 400)
+    corner = PASSED * cutoff
+    f: Array = np.linspace(corner / 400.0, corner, 400)
     w, density = 2.0 * np.pi * f, left_density(run, noise, f)
     kept = density if shrinkage is None else density * shrinkage.at(f) ** 2
     p_std, v_std, a_std = (
@@ -195,7 +197,7 @@ def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | No
 def output_at(run: PreparedRun, t: Array, cutoff: float, tau: float) -> Array:
     """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
     own = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
-    output = low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, cutoff)
+    output = motion_low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, cutoff)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)
     return np.asarray(np.interp(t, own, output))
