@@ -59,7 +59,7 @@ def disagreement(differences: Sequence[Difference]) -> Remark | None:
 
 
 def differences(solution: Solution) -> tuple[Difference, ...]:
-    """Both estimates of every free coefficient; none where no run has a weak form.
+    """Both estimates of every free coefficient; none where a run has no weak form, or it does not show a coefficient.
 
     Parameters
     ----------
@@ -90,6 +90,8 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
         information[np.ix_(places, places)] += drawn
         score[places] -= drawn @ x[places]
     size = np.sqrt(np.diag(information))
+    if not (np.all(np.isfinite(information)) and np.all(np.isfinite(score)) and np.all(size > 0.0)):
+        return ()
     covariance = np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size)
     moved = covariance @ score
     added, shares = [], []
