@@ -189,9 +189,8 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
     )
     assert done.returncode == 3
     bench.load(path)
-    assert (bench.state.run and bench.state.run.problem or bench.sentence) == done.stderr.strip().removeprefix(
-        "accelcal: "
-    )
+    said = bench.state.run.problem if bench.state.run else bench.sentence
+    assert said == done.stderr.strip().removeprefix("accelcal: ")
     assert bench.state.recording is None
 
 

@@ -176,6 +176,16 @@ def test_a_session_of_the_first_version_is_read(grown: Workbench, raw: bytes, pl
     assert [(run.excluded, run.held_out) for run in bench.state.runs] == [(((3.0, 4.0),), grown.state.runs[0].held_out)]
 
 
+def of_run(raw: bytes, **change: Any) -> bytes:
+    """A session file with a change in what it holds of its recording."""
+    return changed(raw, lambda content: content["runs"][0].update(change))
+
+
+def of_source(raw: bytes, **change: Any) -> bytes:
+    """A session file with a change in where its recording was, or in its digest."""
+    return changed(raw, lambda content: content["runs"][0]["source"].update(change))
+
+
 def bomb(size: int) -> bytes:
     """A part that unpacks to a size."""
     return b" " * size
@@ -204,28 +214,28 @@ REFUSED: list[tuple[str, Callable[[bytes], bytes], str]] = [
     ("a key less", lambda raw: changed(raw, lambda c: c.pop("runs")), "runs: Field required"),
     (
         "digest",
-        lambda raw: changed(raw, lambda c: c["runs"][0]["source"].update(sha256="0" * 63)),
+        lambda raw: of_source(raw, sha256="0" * 63),
         "runs.0.source.sha256",
     ),
     (
         "escape",
-        lambda raw: changed(raw, lambda c: c["runs"][0]["source"].update(file="\x1b]0;x\x07")),
+        lambda raw: of_source(raw, file="\x1b]0;x\x07"),
         "runs.0.source.file",
     ),
-    ("not finite", lambda raw: changed(raw, lambda c: c["runs"][0].update(held_out=[0.0, float("nan")])), "held_out"),
-    ("infinite", lambda raw: changed(raw, lambda c: c["runs"][0].update(excluded=[[0.0, 1e999]])), "excluded"),
+    ("not finite", lambda raw: of_run(raw, held_out=[0.0, float("nan")]), "held_out"),
+    ("infinite", lambda raw: of_run(raw, excluded=[[0.0, 1e999]]), "excluded"),
     ("a loop", lambda raw: changed(raw, lambda c: c["steps"][0].update(parent=c["steps"][1]["key"])), "before its par"),
     ("twice", lambda raw: changed(raw, lambda c: c["steps"].append(c["steps"][0])), "occurs twice"),
     ("nobody", lambda raw: changed(raw, lambda c: c.update(current=999)), "not in the tree"),
-    ("nothing held out", lambda raw: changed(raw, lambda c: c["runs"][0].update(held_out=None)), "held out"),
-    ("a role", lambda raw: changed(raw, lambda c: c["runs"][0].update(role="test")), "runs.0.role"),
+    ("nothing held out", lambda raw: of_run(raw, held_out=None), "held out"),
+    ("a role", lambda raw: of_run(raw, role="test"), "runs.0.role"),
     ("nothing shown", lambda raw: changed(raw, lambda c: c.update(shown=1)), "on the time line"),
     ("twice the file", lambda raw: changed(raw, lambda c: c["runs"].append(c["runs"][0])), "once more"),
     ("base", lambda raw: changed(raw, lambda c: c["steps"][0].update(name="__import__")), "no base model"),
     ("code", lambda raw: changed(raw, lambda c: c["steps"][1].update(name='x"); import os; ("')), "steps.1.name"),
     ("shell", lambda raw: changed(raw, lambda c: c["steps"][1].update(name="x; rm -rf ~")), "a model that is not so"),
     ("formula", lambda raw: changed(raw, lambda c: c["own"][0].update(expression="__import__('os')")), "allowed are"),
-    ("nonsense", lambda raw: changed(raw, lambda c: c["runs"][0].update(held_out=[1e9, 2e9])), "no|outside|part"),
+    ("nonsense", lambda raw: of_run(raw, held_out=[1e9, 2e9]), "no|outside|part"),
     (
         "backwards",
         lambda raw: changed(raw, lambda c: c["runs"][0].update(held_out=[9.0, 2.0])),

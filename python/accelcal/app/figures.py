@@ -6,7 +6,7 @@ import html
 import json
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +18,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
-from accelcal.plots import interactive
+from accelcal.plots import interactive, style
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
@@ -119,13 +119,17 @@ def falling(state: State, theme: ThemeName) -> Picture:
     ]
     figure.update_xaxes(ticktext=ticks, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
-    if len(state.unseen_runs) > 1:
-        beside_the_pool(figure, state, nested)
+    several = len(state.unseen_runs)
+    if several > 1:
+        beside_the_pool(figure, state, nested, style.theme_of(theme).ink)
     figure.update_layout(height=figure.layout.height - 60)
-    return picture(figure, displayModeBar=False)
+    made = picture(figure, displayModeBar=False)
+    return (
+        replace(made, note=f"unseen data: {several} recordings; bars are their error together") if several > 1 else made
+    )
 
 
-def beside_the_pool(figure: Figure, state: State, nested: NestedModels) -> None:
+def beside_the_pool(figure: Figure, state: State, nested: NestedModels, ink: str) -> None:
     """Beside the error on all held-out data that on each of the recordings, a line each."""
     factor, unit = formatting.prefixed("m", np.array(nested.errors), nested.floor.value)
     for number, run in enumerate(state.unseen_runs):
@@ -135,8 +139,13 @@ def beside_the_pool(figure: Figure, state: State, nested: NestedModels) -> None:
             y=[error * factor for error in errors],
             mode="lines+markers",
             name=html.escape(run.name),
-            line={"dash": "dot", "width": 1.4},
-            marker={"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 9},
+            line={"dash": "dot", "width": 1.4, "color": ink},
+            marker={
+                "symbol": SYMBOLS[number % len(SYMBOLS)],
+                "size": 10,
+                "color": "#ffffff",
+                "line": {"width": 1.6, "color": "#1a1a1a"},
+            },
             hovertemplate="%{y:.4g} " + unit + "<extra>" + html.escape(run.name) + "</extra>",
         )
     top = max(figure.layout.yaxis.range[1], *(1.1 * max(trace.y) for trace in figure.data[-len(state.unseen_runs) :]))

@@ -52,6 +52,8 @@ class Page:
         self.brushed: tuple[float, float] | None = None
         self.fields: tuple[ui.number, ...] = ()
         """Fields for start and end of a stretch, on the screen that has them."""
+        self.pair: tuple[str, str] | None = None
+        """Two models that stand side by side."""
         self._seen = -1
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}

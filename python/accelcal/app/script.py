@@ -30,6 +30,9 @@ def python(state: State) -> str:
         made = step.change.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
     lines += ["", f"models = [{', '.join(names)}]", *comparing(state)]
+    if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
+        lines.insert(1 + len(summarised), "from accelcal.workflow import run_values")
+        lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
     lines += [
         f"print(ac.diagnose({names[-1]}, train).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',

@@ -84,6 +84,16 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Guest:
+    """A model of another session or of a model file, to be put beside those of this session."""
+
+    name: str
+    fit: Fit
+    own: Comparison | None = None
+    """Against what its own session holds out; None where that is not at hand."""
+
+
+@dataclass(frozen=True, slots=True)
 class State:
     """Everything that undo restores."""
 
@@ -96,6 +106,8 @@ class State:
     own: tuple[Own, ...] = ()
     steps: tuple[Step, ...] = ()
     current: int | None = None
+    guests: tuple[Guest, ...] = ()
+    """Models from elsewhere; they are not saved with the session."""
     opened: OpenedSession | None = None
     """A session that waits for a recording, in place of all else."""
 
@@ -136,6 +148,18 @@ class State:
             found.append(by_key[key])
             key = by_key[key].parent
         return tuple(reversed(found))
+
+    def named(self, step: Step) -> str:
+        """A model with all that led to it, for people: base + cubic, bias fixed."""
+        by_key = {s.key: s for s in self.steps}
+        parent = None if step.parent is None else by_key[step.parent]
+        return step.label if parent is None else f"{self.named(parent)} {step.label}"
+
+    @property
+    def models(self) -> dict[str, Fit]:
+        """Every model of the session, and every guest, by the name that a list shows."""
+        own = {f"{number}: {self.named(step)}": step.fit for number, step in enumerate(self.steps, start=1)}
+        return {**own, **{guest.name: guest.fit for guest in self.guests}}
 
     @property
     def previous(self) -> Step | None:

@@ -16,6 +16,7 @@ from accelcal.data import summary
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
+from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
@@ -27,7 +28,7 @@ from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.ruler import Ruler
-from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit
+from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
 
 Report = Callable[[float], None]
 Data: TypeAlias = Sequence[Recording | Dwells]
@@ -96,6 +97,11 @@ def judged(
 def diagnosed(found: Fit, train: Data, own: Sequence[str], *, report: Report) -> Diagnosis:
     """Search for missing effects."""
     return diagnose(found, list(train), extra=effects(own), report=report)
+
+
+def values_of_runs(found: Fit, train: Data, *, report: Report) -> RunValues:
+    """Parameters of each recording alone."""
+    return run_values(found, list(train))
 
 
 def reported(found: Fit, train: Recording, holdout: Recording, own: Sequence[str], *, report: Report) -> str:

@@ -27,16 +27,18 @@ from accelcal.app.own_formula import OwnFormula
 from accelcal.app.reading import Reader
 from accelcal.app.roles import Refused
 from accelcal.app.run import Role, Run, Stretch, time_span
-from accelcal.app.state import Cancelled, Change, Job, State, Step
+from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
 from accelcal.app.tasks import Export, share_of
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data.recording import Recording, require_same_sensor
+from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.model import Model
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.pooled import pooled
 from accelcal.validation.ruler import Ruler
 
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
@@ -74,9 +76,12 @@ class Workbench:
         """Incremented with every change that a page must show."""
         self.diagnoses: dict[tuple[int, int], Diagnosis] = {}
         """By key of the model and number of user effects among the candidates."""
+        self._run_values: dict[int, RunValues] = {}
+        """By key of the model."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
         self._whole: tuple[tuple[int, int], Comparison] | None = None
+        self._pair: tuple[State, tuple[str, str], tuple[Comparison, Comparison]] | None = None
         self.changed: Callable[[State], object] = lambda state: None
         """Called with each new state."""
         self._undo: list[State] = []
@@ -128,7 +133,7 @@ class Workbench:
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")
         stem, dot, ending = bare.rpartition(".")
         ending = dot + ending.lower()
-        if not stem or ending not in (*SUFFIXES, ".toml", session_file.SUFFIX):
+        if not stem or ending not in (*SUFFIXES, ".toml", ".json", session_file.SUFFIX):
             shown = bare[-40:] or name[-40:]
             raise Refused(
                 f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}), its sidecar (.toml) or a session "
@@ -461,15 +466,24 @@ class Workbench:
             step = fitted(state)
             own, report = names_of(state), share_of(job.report, 0.0, 0.98)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
+            several = sum(isinstance(part, Recording) for part in state.train) > 1
+            values = self._done(tasks.values_of_runs, step.fit, state.train) if several else None
             with self._lock:
                 job.report(1.0)
                 self.diagnoses[asked] = found
+                if values is not None:
+                    self._run_values[step.key] = values
 
     @property
     def diagnosis(self) -> Diagnosis | None:
         """Diagnosis of the current model; None until there is one."""
         asked = question(self.state)
         return None if asked is None else self.diagnoses.get(asked)
+
+    @property
+    def run_values(self) -> RunValues | None:
+        """Parameters of each fitted recording under the current model; None until it is diagnosed, or of one alone."""
+        return None if self.state.current is None else self._run_values.get(self.state.current)
 
     def look_at(self, key: int) -> None:
         """Make another model of the tree the current one; adding to it begins a branch."""
@@ -522,6 +536,51 @@ class Workbench:
         """The previous model against held-out data, with the filter and in the band of the current comparison."""
         previous = self.state.previous
         return None if previous is None else previous.heldouts[self.state.looked_at]
+
+    # Side by side
+
+    def invite(self, path: str | Path) -> None:
+        """Put the models of a model file, or of another session, beside those of this one."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            loaded(state)
+            is_session = path.suffix.lower() == session_file.SUFFIX
+            found = self._guests(path, report) if is_session else (Guest(path.name, model_file.load(path)),)
+            taken = set(state.models)
+            if any(guest.name in taken for guest in found):
+                raise Refused(f"{path.name}: its models are there already")
+            return replace(state, guests=(*state.guests, *found))
+
+        self._perform(f"reading {path.name}", work)
+
+    def _guests(self, path: Path, report: Report) -> tuple[Guest, ...]:
+        """Models of a session file; with the errors on its own held-out data where its recordings are at hand."""
+        opened = OpenedSession(*session_file.read(path))
+        if opened.content.own:
+            raise Refused(f"{path.name}: its models may have formulas that this session does not know; open it alone")
+        if opened.missing is None:
+            other = self._resumed(opened, report)
+            return tuple(Guest(f"{path.stem}: {other.named(s)}", s.fit, s.heldout) for s in other.steps)
+        with Known().catalogue():
+            fits = [(step, self._model(opened.models[step.key], step.key)) for step in opened.content.steps]
+        return tuple(Guest(f"{path.stem}: {' '.join(('base', *fit.model.added))}", fit) for _, fit in fits)
+
+    def compare_pair(self, names: tuple[str, str]) -> None:
+        """Compare two models with what is held out here, under one ruler; see `pair`."""
+        state = self.state
+        with self._working("comparing two models") as job:
+            fits = [state.models[name] for name in names]
+            report = share_of(job.report, 0.0, 0.98)
+            judged = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], report=report)
+            with self._lock:
+                job.report(1.0)
+                self._pair = (state, names, (pooled(judged[0]), pooled(judged[1])))
+
+    def pair(self, names: tuple[str, str]) -> tuple[Comparison, Comparison] | None:
+        """The comparison of two models in the present state; None until it was asked for."""
+        kept = self._pair
+        return kept[2] if kept is not None and kept[0] is self.state and kept[1] == names else None
 
     def refuse(self, sentence: str) -> None:
         """Tell the user why an action was refused."""

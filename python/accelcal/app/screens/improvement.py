@@ -8,7 +8,7 @@ from accelcal import formatting
 from accelcal.app import figures, widgets, wording
 from accelcal.app.examples import example_of
 from accelcal.app.page import Page
-from accelcal.app.screens import start
+from accelcal.app.screens import per_run, start
 from accelcal.app.state import Step
 
 LIMITS = 6
@@ -73,6 +73,7 @@ def error(page: Page) -> None:
     alone = "the held-out part of this run" if state.holds_out_parts else "another recording"
     what = alone if len(held) == 1 else f"{len(held)} held-out recordings together"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    per_run.errors(page)
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
 

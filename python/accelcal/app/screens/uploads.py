@@ -17,19 +17,22 @@ from accelcal.app.roles import Refused
 from accelcal.app.workbench import Workbench
 from accelcal.io.sidecar import has_sidecar, sidecar_of
 
+MODEL = ".json"
+"""Ending of a model file."""
 HEADER = """<button type="button" class="choose" @click="props.pickFiles">
 <span class="material-icons" aria-hidden="true">upload_file</span><span>LABEL</span></button>
 <q-uploader-add-trigger />"""
 """The whole area is one button with a name; the input behind it is hidden from keyboard and screen readers."""
 
 
-def drop(page: Page, label: str, *, more: bool = False) -> None:
+def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> None:
     """An area to drop files on; recordings, dwells and sidecars may come together.
 
     Parameters
     ----------
     label : name of the area.
     more : whether recordings join those that are there, in place of beginning anew.
+    guest : whether models are to stand beside those that are there.
     """
 
     async def take(event: Any) -> None:
@@ -38,7 +41,10 @@ def drop(page: Page, label: str, *, more: bool = False) -> None:
         except OSError as error:
             page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
             return
-        await used(page, kept, more)
+        if guest:
+            await beside_ours(page, kept)
+        else:
+            await used(page, kept, more)
 
     def rejected() -> None:
         page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
@@ -59,7 +65,7 @@ def drop(page: Page, label: str, *, more: bool = False) -> None:
     made.on("failed", failed, [])
     made.props("flat hide-upload-btn").classes("drop")
     made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
-    made.mark("more" if more else "recording")
+    made.mark("guest" if guest else "more" if more else "recording")
 
 
 async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
@@ -94,8 +100,11 @@ async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
     bench = page.bench
     sessions = [p for p in kept if p.suffix.lower() == session_file.SUFFIX]
     sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
-    recordings = [p for p in kept if p not in (*sessions, *sidecars)]
-    if sessions:
+    models = [p for p in kept if p.suffix.lower() == MODEL]
+    recordings = [p for p in kept if p not in (*sessions, *sidecars, *models)]
+    if models:
+        bench.refuse(f"{models[0].name}: a model is put beside those of a session; drop it on the Model tab")
+    elif sessions:
         await page.open(sessions[0], session=True)
     elif recordings and bench.state.opened is not None:
         await page.act(bench.give, *recordings)
@@ -113,6 +122,19 @@ async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
         await page.act(bench.declare, mapping.text_in(sidecars[0]))
     elif sidecars:
         bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
+
+
+async def beside_ours(page: Page, kept: Sequence[Path]) -> None:
+    """Put models and sessions beside the models of this session."""
+    for path in kept:
+        if path.suffix.lower() not in (MODEL, session_file.SUFFIX):
+            page.bench.refuse(f"{path.name}: drop a model (.json) or a session ({session_file.SUFFIX}) here")
+            return
+        await page.act(page.bench.invite, path)
+    guests = page.bench.state.guests
+    if guests and page.pair is not None:
+        page.pair = (page.pair[0], guests[-1].name)
+        page.rebuild()
 
 
 def beside(recordings: Sequence[Path], sidecars: Sequence[Path]) -> list[Path]:
