@@ -117,7 +117,7 @@ def falling(state: State, theme: ThemeName) -> Picture:
     ticks = [
         f"{name}: {size}<br>{share_text(nested, i)}" for i, (name, size) in enumerate(zip(names, sizes, strict=True))
     ]
-    figure.update_xaxes(ticktext=ticks, title_text=None)
+    figure.update_xaxes(ticktext=ticks, tickangle=0, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
     several = len(state.unseen_runs)
     if several > 1:
