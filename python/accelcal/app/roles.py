@@ -57,7 +57,7 @@ def with_something_held_out(runs: Sequence[Run]) -> tuple[Run, ...]:
     fitted = [number for number, run in enumerate(runs) if run.role == "fit" and run.recording is not None]
     if not fitted and any(run.recording is not None for run in runs):
         raise Refused("no recording would be left to fit; give another one the role fit first")
-    if not fitted or any(run.role == "hold out" or run.held_out is not None for run in runs):
+    if not fitted or any(run.holds_out for run in runs):
         return tuple(runs)
     first = fitted[0]
     return tuple(replace(run, held_out=run.end) if number == first else run for number, run in enumerate(runs))

@@ -78,13 +78,16 @@ class Run:
         return self.data if self.held_out is None else self.data.without(self.held_out)
 
     @property
+    def holds_out(self) -> bool:
+        """Whether it, or a part of it, is held out."""
+        return self.recording is not None and (self.role == "hold out" or self.held_out is not None)
+
+    @property
     def unseen(self) -> Recording | None:
         """What models are compared with; None where nothing of it is held out."""
-        if self.recording is None or self.role == "leave out":
+        if not self.holds_out:
             return None
-        if self.role == "hold out":
-            return self.data
-        return None if self.held_out is None else self.data.part(*self.held_out)
+        return self.data if self.held_out is None else self.data.part(*self.held_out)
 
     @property
     def end(self) -> Stretch:

@@ -97,7 +97,7 @@ def division(state: State, named: Named) -> list[str]:
         name = named.name(run)
         if run.role == "fit":
             train.append(name if run.held_out is None else f"{name}.without({run.held_out!r})")
-        if run.unseen is not None:
+        if run.holds_out:
             unseen.append(name if run.held_out is None else f"{name}.part({run.held_out[0]!r}, {run.held_out[1]!r})")
     return ["", f"train = [{', '.join(train)}]", f"unseen = [{', '.join(unseen)}]"]
 

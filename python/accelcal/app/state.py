@@ -190,7 +190,7 @@ class State:
     @property
     def unseen_runs(self) -> tuple[Run, ...]:
         """Where they are from."""
-        return tuple(run for run in self.runs if run.unseen is not None)
+        return tuple(run for run in self.runs if run.holds_out)
 
     @property
     def holds_out_parts(self) -> bool:

@@ -174,7 +174,8 @@ class Workbench:
             if role != "fit":
                 for number in range(len(state.runs), len(runs)):
                     runs = roles.with_role(runs, number, role)
-            return without_models(with_one_to_map(replace(state, runs=runs)))
+            made = with_one_to_map(replace(state, runs=runs))
+            return replace(self._divided(state, made.runs, report), shown=made.shown)
 
         self._perform(f"reading {names_of_files(paths)}", work)
 
@@ -203,6 +204,17 @@ class Workbench:
 
         self._perform(f"reading {self.state.title}", work)
 
+    def _divided(self, state: State, runs: tuple[Run, ...], report: Report) -> State:
+        """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
+        bare = without_models(replace(state, runs=runs, looked_at=0))
+        require_both_parts(bare)
+        if not state.steps or [part.digest for part in bare.train] != [part.digest for part in state.train]:
+            return bare
+        fits = [step.fit for step in state.steps]
+        judged = self._done(tasks.judged, fits, bare.unseen, Ruler.of(fits), fits[0], report=report)
+        steps = tuple(replace(step, heldouts=seen) for step, seen in zip(state.steps, judged, strict=True))
+        return replace(bare, steps=steps, current=state.current)
+
     def _reader(self) -> Reader:
         return Reader(self._done, self.folder, self.plain, self._arrived)
 
@@ -217,9 +229,9 @@ class Workbench:
         """Choose what a file is used for."""
 
         def work(state: State, report: Report) -> State:
-            return changed_runs(state, roles.with_role(state.runs, known_number(state, number), role))
+            return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), report)
 
-        self._perform("", work)
+        self._perform("choosing what is held out", work)
 
     def remove(self, number: int) -> None:
         """Remove a file."""
@@ -228,7 +240,7 @@ class Workbench:
             rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
             if not any(run.recording is not None for run in rest):
                 raise Refused("this is the only recording; load another one to begin anew")
-            return changed_runs(replace(state, shown=0), roles.with_something_held_out(rest))
+            return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), report)
 
         self._perform("", work)
 
@@ -329,7 +341,7 @@ class Workbench:
         def work(state: State, report: Report) -> State:
             if shown(state).role != "fit":
                 raise Refused(f"{shown(state).name} is not fitted; give it the role fit to hold out a part of it")
-            return changed_runs(state, with_run(state, held_out=inside_used(state, start, end)).runs)
+            return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, report)
 
         self._perform("choosing the held-out part", work)
 
@@ -340,7 +352,7 @@ class Workbench:
             whole = with_run(state, held_out=None)
             if not whole.unseen_runs:
                 raise Refused("nothing would be held out; give another recording the role hold out first")
-            return changed_runs(state, whole.runs)
+            return self._divided(state, whole.runs, report)
 
         self._perform("", work)
 
@@ -349,7 +361,7 @@ class Workbench:
 
         def work(state: State, report: Report) -> State:
             excluded = (*shown(state).excluded, inside_used(state, start, end))
-            return changed_runs(state, with_run(state, excluded=excluded).runs)
+            return self._divided(state, with_run(state, excluded=excluded).runs, report)
 
         self._perform("excluding a stretch", work)
 
@@ -360,7 +372,7 @@ class Workbench:
             before = shown(state).excluded
             if not 0 <= number < len(before):
                 raise Refused(f"there is no excluded stretch {number}")
-            return changed_runs(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs)
+            return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, report)
 
         self._perform("including a stretch again", work)
 
@@ -769,13 +781,6 @@ def require_one_sensor(state: State) -> None:
                 require_same_sensor(run.dwells, recordings[0].rig, recordings[0].name)
             if run.digest in {before.digest for before in state.runs[:number]}:
                 raise Refused(f"{run.name} is given twice: its dwells would count twice. Give it once")
-
-
-def changed_runs(state: State, runs: tuple[Run, ...]) -> State:
-    """The state with other runs, and without models, which were fitted to other data."""
-    new = without_models(replace(state, runs=runs, looked_at=0))
-    require_both_parts(new)
-    return new
 
 
 def without_models(state: State) -> State:

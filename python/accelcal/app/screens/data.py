@@ -11,6 +11,7 @@ from accelcal.app import figures, widgets
 from accelcal.app.page import Page
 from accelcal.app.run import Run
 from accelcal.app.screens import columns, recordings, session, start, uploads
+from accelcal.app.state import State
 from accelcal.data.dwells import Dwells
 from accelcal.formatting import amount, number
 
@@ -186,7 +187,7 @@ def division(page: Page, run: Run) -> None:
         widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
         widgets.button("Exclude", "content_cut", lambda: mark(bench.exclude), label="Exclude this stretch")
     if state.steps:
-        text = "Changing the division discards the models, which must be fitted again; Undo restores them."
+        text = "Changing what is fitted discards the models, which must be fitted again; Undo restores them."
         ui.label(text).classes("note")
 
 
@@ -194,7 +195,7 @@ def fitting(page: Page) -> None:
     """Fit the base model."""
     bench, state = page.bench, page.bench.state
     if state.step is None:
-        ui.label("Estimates bias, scale factor and time offset, then searches for missing effects.")
+        ui.label(f"Estimates bias, scale factor and time offset{together(state)}, then searches for missing effects.")
     else:
         ui.label(f"Current model: {' '.join(s.label for s in state.path)}.")
     with ui.row().classes("line"):
@@ -206,3 +207,12 @@ def fitting(page: Page) -> None:
             label="Fit the linear model",
         )
         widgets.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)
+
+
+def together(state: State) -> str:
+    """What is fitted, where that is more than one recording."""
+    fitted = [run for run in state.runs if run.role == "fit" and run.known is not None]
+    count = sum(run.recording is not None for run in fitted)
+    motions = "one recording" if count == 1 else f"{count} recordings"
+    at_rest = len(fitted) > count
+    return f" from {motions}{' and dwells' if at_rest else ''}" if len(fitted) > 1 else ""
