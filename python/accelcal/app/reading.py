@@ -54,7 +54,7 @@ class Reader:
         order = sorted(range(len(paths)), key=lambda number: not has_sidecar(paths[number]))
         found: dict[int, Run] = {}
         for count, number in enumerate(order):
-            lender = next((run for run in (*present, *found.values()) if lends(run)), None)
+            lender = next((run for run in (*present, *found.values()) if has_own_rig(run)), None)
             share = share_of(report, count / len(paths), (count + 1) / len(paths))
             found[number] = self.run(paths[number], None, lender, share)
         return tuple(found[number] for number in range(len(paths)))
@@ -135,7 +135,7 @@ class Reader:
         return known
 
 
-def lends(run: Run) -> bool:
+def has_own_rig(run: Run) -> bool:
     """Whether a file has a rig of its own for those that have none."""
     return run.recording is not None and not run.lender and (run.sidecar is not None or has_sidecar(run.file))
 
