@@ -207,6 +207,10 @@ def test_columns_that_are_alike_are_mapped_once(files, tmp_path):
     assert bench.sentence == ""
     assert [one.problem for one in bench.state.runs] == ["", ""]
     assert roles(bench) == [("fit", True), ("fit", False)]
+    mapped = bench.state
+    bench.declare("[channels]\naccel = { column = 'nowhere', unit = 'm/s^2' }\n")
+    assert "no column for position" in bench.sentence
+    assert bench.state is mapped
 
 
 def test_sidecars_find_their_files(tmp_path):

@@ -194,6 +194,8 @@ class Workbench:
             for number, run in enumerate(alike):
                 part = share_of(report, number / len(alike), (number + 1) / len(alike))
                 read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
+            if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
+                raise Refused(read[id(asked)].problem)
             runs = tuple(read.get(id(run), run) for run in state.runs)
             all_new = all(run.problem for run in state.runs)
             return without_models(
