@@ -23,7 +23,7 @@ from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
-from accelcal.diagnosis.run_agreement import run_agreement
+from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
@@ -440,6 +440,41 @@ def drop(
     solution = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=within(report, 0.0, 0.9))
     left, solution = fit_without_outliers(result(solution), solution, several)
     return with_breaks(with_noise_effects(left, several, solution.states), broken)
+
+
+@checked
+@one_thread
+def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
+    """Say whether recordings agree: the parameters that they share, as each would have them alone.
+
+    Parameters
+    ----------
+    fit : the model.
+    recordings : what it is fitted to, two recordings or more; dwells count with the first.
+
+    Raises
+    ------
+    ValueError
+        If there is one recording alone, or the model shares nothing between them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> from accelcal.workflow import run_values
+    >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
+    >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
+    >>> bool(run_values(ac.fit(ac.Model.linear(), [one, two]), [one, two]).p_values.min() > 1e-4)
+    True
+    """
+    several, _ = usable_recordings(runs_of(recordings))
+    states = restored_states(fit, several)
+    if states is None:
+        states = solve_runs(model_in_motion(fit), several, origins=fit.origins).states
+    found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
+    if found is None:
+        raise ValueError("run_values needs two recordings or more, and a model with parameters that they share")
+    return found
 
 
 @checked

@@ -5,6 +5,7 @@ import pytest
 
 import accelcal as ac
 from accelcal import io
+from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.simulation.sensor import Vibration
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01}
@@ -40,4 +41,23 @@ def files(tmp_path_factory):
     u = np.interp(t, made.accel.t, made.accel.y)
     rows = "\n".join(f"{a:.6f},{b:.8g},{c:.9g}" for a, b, c in zip(t, u, 1e3 * y, strict=True))
     (folder / "odd.csv").write_text(f"stamp,sensor,scale\n{rows}\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def several(tmp_path_factory):
+    """Return a folder with three runs of one sensor with a hidden cubic, a table of dwells of it, and sidecars."""
+    folder = tmp_path_factory.mktemp("several")
+    for number in range(3):
+        write(folder / f"run{number}.csv", 30 + number, seconds=12.0, cubic=4e-3)
+    (folder / "run1.toml").unlink()  # it has the rig of the first
+    angles = np.radians(np.arange(0.0, 360.0, 45.0))
+    force = STANDARD_GRAVITY * np.sin(angles)
+    output = TRUTH["bias"] + (1.0 + TRUTH["scale_factor"]) * force + 4e-3 * force**3
+    output += 1e-4 * np.random.default_rng(5).standard_normal(len(output))
+    rows = "".join(
+        f"{angle:.0f},{mean:.6f},0.01,60,6000,0\n" for angle, mean in zip(np.degrees(angles), output, strict=True)
+    )
+    (folder / "dwells.csv").write_text(f"attitude_deg,mean,std,duration_s,samples,group\n{rows}")
+    (folder / "dwells.toml").write_text("[channels]\naccel = { column = 'mean', unit = 'm/s^2' }\n")
     return folder

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal import io, workflow
-from accelcal.app import mapping, script, wording
-from accelcal.app import workbench as bench_module
+from accelcal.app import mapping, reading, script, wording, workbench
+from accelcal.app.roles import Refused
 from accelcal.app.state import State
-from accelcal.app.workbench import Busy, Refused, Workbench
+from accelcal.app.workbench import Busy, Workbench
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.cli import app as command_line
 from accelcal.estimation.estimate import estimate
@@ -43,7 +43,7 @@ def grown(files, tmp_path_factory):
 
 def test_numbers_are_those_of_the_library(grown, files):
     data = ac.load(files / "cubic.csv")
-    a, b = grown.state.held_out
+    a, b = grown.state.run.held_out
     train, unseen = data.without((a, b)), data.part(a, b)
     base = estimate(ac.Model.linear(), train)
     cubic = workflow.add(base, train, "cubic")
@@ -120,16 +120,16 @@ def test_another_division_begins_models_anew_and_undo_brings_them_back(grown, tm
     bench = Workbench(tmp_path)
     bench.state = grown.state
     bench.exclude(10.0, 5.0)
-    assert bench.state.excluded == ((5.0, 10.0),)
+    assert bench.state.run.excluded == ((5.0, 10.0),)
     assert bench.state.steps == ()
-    t = bench.state.train.position.t
+    t = bench.state.train[0].position.t
     assert not np.any((t >= 5.0) & (t <= 10.0))
     bench.hold_out(0.0, 12.0)
-    assert bench.state.train.position.t[0] > 12.0
-    t = bench.state.unseen.position.t
+    assert bench.state.train[0].position.t[0] > 12.0
+    t = bench.state.unseen[0].position.t
     assert not np.any((t >= 5.0) & (t <= 10.0))  # the excluded stretch is not used for validation either
     bench.use_again(0)
-    t = bench.state.unseen.position.t
+    t = bench.state.unseen[0].position.t
     assert np.any((t >= 5.0) & (t <= 10.0))
     assert t[-1] == pytest.approx(12.0, abs=0.01)
     for _ in range(3):
@@ -158,7 +158,7 @@ def test_a_hole_in_the_middle_makes_no_effect(grown, tmp_path):
 def test_a_whole_recording_can_be_held_out(grown, files, tmp_path):
     bench = Workbench(tmp_path)
     bench.state = grown.state
-    bench.load_other(files / "other.csv")
+    bench.include([files / "other.csv"], "hold out")
     bench.fit()
     assert bench.state.step.heldout.recording == "other.csv"
     expected = ac.compare(estimate(ac.Model.linear(), ac.load(files / "cubic.csv")), ac.load(files / "other.csv"))
@@ -189,21 +189,22 @@ def test_a_bad_file_gets_the_sentence_of_the_command_line(bench, files, name):
     )
     assert done.returncode == 3
     bench.load(path)
-    assert (bench.state.problem or bench.sentence) == done.stderr.strip().removeprefix("accelcal: ")
+    said = bench.state.run.problem if bench.state.run else bench.sentence
+    assert said == done.stderr.strip().removeprefix("accelcal: ")
     assert bench.state.recording is None
 
 
 def test_columns_are_mapped_by_hand(bench, files):
     bench.load(files / "odd.csv")
-    assert "no column for accel" in bench.state.problem
-    text = mapping.text_of(bench.state.file, bench.state.sidecar, bench.state.template)
+    assert "no column for accel" in bench.state.run.problem
+    text = mapping.text_of(bench.state.file, bench.state.run.sidecar, bench.state.run.template)
     chosen = [
         mapping.Choice("stamp", "time", "s"),
         mapping.Choice("sensor", "accel", "m/s^2"),
         mapping.Choice("scale", "position", "mm"),
     ]
-    bench.load(bench.state.file, mapping.sidecar_from(text, chosen))
-    assert bench.sentence == bench.state.problem == ""
+    bench.declare(mapping.sidecar_from(text, chosen))
+    assert bench.sentence == bench.state.run.problem == ""
     original = io.load(files / "other.csv")
     np.testing.assert_allclose(bench.state.recording.position.y, original.position.y, atol=1e-11)  # nine digits of mm
     assert not io.sidecar_of(files / "odd.csv").exists()  # what the user chose stays in the folder of the workbench
@@ -233,13 +234,13 @@ def test_an_uploaded_name_cannot_leave_its_drawer(bench):
 
 
 def test_sizes_are_limited_with_a_sentence(bench, files, monkeypatch):
-    monkeypatch.setattr(bench_module, "MOST_BYTES", 1000)
+    monkeypatch.setattr(reading, "MOST_BYTES", 1000)
     bench.load(files / "cubic.csv")
     assert "the limit of the workbench is 0 MB" in bench.sentence
-    monkeypatch.setattr(bench_module, "MOST_BYTES", 10**9)
-    monkeypatch.setattr(bench_module, "MOST_SAMPLES", 100)
+    monkeypatch.setattr(reading, "MOST_BYTES", 10**9)
+    monkeypatch.setattr(reading, "MOST_SAMPLES", 100)
     bench.load(files / "cubic.csv")
-    assert "samples; the limit of the workbench is 100" in (bench.sentence or bench.state.problem)
+    assert "samples; the limit of the workbench is 100" in (bench.sentence or bench.state.run.problem)
 
 
 def test_cancelled_work_leaves_no_trace_and_others_wait(bench, files):
@@ -275,7 +276,7 @@ def test_work_ends_when_it_is_cancelled(bench, files):
     seen = []
 
     def work(state, report):
-        fit = estimate(ac.Model.linear(), state.train)
+        fit = estimate(ac.Model.linear(), state.train[0])
 
         def reported(share):
             seen.append(share)
@@ -374,7 +375,7 @@ def test_exports_are_those_of_the_library(grown):
 def test_what_cannot_become_code_is_said(bench, grown, monkeypatch):
     fit = grown.state.step.fit
     fast = replace(fit, estimates=tuple(replace(e, value=-1.0) if e.name == "cubic" else e for e in fit.estimates))
-    monkeypatch.setattr(bench_module, "fitted", lambda state: replace(grown.state.step, fit=fast))
+    monkeypatch.setattr(workbench, "fitted", lambda state: replace(grown.state.step, fit=fast))
     assert bench.export("C") is None
     assert "not safely monotone" in bench.sentence
 

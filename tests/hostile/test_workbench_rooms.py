@@ -8,6 +8,7 @@ import pytest
 
 from accelcal.app import sessions
 from accelcal.app.kept import Keeper
+from accelcal.app.run import Run
 from accelcal.app.sessions import MOST, Full, Workbenches
 from accelcal.app.state import Job, State
 
@@ -21,7 +22,7 @@ def filled(workbenches: Workbenches, tmp_path: Path) -> list[str]:
     """Names of as many sessions as there can be, each with work."""
     names = [workbenches.new() for _ in range(MOST)]
     for name in names:
-        workbenches.find(name).state = State(file=tmp_path / "run.csv")  # type: ignore[union-attr]
+        workbenches.find(name).state = State(runs=(Run(tmp_path / "run.csv"),))  # type: ignore[union-attr]
     return names
 
 

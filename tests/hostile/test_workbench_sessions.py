@@ -22,6 +22,7 @@ from accelcal.app.workbench import Workbench
 from accelcal.serialization import model_file
 from accelcal.serialization.schema.session import MOST_MODELS
 
+from ..schemas import require_published
 from .case import case_rng, cases
 from .workbench import write
 
@@ -98,7 +99,9 @@ def test_a_session_comes_back_as_it_was(grown: Workbench, raw: bytes, tmp_path: 
         with bench.catalogue():
             assert model_file.to_dict(mine.fit) == model_file.to_dict(theirs.fit)
         assert model_file.comparison_to_dict(mine.heldout) == model_file.comparison_to_dict(theirs.heldout)
-    assert (bench.state.excluded, bench.state.held_out) == (grown.state.excluded, grown.state.held_out)
+    assert [(run.excluded, run.held_out) for run in bench.state.runs] == [
+        (run.excluded, run.held_out) for run in grown.state.runs
+    ]
     assert [own.effect.name for own in bench.state.own] == ["law_of_the_session"]
     bench.drop("nothing")  # the work goes on
     assert "not an added effect" in bench.sentence
@@ -115,11 +118,11 @@ def test_no_recorded_data_are_in_it(grown: Workbench, raw: bytes) -> None:
     assert set(members) == {CONTENT, *(f"models/{s.key}.json" for s in grown.state.steps)}
     assert len(raw) < 50_000  # a recording of 33 000 samples
     content = json.loads(members[CONTENT])
-    assert content["recording"].keys() == {"file", "sha256"}
+    assert content["runs"][0].keys() == {"source", "sidecar", "role", "held_out", "excluded"}
 
 
 def test_a_recording_that_is_missing_or_changed_is_asked_for(raw: bytes, place: Path, tmp_path: Path) -> None:
-    moved = changed(raw, lambda c: c["recording"].update(file=str(tmp_path / "elsewhere" / "run.csv")))
+    moved = changed(raw, lambda c: c["runs"][0]["source"].update(file=str(tmp_path / "elsewhere" / "run.csv")))
     bench = opened(tmp_path, moved)
     assert bench.sentence == ""
     assert bench.state.opened is not None
@@ -134,7 +137,7 @@ def test_a_recording_that_is_missing_or_changed_is_asked_for(raw: bytes, place: 
     assert len(bench.state.steps) == 3
     copy.write_bytes(copy.read_bytes() + b"\n")
     (tmp_path / "again").mkdir()
-    again = opened(tmp_path / "again", changed(raw, lambda c: c["recording"].update(file=str(copy))))
+    again = opened(tmp_path / "again", changed(raw, lambda c: c["runs"][0]["source"].update(file=str(copy))))
     assert again.state.opened is not None
 
 
@@ -142,7 +145,7 @@ def test_a_held_out_recording_comes_back(place: Path, tmp_path: Path) -> None:
     (tmp_path / "home").mkdir()
     bench = Workbench(tmp_path / "home")
     bench.load(place / "run.csv")
-    bench.load_other(place / "other.csv")
+    bench.include([place / "other.csv"], "hold out")
     bench.fit()
     fresh = opened(tmp_path, bench.session())
     assert fresh.sentence == ""
@@ -150,6 +153,37 @@ def test_a_held_out_recording_comes_back(place: Path, tmp_path: Path) -> None:
     assert bench.state.step is not None
     assert fresh.state.step.heldout.recording == "other.csv"
     assert fresh.state.step.heldout.coast_rms == bench.state.step.heldout.coast_rms
+
+
+def test_a_session_of_the_first_version_is_read(grown: Workbench, raw: bytes, place: Path, tmp_path: Path) -> None:
+    def earlier(content: dict[str, Any]) -> None:
+        (run,) = content.pop("runs")
+        del content["shown"]
+        content.update(
+            schema="accelcal/session/1",
+            recording=run["source"],
+            **{key: run[key] for key in ("sidecar", "held_out", "excluded")},
+            other=None,
+            other_sidecar=None,
+        )
+
+    old = changed(raw, earlier)
+    require_published(json.loads(parts(old)[CONTENT]))
+    bench = opened(tmp_path, old)
+    assert bench.sentence == ""
+    require_published(json.loads(parts(bench.session())[CONTENT]))
+    assert [s.change for s in bench.state.path] == [s.change for s in grown.state.path]
+    assert [(run.excluded, run.held_out) for run in bench.state.runs] == [(((3.0, 4.0),), grown.state.runs[0].held_out)]
+
+
+def of_run(raw: bytes, **change: Any) -> bytes:
+    """A session file with a change in what it holds of its recording."""
+    return changed(raw, lambda content: content["runs"][0].update(change))
+
+
+def of_source(raw: bytes, **change: Any) -> bytes:
+    """A session file with a change in where its recording was, or in its digest."""
+    return changed(raw, lambda content: content["runs"][0]["source"].update(change))
 
 
 def bomb(size: int) -> bytes:
@@ -177,21 +211,36 @@ REFUSED: list[tuple[str, Callable[[bytes], bytes], str]] = [
     ("not UTF-8", lambda raw: packed({**parts(raw), CONTENT: b"\xff\xfe"}), "cannot be read|expected the schema"),
     ("another version", lambda raw: changed(raw, lambda c: c.update(schema="accelcal/session/9")), "schema"),
     ("a key more", lambda raw: changed(raw, lambda c: c.update(more=1)), "more: Extra inputs"),
-    ("a key less", lambda raw: changed(raw, lambda c: c.pop("recording")), "recording: Field required"),
-    ("digest", lambda raw: changed(raw, lambda c: c["recording"].update(sha256="0" * 63)), "recording.sha256"),
-    ("escape", lambda raw: changed(raw, lambda c: c["recording"].update(file="\x1b]0;x\x07")), "recording.file"),
-    ("not finite", lambda raw: changed(raw, lambda c: c.update(held_out=[0.0, float("nan")])), "held_out"),
-    ("infinite", lambda raw: changed(raw, lambda c: c.update(excluded=[[0.0, 1e999]])), "excluded"),
+    ("a key less", lambda raw: changed(raw, lambda c: c.pop("runs")), "runs: Field required"),
+    (
+        "digest",
+        lambda raw: of_source(raw, sha256="0" * 63),
+        "runs.0.source.sha256",
+    ),
+    (
+        "escape",
+        lambda raw: of_source(raw, file="\x1b]0;x\x07"),
+        "runs.0.source.file",
+    ),
+    ("not finite", lambda raw: of_run(raw, held_out=[0.0, float("nan")]), "held_out"),
+    ("infinite", lambda raw: of_run(raw, excluded=[[0.0, 1e999]]), "excluded"),
     ("a loop", lambda raw: changed(raw, lambda c: c["steps"][0].update(parent=c["steps"][1]["key"])), "before its par"),
     ("twice", lambda raw: changed(raw, lambda c: c["steps"].append(c["steps"][0])), "occurs twice"),
     ("nobody", lambda raw: changed(raw, lambda c: c.update(current=999)), "not in the tree"),
-    ("both", lambda raw: changed(raw, lambda c: c.update(held_out=None)), "held out"),
+    ("nothing held out", lambda raw: of_run(raw, held_out=None), "held out"),
+    ("a role", lambda raw: of_run(raw, role="test"), "runs.0.role"),
+    ("nothing shown", lambda raw: changed(raw, lambda c: c.update(shown=1)), "on the time line"),
+    ("twice the file", lambda raw: changed(raw, lambda c: c["runs"].append(c["runs"][0])), "once more"),
     ("base", lambda raw: changed(raw, lambda c: c["steps"][0].update(name="__import__")), "no base model"),
     ("code", lambda raw: changed(raw, lambda c: c["steps"][1].update(name='x"); import os; ("')), "steps.1.name"),
     ("shell", lambda raw: changed(raw, lambda c: c["steps"][1].update(name="x; rm -rf ~")), "a model that is not so"),
     ("formula", lambda raw: changed(raw, lambda c: c["own"][0].update(expression="__import__('os')")), "allowed are"),
-    ("nonsense", lambda raw: changed(raw, lambda c: c.update(held_out=[1e9, 2e9])), "no|outside|part"),
-    ("backwards", lambda raw: changed(raw, lambda c: c.update(held_out=[9.0, 2.0])), "give start before end"),
+    ("nonsense", lambda raw: of_run(raw, held_out=[1e9, 2e9]), "no|outside|part"),
+    (
+        "backwards",
+        lambda raw: changed(raw, lambda c: c["runs"][0].update(held_out=[9.0, 2.0])),
+        "give start before end",
+    ),
 ]
 
 
@@ -212,9 +261,9 @@ def test_a_hostile_session_is_refused_in_one_sentence(
 def test_what_is_copied_runs_nothing_that_a_file_has_named() -> None:
     change = Change("add", 'x"); import os; ("$(id); rm -rf ~')
     assert ast.literal_eval(change.python.removeprefix("ac.add(PARENT, train, ").removesuffix(")")) == change.name
-    assert shlex.split(change.command(""))[5] == change.name
+    assert shlex.split(change.command("", "run.csv"))[5] == change.name
     held = Change("hold", "y'`id`", 1.0)
-    assert shlex.split(held.command(""))[5] == f"{held.name}=1.0"
+    assert shlex.split(held.command("", "run.csv"))[5] == f"{held.name}=1.0"
 
 
 def test_a_member_may_not_lie_about_its_size(raw: bytes, tmp_path: Path) -> None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import html
 import json
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from accelcal import formatting
+from accelcal.app.run import Run
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
-from accelcal.plots import interactive
+from accelcal.plots import interactive, style
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
@@ -25,6 +29,9 @@ if TYPE_CHECKING:
 
 LINE, SMALL = 20, 15
 """Heights of lines of a headline and of small print, pixels, as the figures are laid out."""
+
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x")
+"""Of the held-out recordings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +65,10 @@ def _text(lines: list[str]) -> str:
     return html.unescape(re.sub(r"</?span[^>]*>", "", " ".join(lines)))
 
 
-def marked(state: State) -> list[tuple[float, float, str]]:
+def marked(run: Run) -> list[tuple[float, float, str]]:
     """Stretches that are held out or excluded."""
-    found = [(a, b, "excluded") for a, b in state.excluded]
-    return found + ([(*state.held_out, "held out")] if state.held_out is not None else [])
+    found = [(a, b, "excluded") for a, b in run.excluded]
+    return found + ([(*run.held_out, "held out")] if run.held_out is not None else [])
 
 
 def arriving(recording: Recording, theme: ThemeName) -> Picture:
@@ -69,15 +76,15 @@ def arriving(recording: Recording, theme: ThemeName) -> Picture:
     return picture(interactive.linked(recording, theme=theme))
 
 
-def data(state: State, theme: ThemeName, window: tuple[float, float] | None = None) -> Picture:
+def data(run: Run, theme: ThemeName, window: tuple[float, float] | None = None) -> Picture:
     """The recording with its marks, ready for brushing."""
-    assert state.recording is not None
-    figure = interactive.linked(state.recording, window=window, marked=marked(state), theme=theme)
-    for at in state.breaks:
+    assert run.recording is not None
+    figure = interactive.linked(run.recording, window=window, marked=marked(run), theme=theme)
+    for at in run.breaks:
         figure.add_vline(x=at, line={"dash": "dash", "width": 2}, annotation_text=f"break at {instant(at)} s")
     figure.update_layout(dragmode="select", selectdirection="h")
     # Plotly selects markers only: two invisible ones make the axes react to brushing.
-    low, high = state.recording.position.t[0], state.recording.position.t[-1]
+    low, high = run.recording.position.t[0], run.recording.position.t[-1]
     figure.add_scatter(x=[low, high], y=[None, None], mode="markers", showlegend=False, hoverinfo="skip", row=1, col=1)
     return picture(figure, modeBarButtonsToRemove=["lasso2d", "autoScale2d"], scrollZoom=False)
 
@@ -86,16 +93,19 @@ def linked(
     state: State, seen: Comparison | None, theme: ThemeName, window: tuple[float, float] | None = None
 ) -> Picture:
     """Position, output, residual and side channels with one time axis."""
-    figure = interactive.linked(state.data, seen, window=window, marked=marked(state), theme=theme)
+    stretches = marked(state.run) if state.run is not None else []
+    figure = interactive.linked(state.data, seen, window=window, marked=stretches, theme=theme)
     figure.update_layout(uirevision="linked")
     return picture(figure)
 
 
-def nested_of(state: State) -> NestedModels:
-    """Held-out errors along the path to the current model."""
-    models = tuple(NestedModel(s.label, True, s.fit, s.heldout) for s in state.path)
-    horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
-    return NestedModels(models, state.other is None, max(horizons, default=None))
+def nested_of(state: State, number: int | None = None) -> NestedModels:
+    """Held-out errors along the path to the current model: on one held-out recording, by default on all together."""
+    seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
+    models = tuple(NestedModel(s.label, True, s.fit, one) for s, one in zip(state.path, seen, strict=True))
+    every = [one for step in state.path for one in (step.heldouts if number is None else seen)]
+    horizons = [h for h in seen[0].coast_rms if all(one.coast_rms[h] is not None for one in every)]
+    return NestedModels(models, state.holds_out_parts, max(horizons, default=None))
 
 
 def falling(state: State, theme: ThemeName) -> Picture:
@@ -107,22 +117,58 @@ def falling(state: State, theme: ThemeName) -> Picture:
     ticks = [
         f"{name}: {size}<br>{share_text(nested, i)}" for i, (name, size) in enumerate(zip(names, sizes, strict=True))
     ]
-    figure.update_xaxes(ticktext=ticks, title_text=None)
+    figure.update_xaxes(ticktext=ticks, tickangle=0, title_text=None)
     figure.update_traces(text=None, selector={"type": "bar"})  # a label would sit on the noise line
+    several = len(state.unseen_runs)
+    if several > 1:
+        beside_the_pool(figure, state, nested, style.theme_of(theme).ink)
     figure.update_layout(height=figure.layout.height - 60)
-    return picture(figure, displayModeBar=False)
+    made = picture(figure, displayModeBar=False)
+    return (
+        replace(made, note=f"unseen data: {several} recordings; bars are their error together") if several > 1 else made
+    )
+
+
+def beside_the_pool(figure: Figure, state: State, nested: NestedModels, ink: str) -> None:
+    """Beside the error on all held-out data that on each of the recordings, a line each."""
+    factor, unit = formatting.prefixed("m", np.array(nested.errors), nested.floor.value)
+    for number, run in enumerate(state.unseen_runs):
+        errors = [error_of(step.heldouts[number], nested.horizon) for step in state.path]
+        figure.add_scatter(
+            x=list(range(len(errors))),
+            y=[error * factor for error in errors],
+            mode="lines+markers",
+            name=html.escape(run.name),
+            line={"dash": "dot", "width": 1.4, "color": ink},
+            marker={
+                "symbol": SYMBOLS[number % len(SYMBOLS)],
+                "size": 10,
+                "color": "#ffffff",
+                "line": {"width": 1.6, "color": "#1a1a1a"},
+            },
+            hovertemplate="%{y:.4g} " + unit + "<extra>" + html.escape(run.name) + "</extra>",
+        )
+    top = max(figure.layout.yaxis.range[1], *(1.1 * max(trace.y) for trace in figure.data[-len(state.unseen_runs) :]))
+    figure.update_yaxes(range=[0.0, top])
+
+
+def error_of(seen: Comparison, horizon: float | None) -> float:
+    """Rms drift after a horizon, or of the simulation, m; NaN where the recording is too short."""
+    value = seen.simulated_rms if horizon is None else seen.coast_rms[horizon]
+    return math.nan if value is None else value
 
 
 def overlay(state: State, theme: ThemeName) -> Picture:
     """Measured and simulated on held-out data, for every model on the path."""
-    seen = [(spelled(step.label), step.heldout) for step in state.path]
+    seen = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
     return picture(interactive.overlay(seen, theme=theme))
 
 
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:
     """Accelerometer residual on held-out data; in grey that of the previous model, in the same frequency band."""
     assert state.step is not None
-    return picture(dimmed(interactive.accel_residual(state.step.heldout, previous=before, theme=theme)))
+    seen = state.step.heldouts[state.looked_at]
+    return picture(dimmed(interactive.accel_residual(seen, previous=before, theme=theme)))
 
 
 def dimmed(figure: Figure) -> Figure:
@@ -133,14 +179,14 @@ def dimmed(figure: Figure) -> Figure:
 def one_step(state: State, theme: ThemeName) -> Picture:
     """One-step residuals on held-out data; in grey those of the previous model."""
     assert state.step is not None
-    before = state.previous.heldout if state.previous is not None else None
-    return picture(dimmed(interactive.one_step(state.step.heldout, previous=before, theme=theme)))
+    before = state.previous.heldouts[state.looked_at] if state.previous is not None else None
+    return picture(dimmed(interactive.one_step(state.step.heldouts[state.looked_at], previous=before, theme=theme)))
 
 
 def coasting(state: State, theme: ThemeName) -> Picture:
     """Unaided drift on held-out data."""
     assert state.step is not None
-    return picture(interactive.coasting(state.step.heldout, theme=theme))
+    return picture(interactive.coasting(state.step.heldouts[state.looked_at], theme=theme))
 
 
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:

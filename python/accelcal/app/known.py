@@ -24,7 +24,7 @@ class Known:
     @classmethod
     def to(cls, state: State) -> Known:
         """What a state holds."""
-        recordings = [r for r in (state.recording, state.other) if r is not None]
+        recordings = [run.recording for run in state.runs if run.recording is not None]
         units = dict(pair for recording in recordings for pair in units_of(recording))
         return cls(tuple(OwnFormula.of(own) for own in state.own), tuple(units.items()))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,33 +29,41 @@ class OpenedSession:
     @property
     def missing(self) -> Source | None:
         """The first recording that is not where it was, or has changed since."""
-        sources = [s for s in (self.content.recording, self.content.other) if s is not None]
+        sources = [run.source for run in self.content.runs]
         return next((s for s in sources if not is_file_of(self.path(s), s)), None)
 
-    def with_file(self, path: Path) -> OpenedSession:
-        """The session with a file of the user in place of the one that is missing.
+    def with_files(self, paths: Sequence[Path]) -> OpenedSession:
+        """The session with files of the user in place of those that are missing.
 
         Raises
         ------
         ValueError
-            If it is not the file that the session was made with.
+            If one is not a file that the session was made with.
         """
-        source = self.missing
-        if source is None:
-            return self
-        if not is_file_of(path, source):
-            raise ValueError(
-                f"{path.name}: not the recording that this session was made with ({source.path.name}, SHA-256 "
-                f"{source.sha256[:12]}…). Give that file, or press Undo and begin anew with this one"
-            )
-        return replace(self, given={**self.given, source.sha256: path})
+        given = dict(self.given)
+        for path in paths:
+            digest = digest_at(path)
+            source = next((run.source for run in self.content.runs if run.source.sha256 == digest), None)
+            if source is None:
+                asked = self.missing or self.content.runs[0].source
+                raise ValueError(
+                    f"{path.name}: not the recording that this session was made with ({asked.path.name}, SHA-256 "
+                    f"{asked.sha256[:12]}…). Give that file, or press Undo and begin anew with this one"
+                )
+            given[source.sha256] = path
+        return replace(self, given=given)
 
 
 def is_file_of(path: Path, source: Source) -> bool:
-    """Whether a file is the recording that a session names; files of other machines are not asked for."""
+    """Whether a file is the recording that a session names."""
+    return digest_at(path) == source.sha256
+
+
+def digest_at(path: Path) -> str:
+    """SHA-256 of a file, hex; empty where there is none to read. Files of other machines are not asked for."""
     if not path.is_absolute() or str(path).startswith(("\\\\", "//")):
-        return False
+        return ""
     try:
-        return path.is_file() and digest_of(path) == source.sha256
+        return digest_of(path) if path.is_file() else ""
     except (OSError, ValueError):
-        return False
+        return ""

@@ -52,6 +52,8 @@ class Page:
         self.brushed: tuple[float, float] | None = None
         self.fields: tuple[ui.number, ...] = ()
         """Fields for start and end of a stretch, on the screen that has them."""
+        self.pair: tuple[str, str] | None = None
+        """Two models that stand side by side."""
         self._seen = -1
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
@@ -203,13 +205,13 @@ class Page:
         self._seen = self.bench.version
         self._build_count += 1
         state = self.bench.state
-        self.file.set_text(state.file.name if state.file is not None else "")
+        self.file.set_text(state.title)
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
         self.body.clear()
         with self.body, self.bench.catalogue():
             if not self.is_new:
-                named = f"{self.screens[self.tab][0]}: {state.file.name}" if state.file else self.screens[self.tab][0]
+                named = f"{self.screens[self.tab][0]}: {state.title}" if state.runs else self.screens[self.tab][0]
                 widgets.heading(named, 1).classes("unseen-text")
             self.screens[self.tab][2](self)
 

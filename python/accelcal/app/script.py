@@ -3,77 +3,174 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
+from accelcal.app.run import Run, Stretch
 from accelcal.app.state import State, quoted
 
 
 def python(state: State) -> str:
     """A script that repeats the steps to the current model."""
-    lines = ["import accelcal as ac", ""]
-    lines += [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
-    if state.file is None or state.recording is None:
-        return "\n".join([*lines, "# load a recording first"]) + "\n"
-    sidecar = f", {quoted(f'{state.file.stem}.toml')}" if state.sidecar is not None else ""
-    lines += [f"data = ac.load({quoted(state.file.name)}{sidecar})"]
-    if state.breaks:
-        lines.append(f"data = data.part({state.used[0]!r}, {state.used[1]!r})  # one model cannot hold across a break")
-    if state.excluded:
-        lines.append(f"data = data.without({', '.join(f'({a!r}, {b!r})' for a, b in state.excluded)})")
-    if state.held_out is not None:
-        a, b = state.held_out
-        lines += [f"train, unseen = data.without(({a!r}, {b!r})), data.part({a!r}, {b!r})"]
-    else:
-        other = state.other.name if state.other is not None else ""
-        lines += [f"train, unseen = data, ac.load({quoted(other)})"]
+    own = [f'ac.load_effects("{own.effect.name}.py")' for own in state.own]
+    if state.recording is None:
+        return "\n".join(["import accelcal as ac", "", *own, "# load a recording first"]) + "\n"
+    named = Named.of(state)
+    summarised = [] if state.path else ["from accelcal.data.summary import summarise"]
+    lines = ["import accelcal as ac", *summarised, "", *own]
+    for run, name in named.pairs:
+        lines += loading(run, name, named)
+    lines += division(state, named)
     if not state.path:
-        lines.insert(1, "from accelcal.data.summary import summarise")
-        return "\n".join([*lines, "print(summarise(data))"]) + "\n"
+        return "\n".join([*lines, *(f"print(summarise({n}))" for r, n in named.pairs if r.recording)]) + "\n"
     names = [f"m{i}" for i in range(len(state.path))]
     lines.append("")
     for i, step in enumerate(state.path):
         made = step.change.python.replace("PARENT", names[i - 1] if i else "")
         lines.append(f"{names[i]} = {made}")
+    lines += ["", f"models = [{', '.join(names)}]", *comparing(state)]
+    if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
+        lines.insert(1 + len(summarised), "from accelcal.workflow import run_values")
+        lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
     lines += [
-        "",
-        f"models = [{', '.join(names)}]",
-        "for m, seen in zip(models, ac.history(models, unseen)):",
-        "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
         f"print(ac.diagnose({names[-1]}, train).sentence)",
         f'ac.save_model({names[-1]}, "model.json")',
     ]
     return "\n".join(lines) + "\n"
 
 
+@dataclass(frozen=True, slots=True)
+class Named:
+    """Files in use with the names that they have in a script, in the order in which they are loaded."""
+
+    pairs: tuple[tuple[Run, str], ...]
+
+    @classmethod
+    def of(cls, state: State) -> Named:
+        """Those of a state that are fitted or held out; one alone is called data. Who lends a rig comes first."""
+        used = in_use(state)
+        lenders = {run.lender for run in used} - {""}
+        lending = [run for run in state.runs if run.name in lenders and run not in used]
+        runs = sorted([*lending, *used], key=lambda run: bool(run.lender))
+        names = ["data"] if len(runs) == 1 else [f"run{number}" for number in range(1, len(runs) + 1)]
+        return cls(tuple(zip(runs, names, strict=True)))
+
+    def name(self, run: Run) -> str:
+        """Name of a file."""
+        return next(name for other, name in self.pairs if other is run)
+
+    def lender(self, run: Run) -> str:
+        """Name of the recording whose rig a file has."""
+        return next(name for other, name in self.pairs if other.name == run.lender and not other.lender)
+
+
+def in_use(state: State) -> list[Run]:
+    """Files that are fitted or held out, in their order."""
+    return [run for run in state.runs if run.known is not None and run.role != "leave out"]
+
+
+def loading(run: Run, name: str, named: Named) -> list[str]:
+    """Lines that load a file and leave out what is not used of it."""
+    file = quoted(run.name)
+    if run.dwells is not None:
+        sidecar = f", {quoted(f'{run.file.stem}.toml')}" if run.sidecar is not None else ""
+        return [f"{name} = ac.load_dwells({file}{sidecar})"]
+    rig = f", {quoted(f'{run.file.stem}.toml')}" if run.sidecar is not None else ""
+    rig = f", {named.lender(run)}.rig" if run.lender else rig
+    lines = [f"{name} = ac.load({file}{rig})"]
+    if run.breaks:
+        lines.append(f"{name} = {name}.part({run.used[0]!r}, {run.used[1]!r})  # one model cannot hold across a break")
+    if run.excluded:
+        lines.append(f"{name} = {name}.without({', '.join(f'({a!r}, {b!r})' for a, b in run.excluded)})")
+    return lines
+
+
+def division(state: State, named: Named) -> list[str]:
+    """Lines that say what is fitted and what is held out; of one recording they are two parts."""
+    if len(named.pairs) == 1:
+        ((run, name),) = named.pairs
+        a, b = run.held_out or (0.0, 0.0)
+        return [f"train, unseen = {name}.without(({a!r}, {b!r})), {name}.part({a!r}, {b!r})"]
+    train, unseen = [], []
+    for run in in_use(state):
+        name = named.name(run)
+        if run.role == "fit":
+            train.append(name if run.held_out is None else f"{name}.without({run.held_out!r})")
+        if run.holds_out:
+            unseen.append(name if run.held_out is None else f"{name}.part({run.held_out[0]!r}, {run.held_out[1]!r})")
+    return ["", f"train = [{', '.join(train)}]", f"unseen = [{', '.join(unseen)}]"]
+
+
+def comparing(state: State) -> list[str]:
+    """Lines that print the held-out errors."""
+    if len(in_use(state)) == 1:
+        return [
+            "for m, seen in zip(models, ac.history(models, unseen)):",
+            "    print(m.model.added, seen.coast_rms, seen.simulated_rms)",
+        ]
+    return [
+        "for one in unseen:",
+        "    for m, seen in zip(models, ac.history(models, one)):",
+        "        print(one.name, m.model.added, seen.coast_rms, seen.simulated_rms)",
+    ]
+
+
 def command_line(state: State) -> str:
     """Shell commands that repeat the steps to the current model."""
-    if state.file is None or state.recording is None:
+    if state.recording is None:
         return "# load a recording first\n"
-    run = shlex.quote(state.file.name)
-    rig = f" --rig {shlex.quote(state.file.stem + '.toml')}" if state.sidecar is not None else ""
-    lines = [f"accelcal check {run}{rig}"]
-    only = f" --only {state.used[0]!r}:{state.used[1]!r}" if state.breaks else ""
-    without = "".join(f" --without {a!r}:{b!r}" for a, b in state.excluded)
-    if state.held_out is not None:
-        a, b = state.held_out
-        held = f" --only {a!r}:{b!r}"
-        lines.append(f"accelcal cut {run}{rig}{only}{without} --without {a!r}:{b!r} -o train.csv")
-        lines.append(f"accelcal cut {run}{rig}{without}{held} -o unseen.csv")
-        unseen = "unseen.csv"
-    else:
-        lines.append(f"accelcal cut {run}{rig}{only}{without} -o train.csv")
-        unseen = shlex.quote(state.other.name if state.other is not None else "")
+    used = in_use(state)
+    lines = [f"accelcal check {shlex.quote(run.name)}{rig_of(run)}" for run in used if run.recording is not None]
+    train, unseen = [], []
+    for run in used:
+        made, fitted, held = cut(run, alone=len(used) == 1)
+        lines += made
+        train += fitted
+        unseen += held
+    data = " ".join(train)
     names = [f"m{i}.json" for i in range(len(state.path))]
     for i, step in enumerate(state.path):
-        lines.append(
-            step.change.command(state.own_files).replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i])
-        )
+        command = step.change.command(state.own_files, data)
+        lines.append(command.replace("PARENT", names[i - 1] if i else "").replace("THIS", names[i]))
     if names:
         option = state.own_files
-        lines.append(f"accelcal diagnose {names[-1]} train.csv{option}")
-        lines.append(f"accelcal history {' '.join(names)} --on {unseen}{option}")
-        lines.append(f"accelcal report {names[-1]} train.csv --holdout {unseen}{option} -o report.html")
+        lines.append(f"accelcal diagnose {names[-1]} {data}{option}")
+        lines += [f"accelcal history {' '.join(names)} --on {one}{option}" for one in unseen]
+        lines.append(f"accelcal report {names[-1]} {train[0]} --holdout {unseen[0]}{option} -o report.html")
     return "\n".join(lines) + "\n"
+
+
+def rig_of(run: Run) -> str:
+    """The option that names the sidecar of a file where it is not beside it."""
+    if run.lender:
+        return f" --rig {shlex.quote(Path(run.lender).with_suffix('.toml').name)}"
+    return f" --rig {shlex.quote(f'{run.file.stem}.toml')}" if run.sidecar is not None else ""
+
+
+def cut(run: Run, *, alone: bool) -> tuple[list[str], list[str], list[str]]:
+    """Commands that write the parts of a file, the files to fit, and those to compare with."""
+    file, rig = shlex.quote(run.name), rig_of(run)
+    only = option("--only", [run.used] if run.breaks else [])
+    without = option("--without", run.excluded)
+    if run.dwells is not None:
+        return [], [file], []
+    prefix = "" if alone else f"{run.file.stem}_"
+    train, unseen = shlex.quote(f"{prefix}train.csv"), shlex.quote(f"{prefix}unseen.csv")
+    if run.held_out is not None:
+        rest = f"{only}{without}{option('--without', [run.held_out])}"
+        part = f"{without}{option('--only', [run.held_out])}"
+        made = [f"accelcal cut {file}{rig}{rest} -o {train}", f"accelcal cut {file}{rig}{part} -o {unseen}"]
+        return made, [train], [unseen]
+    whole = train if run.role == "fit" else unseen
+    made = [f"accelcal cut {file}{rig}{only}{without} -o {whole}"] if rig or only or without else []
+    name = whole if made else file
+    return made, [name] if run.role == "fit" else [], [name] if run.role == "hold out" else []
+
+
+def option(name: str, stretches: Sequence[Stretch]) -> str:
+    """An option for each of some stretches."""
+    return "".join(f" {name} {a!r}:{b!r}" for a, b in stretches)
 
 
 COPIES: dict[str, Callable[[State], str]] = {"Python": python, "command line": command_line}

@@ -17,8 +17,8 @@ from typing import Any
 from accelcal._support import locks
 from accelcal._support.stopping import Stopped
 from accelcal.app.kept import Keeper, state_folder
+from accelcal.app.reading import MOST_BYTES
 from accelcal.app.sessions import Workbenches
-from accelcal.app.workbench import MOST_BYTES
 from accelcal.app.workers import Workers
 
 HOST = "127.0.0.1"

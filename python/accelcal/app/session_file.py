@@ -20,10 +20,18 @@ from accelcal import _core
 from accelcal.app import mapping
 from accelcal.app.known import Known
 from accelcal.app.own_formula import OwnFormula
+from accelcal.app.run import Run
 from accelcal.app.state import State
-from accelcal.data.recording import Recording
 from accelcal.serialization import model_file
-from accelcal.serialization.schema.session import MOST_MODELS, SCHEMA, Content, Source, StoredStep
+from accelcal.serialization.schema.session import (
+    MOST_MODELS,
+    SCHEMA,
+    Content,
+    Source,
+    StoredRun,
+    StoredStep,
+    content_of,
+)
 
 SUFFIX = ".accelcal"
 CONTENT = "session.json"
@@ -38,25 +46,22 @@ class SessionError(ValueError):
 
 
 def dumps(state: State, *, when: datetime | None = None) -> bytes:
-    """Return the work on a recording as a session file.
+    """Return the work on recordings as a session file; a file whose columns are not understood yet is not in it.
 
     Raises
     ------
     SessionError
         If no recording is loaded.
     """
-    if state.file is None or state.recording is None:
+    if state.recording is None:
         raise SessionError("load a recording first; a session without one is empty")
+    stored = [(run, stored_run(run)) for run in state.runs if run.known is not None]
     content = Content(
-        schema="accelcal/session/1",
+        schema=SCHEMA,
         version=_core.__version__,
         saved=(when or datetime.now(UTC)).isoformat(timespec="seconds"),
-        recording=Source(file=str(state.file), sha256=state.recording.digest),
-        sidecar=mapping.text_of(state.file, state.sidecar, "") or None,
-        other=_source(state.other, state.other_file),
-        other_sidecar=None if state.other_file is None else mapping.text_of(state.other_file, None, "") or None,
-        held_out=state.held_out,
-        excluded=list(state.excluded),
+        runs=[made for _, made in stored],
+        shown=next((at for at, (run, _) in enumerate(stored) if run is state.run), 0),
         own=[OwnFormula.of(own).stored for own in state.own],
         steps=[
             StoredStep(
@@ -88,7 +93,7 @@ def read(path: Path) -> tuple[Content, dict[int, str]]:
     """
     with _reading(path):
         texts = _texts(path)
-        content = Content.model_validate_json(texts.pop(CONTENT))
+        content = content_of(texts.pop(CONTENT))
         models = {step.key: texts.pop(model_name(step.key)) for step in content.steps}
     if texts:
         raise SessionError(f"{path.name}: holds {len(texts)} parts that belong to no model; take a copy that is whole")
@@ -98,7 +103,7 @@ def read(path: Path) -> tuple[Content, dict[int, str]]:
 def peek(path: Path) -> Content:
     """Read what a session file says of itself, without its models; errors as `read`."""
     with _reading(path):
-        return Content.model_validate_json(_texts(path, (CONTENT,))[CONTENT])
+        return content_of(_texts(path, (CONTENT,))[CONTENT])
 
 
 @contextmanager
@@ -150,10 +155,15 @@ def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
     return found
 
 
-def _source(recording: Recording | None, path: Path | None) -> Source | None:
-    if recording is None or path is None:
-        return None
-    return Source(file=str(path), sha256=recording.digest)
+def stored_run(run: Run) -> StoredRun:
+    """What a session file holds of one file."""
+    return StoredRun(
+        source=Source(file=str(run.file), sha256=run.digest),
+        sidecar=mapping.text_of(run.file, run.sidecar, "") or None,
+        role=run.role,
+        held_out=run.held_out,
+        excluded=list(run.excluded),
+    )
 
 
 def _plain(text: str) -> str:

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import json
 import shlex
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from accelcal.app.opened_session import OpenedSession
+from accelcal.app.run import Run
+from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.effects import Own
 from accelcal.estimation.estimate import Fit
-from accelcal.plots.interactive.timeline import Marks
 from accelcal.validation.comparison import Comparison
-
-Stretch = tuple[float, float]
-"""From, to, s."""
+from accelcal.validation.pooled import pooled
 
 
 def quoted(text: str) -> str:
@@ -52,15 +50,15 @@ class Change:
         held = f"freeze(**{{{name}: {self.value!r}}})" if self.kind == "hold" else f"release({name})"
         return f"ac.fit(PARENT.model.{held}, train, origins=PARENT.origins)"
 
-    def command(self, own_files: str) -> str:
-        """The shell command that makes the model, with PARENT and THIS for the model files."""
+    def command(self, own_files: str, data: str) -> str:
+        """The shell command that makes the model, with PARENT and THIS for the model files, from the files `data`."""
         if self.kind == "base":
-            return f"accelcal fit train.csv --model {self.name} -o THIS"
+            return f"accelcal fit {data} --model {self.name} -o THIS"
         name = shlex.quote(self.name)
         if self.kind in ("add", "drop"):
-            return f"accelcal {self.kind} PARENT train.csv --effect {name}{own_files} -o THIS"
+            return f"accelcal {self.kind} PARENT {data} --effect {name}{own_files} -o THIS"
         held = f"--at {name}={self.value!r}" if self.kind == "hold" else f"--release {name}"
-        return f"accelcal freeze PARENT train.csv {held}{own_files} -o THIS"
+        return f"accelcal freeze PARENT {data} {held}{own_files} -o THIS"
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,47 +69,69 @@ class Step:
     parent: int | None
     change: Change
     fit: Fit
-    heldout: Comparison
-    """Against the held-out data."""
+    heldouts: tuple[Comparison, ...]
+    """Against each held-out recording, in their order."""
 
     @property
     def label(self) -> str:
         """What distinguishes this model from its parent, for people: base, + cubic, bias fixed."""
         return self.change.label
 
+    @property
+    def heldout(self) -> Comparison:
+        """Against all held-out data together; its curves are those of the first recording."""
+        return pooled(self.heldouts)
+
+
+@dataclass(frozen=True, slots=True)
+class Guest:
+    """A model of another session or of a model file, to be put beside those of this session."""
+
+    name: str
+    fit: Fit
+    own: Comparison | None = None
+    """Against what its own session holds out; None where that is not at hand."""
+
 
 @dataclass(frozen=True, slots=True)
 class State:
     """Everything that undo restores."""
 
-    file: Path | None = None
-    sidecar: str | None = None
-    """Text that replaces the sidecar next to the file; None: use that one, if any."""
-    columns: tuple[str, ...] = ()
-    template: str = ""
-    """A commented sidecar for the columns of the file."""
-    problem: str = ""
-    """Why the columns of the file are not understood; empty when they are."""
-    recording: Recording | None = None
-    summary: Mapping[str, Any] = field(default_factory=dict)
-    """What the check of the recording found, for the page."""
-    used: Stretch = (0.0, 0.0)
-    """Part on which one model can hold."""
-    marks: Marks | None = None
-    """Breaks, faults and rest on the time line."""
-    breaks: tuple[float, ...] = ()
-    held_out: Stretch | None = None
-    """Part of the recording that is not fitted; None when another recording is held out."""
-    other: Recording | None = None
-    """Held-out recording."""
-    other_file: Path | None = None
-    """Where it was read from."""
-    excluded: tuple[Stretch, ...] = ()
+    runs: tuple[Run, ...] = ()
+    """Recordings and dwells, in the order in which they were given."""
+    shown: int = 0
+    """Number of the one on the time line."""
+    looked_at: int = 0
+    """Number of the held-out recording whose curves are drawn."""
     own: tuple[Own, ...] = ()
     steps: tuple[Step, ...] = ()
     current: int | None = None
+    guests: tuple[Guest, ...] = ()
+    """Models from elsewhere; they are not saved with the session."""
     opened: OpenedSession | None = None
     """A session that waits for a recording, in place of all else."""
+
+    @property
+    def run(self) -> Run | None:
+        """The file on the time line."""
+        return self.runs[self.shown] if self.runs else None
+
+    @property
+    def file(self) -> Path | None:
+        """Path of that file."""
+        return self.run.file if self.run is not None else None
+
+    @property
+    def recording(self) -> Recording | None:
+        """The recording on the time line; the first one where that is none."""
+        found = (run.recording for run in ([self.run] if self.run else []) + list(self.runs))
+        return next((recording for recording in found if recording is not None), None)
+
+    @property
+    def title(self) -> str:
+        """The files in a few words."""
+        more = f" and {len(self.runs) - 1} more" if len(self.runs) > 1 else ""
+        return f"{self.runs[0].name}{more}" if self.runs else ""
 
     @property
     def step(self) -> Step | None:
@@ -129,6 +149,18 @@ class State:
             key = by_key[key].parent
         return tuple(reversed(found))
 
+    def named(self, step: Step) -> str:
+        """A model with all that led to it, for people: base + cubic, bias fixed."""
+        by_key = {s.key: s for s in self.steps}
+        parent = None if step.parent is None else by_key[step.parent]
+        return step.label if parent is None else f"{self.named(parent)} {step.label}"
+
+    @property
+    def models(self) -> dict[str, Fit]:
+        """Every model of the session, and every guest, by the name that a list shows."""
+        own = {f"{number}: {self.named(step)}": step.fit for number, step in enumerate(self.steps, start=1)}
+        return {**own, **{guest.name: guest.fit for guest in self.guests}}
+
     @property
     def previous(self) -> Step | None:
         """The parent of the current model."""
@@ -141,25 +173,29 @@ class State:
 
     @property
     def data(self) -> Recording:
-        """Data in use, the held-out part included."""
-        assert self.recording is not None
-        whole = self.recording
-        if self.breaks:
-            whole = whole.part(*self.used)
-        return whole.without(*self.excluded)
+        """Data in use of the recording on the time line, its held-out part included."""
+        found = self.run if self.run and self.run.recording else next(r for r in self.runs if r.recording is not None)
+        return found.data
 
     @property
-    def train(self) -> Recording:
+    def train(self) -> tuple[Recording | Dwells, ...]:
         """Data that models are fitted to."""
-        return self.data if self.held_out is None else self.data.without(self.held_out)
+        return tuple(part for run in self.runs if (part := run.train) is not None)
 
     @property
-    def unseen(self) -> Recording:
-        """Held-out data."""
-        if self.other is not None:
-            return self.other
-        assert self.held_out is not None
-        return self.data.part(*self.held_out)
+    def unseen(self) -> tuple[Recording, ...]:
+        """Held-out data, a recording each."""
+        return tuple(part for run in self.runs if (part := run.unseen) is not None)
+
+    @property
+    def unseen_runs(self) -> tuple[Run, ...]:
+        """Where they are from."""
+        return tuple(run for run in self.runs if run.holds_out)
+
+    @property
+    def holds_out_parts(self) -> bool:
+        """Whether all that is held out are parts of recordings that are fitted."""
+        return all(run.role == "fit" for run in self.unseen_runs)
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 from accelcal import io
 from accelcal.app import mapping
@@ -13,8 +13,10 @@ from accelcal.app.examples import EXAMPLES
 from accelcal.app.own_formula import OwnFormula
 from accelcal.calibration.export import Laboratory, calibrate, draft, header, module, to_dict
 from accelcal.data import summary
+from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
+from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import Effect, find
 from accelcal.estimation.estimate import Fit
@@ -26,9 +28,11 @@ from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.ruler import Ruler
-from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit
+from accelcal.workflow import add, compare, compare_models, diagnose, drop, fit, run_values
 
 Report = Callable[[float], None]
+Data: TypeAlias = Sequence[Recording | Dwells]
+"""What models are fitted to: recordings and dwells of one sensor."""
 Export = Literal["C", "Rust", "JSON", "DCC"]
 
 
@@ -46,9 +50,10 @@ def columns(path: Path, *, report: Report) -> tuple[tuple[str, ...], str]:
     return mapping.columns_of(path), io.template(path)
 
 
-def load(path: Path, rig: Path | Rig | None, *, report: Report) -> Recording:
-    """Read a recording."""
-    return io.load(path, rig)
+def load(path: Path, rig: Path | Rig | None, *, report: Report) -> Recording | Dwells:
+    """Read a recording, or dwells where the file or its sidecar says that it is some."""
+    beside = rig if isinstance(rig, Path) else None
+    return io.load_dwells(path, beside) if io.declares_dwells(path, beside) else io.load(path, rig)
 
 
 def check(recording: Recording, *, report: Report) -> Checked:
@@ -58,19 +63,19 @@ def check(recording: Recording, *, report: Report) -> Checked:
     return Checked(found, summary.describe(recording))
 
 
-def fitted(model: Model, train: Recording, origins: Origins | None, *, report: Report) -> Fit:
+def fitted(model: Model, train: Data, origins: Origins | None, *, report: Report) -> Fit:
     """Fit a model."""
-    return fit(model, train, origins=origins, report=report)
+    return fit(model, list(train), origins=origins, report=report)
 
 
-def added(before: Fit, train: Recording, name: str, own: Sequence[str], *, report: Report) -> Fit:
+def added(before: Fit, train: Data, name: str, own: Sequence[str], *, report: Report) -> Fit:
     """Fit again with an effect more; `own` names effects of the user."""
-    return add(before, train, name, extra=effects(own), report=report)
+    return add(before, list(train), name, extra=effects(own), report=report)
 
 
-def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
+def dropped(before: Fit, train: Data, name: str, *, report: Report) -> Fit:
     """Fit again with an effect less."""
-    return drop(before, train, name, report=report)
+    return drop(before, list(train), name, report=report)
 
 
 def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
@@ -78,18 +83,29 @@ def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
     return compare(found, data)
 
 
-def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler, base: Fit, *, report: Report) -> tuple[Comparison, ...]:
-    """Compare models with data, all with the filter of `ruler`, above the noise floor of the model they grew from."""
-    return compare_models(fits, data, ruler, report, base=base)
+def judged(
+    fits: Sequence[Fit], data: Sequence[Recording], ruler: Ruler, base: Fit, *, report: Report
+) -> tuple[tuple[Comparison, ...], ...]:
+    """Compare models with recordings, all with the filter of `ruler`, above the noise floor of the model they grew
+    from: for each model its comparisons."""
+    found, part = [], 1.0 / len(data)
+    for number, one in enumerate(data):
+        found.append(compare_models(fits, one, ruler, share_of(report, number * part, (number + 1) * part), base=base))
+    return tuple(zip(*found, strict=True))
 
 
-def diagnosed(found: Fit, train: Recording, own: Sequence[str], *, report: Report) -> Diagnosis:
+def diagnosed(found: Fit, train: Data, own: Sequence[str], *, report: Report) -> Diagnosis:
     """Search for missing effects."""
-    return diagnose(found, train, extra=effects(own), report=report)
+    return diagnose(found, list(train), extra=effects(own), report=report)
+
+
+def values_of_runs(found: Fit, train: Data, *, report: Report) -> RunValues:
+    """Parameters of each recording alone."""
+    return run_values(found, list(train))
 
 
 def reported(found: Fit, train: Recording, holdout: Recording, own: Sequence[str], *, report: Report) -> str:
-    """The report as a page of HTML."""
+    """The report of a model on one recording, and on one that is held out, as a page of HTML."""
     content = gather(
         found,
         train,
@@ -129,3 +145,8 @@ def simulated(path: Path, name: str, *, report: Report) -> None:
 def effects(names: Sequence[str]) -> tuple[Effect, ...]:
     """Effects of the catalogue by their names."""
     return tuple(find(name) for name in names)
+
+
+def share_of(report: Report, low: float, high: float) -> Report:
+    """Progress of one part of the work as a share of the whole."""
+    return lambda share: report(low + share * (high - low))

@@ -122,7 +122,7 @@ def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
 
 def remarks(state: State, found: Diagnosis) -> list[str]:
     """What must be read with the verdict; gaps that the user made are not mentioned."""
-    cut = bool(state.excluded) or state.held_out is not None
+    cut = any(run.excluded or run.held_out for run in state.runs)
     seen = (r for r in found.remarks if r.place == "data" and not (cut and r.code == "dropout"))
     lines = [f"Suspect data: {r.sentence}" for r in seen]
     lines += [readable(text) for text in found.notes]

@@ -11,7 +11,7 @@ import re
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,29 +19,28 @@ from typing import Any, Literal
 
 from accelcal import io
 from accelcal._support import internal_error
-from accelcal.app import mapping, session_file, tasks
+from accelcal.app import mapping, roles, session_file, tasks
 from accelcal.app.examples import PREFIX
-from accelcal.app.known import Known, units_of
+from accelcal.app.known import Known
 from accelcal.app.opened_session import OpenedSession
 from accelcal.app.own_formula import OwnFormula
-from accelcal.app.state import Cancelled, Change, Job, State, Step, Stretch
-from accelcal.app.tasks import Export
+from accelcal.app.reading import Reader
+from accelcal.app.roles import Refused
+from accelcal.app.run import Role, Run, Stretch, time_span
+from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
+from accelcal.app.tasks import Export, share_of
 from accelcal.app.workers import Compute, Report, direct
-from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.rig import Rig
+from accelcal.data.recording import Recording, require_same_sensor
+from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.effects.side_channels import side_channels
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.model import Model
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import HELD_OUT, Comparison
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.pooled import pooled
 from accelcal.validation.ruler import Ruler
 
-MOST_BYTES = 1_000_000_000
-"""Largest file that is read."""
-MOST_SAMPLES = 20_000_000
-"""Largest number of accelerometer samples."""
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
 """Formats of an exported calibration, with their file names."""
 SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
@@ -53,10 +52,6 @@ UNUSED = 600.0
 """Age from which files that no state names are removed, s."""
 MOST_NAME = 100
 """Length of the name that an uploaded file is kept under, bytes; a file system takes 255."""
-
-
-class Refused(ValueError):
-    """An action that is not possible now. The text says why and what to do first."""
 
 
 class Workbench:
@@ -81,9 +76,12 @@ class Workbench:
         """Incremented with every change that a page must show."""
         self.diagnoses: dict[tuple[int, int], Diagnosis] = {}
         """By key of the model and number of user effects among the candidates."""
+        self._run_values: dict[int, RunValues] = {}
+        """By key of the model."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
-        self._whole: tuple[int, Comparison] | None = None
+        self._whole: tuple[tuple[int, int], Comparison] | None = None
+        self._pair: tuple[State, tuple[str, str], tuple[Comparison, Comparison]] | None = None
         self.changed: Callable[[State], object] = lambda state: None
         """Called with each new state."""
         self._undo: list[State] = []
@@ -117,7 +115,7 @@ class Workbench:
         """Remove files that no undo brings back."""
         with self._lock:
             states = [self.state, *self._undo, *self._redo]
-        used = {file.parent for state in states for file in (state.file, state.other_file) if file is not None}
+        used = {run.file.parent for state in states for run in state.runs}
         used |= {file.parent for state in states if state.opened for file in state.opened.given.values()}
         for old in self.folder.glob("drop*"):
             if old not in used and time.time() - old.stat().st_mtime > UNUSED:
@@ -135,7 +133,7 @@ class Workbench:
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")
         stem, dot, ending = bare.rpartition(".")
         ending = dot + ending.lower()
-        if not stem or ending not in (*SUFFIXES, ".toml", session_file.SUFFIX):
+        if not stem or ending not in (*SUFFIXES, ".toml", ".json", session_file.SUFFIX):
             shown = bare[-40:] or name[-40:]
             raise Refused(
                 f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}), its sidecar (.toml) or a session "
@@ -145,7 +143,7 @@ class Workbench:
         return upload_folder / f"{kept or 'recording'}{bare[len(stem) :]}"
 
     def load(self, path: str | Path, sidecar: str | None = None) -> None:
-        """Read a recording; where its columns are not understood, `State.problem` says why until they are mapped.
+        """Begin anew with a recording; where its columns are not understood, `Run.problem` says why until they are.
 
         Parameters
         ----------
@@ -156,69 +154,105 @@ class Workbench:
         self._perform(f"reading {path.name}", lambda state, report: self._load(path, sidecar, report))
 
     def _load(self, path: Path, sidecar: str | None, report: Report) -> State:
-        columns: tuple[str, ...] = ()
-        template = ""
-        try:
-            require_size(path)
-            columns, template = self._done(tasks.columns, path, report=share_of(report, 0.0, 0.1))
-            recording = self._read(path, self._declared(path, sidecar), share_of(report, 0.1, 0.4))
-        except RecordingError as error:
-            if not columns:
-                raise
-            problem = self.plain(str(error))
-            return State(file=path, sidecar=sidecar, columns=columns, template=template, problem=problem)
-        report(0.4)
+        return State(runs=roles.divided([self._reader().run(path, sidecar, None, report)]))
+
+    def load_several(self, paths: Sequence[Path]) -> None:
+        """Begin anew with recordings and dwells of one sensor."""
+
+        def work(state: State, report: Report) -> State:
+            return with_one_to_map(State(runs=roles.divided(self._reader().several(paths, (), report))))
+
+        self._perform(f"reading {names_of_files(paths)}", work)
+
+    def include(self, paths: Sequence[Path], role: Role = "fit") -> None:
+        """Read further recordings and dwells, of the sensor of those that are there."""
+
+        def work(state: State, report: Report) -> State:
+            loaded(state)
+            further = self._reader().several(paths, state.runs, report)
+            runs = (*state.runs, *further)
+            if role != "fit":
+                for number in range(len(state.runs), len(runs)):
+                    runs = roles.with_role(runs, number, role)
+            made = with_one_to_map(replace(state, runs=runs))
+            return replace(self._divided(state, made.runs, report), shown=made.shown)
+
+        self._perform(f"reading {names_of_files(paths)}", work)
+
+    def declare(self, sidecar: str) -> None:
+        """Read the file on the time line again, with a text in place of its sidecar.
+
+        Files with the same columns that are not understood either are read so, too.
+        """
+
+        def work(state: State, report: Report) -> State:
+            asked = state.run
+            if asked is None:
+                raise Refused("load a recording first")
+            alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
+            read = {}
+            for number, run in enumerate(alike):
+                part = share_of(report, number / len(alike), (number + 1) / len(alike))
+                read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
+            if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
+                raise Refused(read[id(asked)].problem)
+            runs = tuple(read.get(id(run), run) for run in state.runs)
+            all_new = all(run.problem for run in state.runs)
+            return without_models(
+                with_one_to_map(
+                    replace(state, runs=roles.divided(runs) if all_new else roles.with_something_held_out(runs))
+                )
+            )
+
+        self._perform(f"reading {self.state.title}", work)
+
+    def _divided(self, state: State, runs: tuple[Run, ...], report: Report) -> State:
+        """The state with other runs; its models stay where what they were fitted to does, and are compared again."""
+        bare = without_models(replace(state, runs=runs, looked_at=0))
+        require_both_parts(bare)
+        if not state.steps or [part.digest for part in bare.train] != [part.digest for part in state.train]:
+            return bare
+        fits = [step.fit for step in state.steps]
+        judged = self._done(tasks.judged, fits, bare.unseen, Ruler.of(fits), fits[0], report=report)
+        steps = tuple(replace(step, heldouts=seen) for step, seen in zip(state.steps, judged, strict=True))
+        return replace(bare, steps=steps, current=state.current)
+
+    def _reader(self) -> Reader:
+        return Reader(self._done, self.folder, self.plain, self._arrived)
+
+    def _arrived(self, recording: Recording) -> None:
         with self._lock:
             self.arriving = recording
             self.version += 1
-        found: tasks.Checked = self._done(tasks.check, recording, report=share_of(report, 0.4, 0.98))
-        seen = found.marks
-        begin, end = seen.start, seen.end
-        return State(
-            file=path,
-            sidecar=sidecar,
-            columns=columns,
-            template=template,
-            recording=recording,
-            summary=found.summary,
-            used=(begin, end),
-            breaks=seen.breaks,
-            marks=seen,
-            held_out=(round(end - HELD_OUT * (end - begin), 3), end if seen.breaks else time_span(recording)[1]),
-        )
 
-    def _declared(self, path: Path, sidecar: str | None) -> Path | None:
-        """The file of a sidecar that the user has written here; None: the one beside the recording."""
-        if sidecar is None:
-            return None
-        declared = self.folder / "sidecar" / io.sidecar_of(path).name
-        declared.parent.mkdir(parents=True, exist_ok=True)
-        io.atomic_write(declared, sidecar)
-        return declared
+    # Roles
 
-    def _read(self, path: Path, rig: Path | Rig | None, report: Report) -> Recording:
-        recording: Recording = self._done(tasks.load, path, rig, report=report)
-        if len(recording.accel) > MOST_SAMPLES:
-            raise RecordingError(
-                f"{path.name}: {len(recording.accel)} samples; the limit of the workbench is {MOST_SAMPLES}. "
-                "Cut the file, or use the command line"
-            )
-        side_channels(units_of(recording))  # their effects have names in every process
-        return recording
-
-    def load_other(self, path: str | Path) -> None:
-        """Hold out another recording instead of a part of this one."""
-        path = Path(path)
+    def assign(self, number: int, role: Role) -> None:
+        """Choose what a file is used for."""
 
         def work(state: State, report: Report) -> State:
-            require_size(path)
-            if state.recording is None:
-                raise Refused("load the recording to fit first")
-            other = self._read(path, None if io.sidecar_of(path).exists() else state.recording.rig, report)
-            require_distinct([state.recording, other])
-            return without_models(replace(state, other=other, other_file=path, held_out=None))
+            return self._divided(state, roles.with_role(state.runs, known_number(state, number), role), report)
 
-        self._perform(f"reading {path.name}", work)
+        self._perform("choosing what is held out", work)
+
+    def remove(self, number: int) -> None:
+        """Remove a file."""
+
+        def work(state: State, report: Report) -> State:
+            rest = tuple(run for at, run in enumerate(state.runs) if at != known_number(state, number))
+            if not any(run.recording is not None for run in rest):
+                raise Refused("this is the only recording; load another one to begin anew")
+            return self._divided(replace(state, shown=0), roles.with_something_held_out(rest), report)
+
+        self._perform("", work)
+
+    def show(self, number: int) -> None:
+        """Bring a file to the time line, where stretches of it are held out or excluded."""
+        self._perform("", lambda state, report: replace(state, shown=known_number(state, number)))
+
+    def look_at_heldout(self, number: int) -> None:
+        """Draw the curves of another held-out recording."""
+        self._perform("", lambda state, report: replace(state, looked_at=number % len(state.unseen_runs)))
 
     def open(self, path: str | Path) -> None:
         """Go on with the work of a session file; a recording that is missing is asked for: `State.opened`."""
@@ -229,16 +263,15 @@ class Workbench:
 
         self._perform(f"opening {path.name}", work)
 
-    def give(self, path: str | Path) -> None:
-        """Give the recording that an opened session asks for."""
-        path = Path(path)
+    def give(self, *paths: Path) -> None:
+        """Give recordings that an opened session asks for."""
 
         def work(state: State, report: Report) -> State:
             if state.opened is None:
                 raise Refused("open a session first")
-            return self._resumed(state.opened.with_file(path), report)
+            return self._resumed(state.opened.with_files(paths), report)
 
-        self._perform(f"reading {path.name}", work)
+        self._perform(f"reading {names_of_files(paths)}", work)
 
     def _resumed(self, opened: OpenedSession, report: Report) -> State:
         """The state that a session file holds, its recordings read again and its models compared again."""
@@ -254,20 +287,26 @@ class Workbench:
         formulas = [OwnFormula.of_stored(formula) for formula in content.own]
         self._done(tasks.tried, formulas, report=share_of(report, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
-        path = opened.path(content.recording)
-        beside = content.sidecar == (mapping.text_of(path, None, "") or None)
-        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.1, 0.5))
-        if state.recording is None:
-            raise Refused(state.problem)
-        held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
-        state = replace(state, held_out=held_out, excluded=excluded, own=own)
-        if content.other is not None:
-            path = opened.path(content.other)
-            rig = self._declared(path, content.other_sidecar) or whole_rig
-            other = self._read(path, rig, share_of(report, 0.5, 0.7))
-            state = replace(state, other=other, other_file=path)
+        runs = self._runs_of(opened, share_of(report, 0.1, 0.7))
+        state = State(runs=runs, shown=content.shown, own=own)
+        require_one_sensor(state)
         require_both_parts(state)
         return self._with_models(state, opened, share_of(report, 0.7, 0.98))
+
+    def _runs_of(self, opened: OpenedSession, report: Report) -> tuple[Run, ...]:
+        """The files of a session, those with a sidecar first: others have the rig of the first of them."""
+        stored = opened.content.runs
+        found: dict[int, Run] = {}
+        for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
+            one, part = stored[number], share_of(report, count / len(stored), (count + 1) / len(stored))
+            path = opened.path(one.source)
+            beside = one.sidecar == (mapping.text_of(path, None, "") or None)
+            lender = next((found[n] for n in sorted(found) if found[n].recording is not None), None)
+            run = self._reader().run(path, None if beside else one.sidecar, lender, part)
+            if run.problem:
+                raise Refused(run.problem)
+            found[number] = replace(run, role=one.role, held_out=one.held_out, excluded=tuple(one.excluded))
+        return tuple(found[number] for number in range(len(stored)))
 
     def _with_models(self, state: State, opened: OpenedSession, report: Report) -> State:
         """The state with the tree of models of a session file, under keys of this workbench."""
@@ -279,12 +318,12 @@ class Workbench:
         compared = self._done(tasks.judged, fits, state.unseen, ruler, fits[0], report=report, state=state)
         keys: dict[int | None, int | None] = {None: None}
         steps: list[Step] = []
-        for step, found, heldout in zip(stored, fits, compared, strict=True):
+        for step, found, heldouts in zip(stored, fits, compared, strict=True):
             key = keys[step.key] = next(self._keys)
             change = Change(step.kind, step.name, step.value)
             parent = next((s.fit for s in steps if s.key == keys[step.parent]), None)
             require_made(change, found, parent)
-            steps.append(Step(key, keys[step.parent], change, found, heldout))
+            steps.append(Step(key, keys[step.parent], change, found, heldouts))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
     def _model(self, text: str, key: int) -> Fit:
@@ -302,20 +341,29 @@ class Workbench:
         """Choose the part of the recording that is held out."""
 
         def work(state: State, report: Report) -> State:
-            begin, finish = inside_used(state, start, end)
-            new = replace(state, held_out=(begin, finish), other=None, other_file=None)
-            require_both_parts(new)
-            return without_models(new)
+            if shown(state).role != "fit":
+                raise Refused(f"{shown(state).name} is not fitted; give it the role fit to hold out a part of it")
+            return self._divided(state, with_run(state, held_out=inside_used(state, start, end)).runs, report)
 
         self._perform("choosing the held-out part", work)
+
+    def fit_whole(self) -> None:
+        """Fit all of the recording on the time line, where something else is held out."""
+
+        def work(state: State, report: Report) -> State:
+            whole = with_run(state, held_out=None)
+            if not whole.unseen_runs:
+                raise Refused("nothing would be held out; give another recording the role hold out first")
+            return self._divided(state, whole.runs, report)
+
+        self._perform("", work)
 
     def exclude(self, start: float, end: float) -> None:
         """Exclude a stretch from both fit and validation."""
 
         def work(state: State, report: Report) -> State:
-            new = replace(state, excluded=(*state.excluded, inside_used(state, start, end)))
-            require_both_parts(new)
-            return without_models(new)
+            excluded = (*shown(state).excluded, inside_used(state, start, end))
+            return self._divided(state, with_run(state, excluded=excluded).runs, report)
 
         self._perform("excluding a stretch", work)
 
@@ -323,9 +371,10 @@ class Workbench:
         """Include a stretch again that was excluded."""
 
         def work(state: State, report: Report) -> State:
-            if not 0 <= number < len(state.excluded):
+            before = shown(state).excluded
+            if not 0 <= number < len(before):
                 raise Refused(f"there is no excluded stretch {number}")
-            return without_models(replace(state, excluded=state.excluded[:number] + state.excluded[number + 1 :]))
+            return self._divided(state, with_run(state, excluded=before[:number] + before[number + 1 :]).runs, report)
 
         self._perform("including a stretch again", work)
 
@@ -393,7 +442,7 @@ class Workbench:
         base = before[0] if before else found
         judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=share_of(report, 0.8, 1.0))
         *others, last = judged
-        compared = tuple(replace(step, heldout=heldout) for step, heldout in zip(again, others, strict=True))
+        compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
         return replace(state, steps=(*(compared or state.steps), step), current=step.key)
 
@@ -431,15 +480,24 @@ class Workbench:
             step = fitted(state)
             own, report = names_of(state), share_of(job.report, 0.0, 0.98)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
+            several = sum(isinstance(part, Recording) for part in state.train) > 1
+            values = self._done(tasks.values_of_runs, step.fit, state.train) if several else None
             with self._lock:
                 job.report(1.0)
                 self.diagnoses[asked] = found
+                if values is not None:
+                    self._run_values[step.key] = values
 
     @property
     def diagnosis(self) -> Diagnosis | None:
         """Diagnosis of the current model; None until there is one."""
         asked = question(self.state)
         return None if asked is None else self.diagnoses.get(asked)
+
+    @property
+    def run_values(self) -> RunValues | None:
+        """Parameters of each fitted recording under the current model; None until it is diagnosed, or of one alone."""
+        return None if self.state.current is None else self._run_values.get(self.state.current)
 
     def look_at(self, key: int) -> None:
         """Make another model of the tree the current one; adding to it begins a branch."""
@@ -483,14 +541,60 @@ class Workbench:
         state = self.state
         if state.step is None:
             return None
-        kept = self._whole
-        if kept is None or kept[0] != state.step.key:
-            kept = self._whole = (state.step.key, self._done(tasks.compared, state.step.fit, state.data))
+        kept, asked = self._whole, (state.step.key, state.shown)
+        if kept is None or kept[0] != asked:
+            kept = self._whole = (asked, self._done(tasks.compared, state.step.fit, state.data))
         return kept[1]
 
     def before(self) -> Comparison | None:
         """The previous model against held-out data, with the filter and in the band of the current comparison."""
-        return None if self.state.previous is None else self.state.previous.heldout
+        previous = self.state.previous
+        return None if previous is None else previous.heldouts[self.state.looked_at]
+
+    # Side by side
+
+    def invite(self, path: str | Path) -> None:
+        """Put the models of a model file, or of another session, beside those of this one."""
+        path = Path(path)
+
+        def work(state: State, report: Report) -> State:
+            loaded(state)
+            is_session = path.suffix.lower() == session_file.SUFFIX
+            found = self._guests(path, report) if is_session else (Guest(path.name, model_file.load(path)),)
+            taken = set(state.models)
+            if any(guest.name in taken for guest in found):
+                raise Refused(f"{path.name}: its models are there already")
+            return replace(state, guests=(*state.guests, *found))
+
+        self._perform(f"reading {path.name}", work)
+
+    def _guests(self, path: Path, report: Report) -> tuple[Guest, ...]:
+        """Models of a session file; with the errors on its own held-out data where its recordings are at hand."""
+        opened = OpenedSession(*session_file.read(path))
+        if opened.content.own:
+            raise Refused(f"{path.name}: its models may have formulas that this session does not know; open it alone")
+        if opened.missing is None:
+            other = self._resumed(opened, report)
+            return tuple(Guest(f"{path.stem}: {other.named(s)}", s.fit, s.heldout) for s in other.steps)
+        with Known().catalogue():
+            fits = [(step, self._model(opened.models[step.key], step.key)) for step in opened.content.steps]
+        return tuple(Guest(f"{path.stem}: {' '.join(('base', *fit.model.added))}", fit) for _, fit in fits)
+
+    def compare_pair(self, names: tuple[str, str]) -> None:
+        """Compare two models with what is held out here, under one ruler; see `pair`."""
+        state = self.state
+        with self._working("comparing two models") as job:
+            fits = [state.models[name] for name in names]
+            report = share_of(job.report, 0.0, 0.98)
+            judged = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], report=report)
+            with self._lock:
+                job.report(1.0)
+                self._pair = (state, names, (pooled(judged[0]), pooled(judged[1])))
+
+    def pair(self, names: tuple[str, str]) -> tuple[Comparison, Comparison] | None:
+        """The comparison of two models in the present state; None until it was asked for."""
+        kept = self._pair
+        return kept[2] if kept is not None and kept[0] is self.state and kept[1] == names else None
 
     def refuse(self, sentence: str) -> None:
         """Tell the user why an action was refused."""
@@ -525,7 +629,7 @@ class Workbench:
         with self._working("writing the report") as job:
             state = self.state
             found, own, report = fitted(state).fit, names_of(state), share_of(job.report, 0.0, 0.99)
-            page = self._done(tasks.reported, found, state.train, state.unseen, own, report=report)
+            page = self._done(tasks.reported, found, first_recording(state), state.unseen[0], own, report=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -615,22 +719,6 @@ class Busy(Exception):
     """Another action is under way."""
 
 
-def require_size(path: Path) -> None:
-    """Refuse a file that is too large for the workbench.
-
-    Raises
-    ------
-    RecordingError
-        With the size and the limit.
-    """
-    size = path.stat().st_size if path.is_file() else 0
-    if size > MOST_BYTES:
-        raise RecordingError(
-            f"{path.name}: {size / 1e6:.0f} MB; the limit of the workbench is {MOST_BYTES / 1e6:.0f} MB. "
-            "Convert it to Parquet, cut it, or use the command line"
-        )
-
-
 def loaded(state: State) -> State:
     """Return the state, or refuse where no recording is loaded."""
     if state.recording is None:
@@ -645,36 +733,93 @@ def fitted(state: State) -> Step:
     return state.step
 
 
+def shown(state: State) -> Run:
+    """The recording on the time line, or refuse where there is none."""
+    run = loaded(state).run
+    if run is None or run.recording is None:
+        raise Refused(f"{run.name if run else 'this'}: has no time line; show a recording first")
+    return run
+
+
+def known_number(state: State, number: int) -> int:
+    """The number of a file, or refuse where it is no longer there."""
+    if not 0 <= number < len(state.runs):
+        raise Refused("this file is no longer in the session")
+    return number
+
+
+def with_run(state: State, **changes: Any) -> State:
+    """The state with changes to the file on the time line."""
+    made = tuple(replace(run, **changes) if at == state.shown else run for at, run in enumerate(state.runs))
+    return replace(state, runs=made)
+
+
+def declared_anew(before: Run, read: Run) -> Run:
+    """A file that was read again, with the role that it had; its time line may be another one."""
+    held_out = read.end if before.held_out is not None and read.recording is not None else None
+    return replace(read, role=before.role, held_out=held_out)
+
+
+def with_one_to_map(state: State) -> State:
+    """The state of files that were read with one on the time line: first those whose columns are to be mapped."""
+    require_one_sensor(state)
+    unclear = [number for number, run in enumerate(state.runs) if run.problem]
+    moving = [number for number, run in enumerate(state.runs) if run.recording is not None]
+    if not moving and not unclear:
+        raise Refused(
+            f"{state.title}: dwells alone show no motion. Drop a recording together with them, or fit them with "
+            "accelcal fit"
+        )
+    return replace(state, shown=unclear[0] if unclear else state.shown if state.shown in moving else moving[0])
+
+
+def require_one_sensor(state: State) -> None:
+    """Refuse a file that is there twice, and one of another sensor."""
+    recordings = [run.recording for run in state.runs if run.recording is not None]
+    require_distinct(recordings)
+    for number, run in enumerate(state.runs):
+        if run.dwells is not None:
+            if recordings:
+                require_same_sensor(run.dwells, recordings[0].rig, recordings[0].name)
+            if run.digest in {before.digest for before in state.runs[:number]}:
+                raise Refused(f"{run.name} is given twice: its dwells would count twice. Give it once")
+
+
 def without_models(state: State) -> State:
     """The state without its models, which were fitted to other data."""
     return replace(state, steps=(), current=None)
 
 
-def time_span(recording: Recording) -> Stretch:
-    """First and last time stamp of any channel, s."""
-    channels = [c for c in (recording.accel, recording.position, *recording.side.values()) if len(c)]
-    return min(float(c.t[0]) for c in channels), max(float(c.t[-1]) for c in channels)
-
-
 def inside_used(state: State, start: float, end: float) -> Stretch:
     """A stretch cut to the used range; one that reaches an end includes the last samples of every channel there."""
-    low, high = loaded(state).used
+    run = shown(state)
+    low, high = run.used
     begin, finish = max(low, min(start, end)), min(high, max(start, end))
     if not begin < finish:
         raise Refused(f"{start:g} s to {end:g} s is outside the used range of the recording, {low:g} s to {high:g} s")
-    assert state.recording is not None
-    if not state.breaks:
-        first, last = time_span(state.recording)
+    assert run.recording is not None
+    if not run.breaks:
+        first, last = time_span(run.recording)
         begin, finish = (first if begin == low else begin), (last if finish == high else finish)
     return begin, finish
 
 
 def require_both_parts(state: State) -> None:
     """Refuse a division that leaves no data to fit, or none to validate on."""
-    train, unseen = state.train, state.unseen
-    for part, purpose in ((train, "to fit"), (unseen, "to hold out")):
-        if not len(part.position) or not len(part.accel):
+    moving = [part for part in state.train if isinstance(part, Recording)]
+    for parts, purpose in ((moving, "to fit"), (state.unseen, "to hold out")):
+        if not parts or not all(len(part.position) and len(part.accel) for part in parts):
             raise Refused(f"no data would be left {purpose}; choose a shorter stretch")
+
+
+def first_recording(state: State) -> Recording:
+    """The first recording of those that models are fitted to."""
+    return next(part for part in state.train if isinstance(part, Recording))
+
+
+def names_of_files(paths: Sequence[Path]) -> str:
+    """Files in a few words."""
+    return paths[0].name if len(paths) == 1 else f"{len(paths)} files"
 
 
 def require_parameter(found: Fit, name: str) -> None:
@@ -710,8 +855,3 @@ def question(state: State) -> tuple[int, int] | None:
 def first_part(report: Report) -> Report:
     """Progress of a fit that is then compared with held-out data."""
     return share_of(report, 0.0, 0.8)
-
-
-def share_of(report: Report, low: float, high: float) -> Report:
-    """Progress of one part of the work as a share of the whole."""
-    return lambda share: report(low + share * (high - low))

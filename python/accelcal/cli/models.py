@@ -39,6 +39,12 @@ if TYPE_CHECKING:
     from accelcal.model import Model
 
 
+FittedRuns = Annotated[
+    list[Path],
+    typer.Argument(
+        help="Recordings that it is fitted to again, tables of dwells among them: those of the model.", metavar="RUN..."
+    ),
+]
 MOST_HELD = 1e6
 """Largest value at which a parameter is held, SI."""
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
@@ -224,7 +230,7 @@ def compare(
 @with_exit_codes
 def add(
     model: ModelFile,
-    run: RunFile,
+    runs: FittedRuns,
     effects: Annotated[list[str], typer.Option("--effect", help="Effect to add; may be given several times.")],
     rig: Rig = None,
     effects_file: EffectsFile = None,
@@ -240,8 +246,8 @@ def add(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    finish_fit(add_to(fitted, recording, *effects), recording, output, json)
+    recordings = [load_any(fitted, run, rig) for run in runs]
+    finish_fit(add_to(fitted, recordings, *effects), recordings, output, json)
     if not json and output is not None:
         suggest("history", model, output, "--on", UNSEEN)
 
@@ -250,7 +256,7 @@ def add(
 @with_exit_codes
 def drop(
     model: ModelFile,
-    run: RunFile,
+    runs: FittedRuns,
     effects: Annotated[list[str], typer.Option("--effect", help="Effect to drop; may be given several times.")],
     rig: Rig = None,
     effects_file: EffectsFile = None,
@@ -266,8 +272,8 @@ def drop(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
+    recordings = [load_any(fitted, run, rig) for run in runs]
+    finish_fit(drop_from(fitted, recordings, *effects), recordings, output, json)
     if not json and output is not None:
         suggest("history", output, model, "--on", UNSEEN)
 
@@ -304,7 +310,7 @@ def history(
 @with_exit_codes
 def freeze(
     model: ModelFile,
-    run: RunFile,
+    runs: FittedRuns,
     at: Annotated[list[str] | None, typer.Option("--at", help="Hold NAME=VALUE (SI).")] = None,
     release: Annotated[list[str] | None, typer.Option("--release", help="Estimate NAME again.")] = None,
     rig: Rig = None,
@@ -321,7 +327,7 @@ def freeze(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
+    recordings = [load_any(fitted, run, rig) for run in runs]
     if not at and not release:
         raise UsageError("name the parameters to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
@@ -336,13 +342,14 @@ def freeze(
                 f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
             ) from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
-    finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
+    finish_fit(fit_replay(chosen, recordings, origins=fitted.origins), recordings, output, json)
     if not json and output is not None:
-        suggest("diagnose", output, run)
+        suggest("diagnose", output, *runs)
 
 
-def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool) -> None:
+def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Path | None, json: bool) -> None:
     """Write and print a fit."""
+    from accelcal.data.recording import Recording
     from accelcal.serialization import model_file
 
     if output is not None:
@@ -351,7 +358,7 @@ def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool
     if json:
         print_json(model_file.to_dict(found))
     else:
-        show_fit(found, recording)
+        show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
 
 
 def load_run(path: Path, rig: Path | None) -> Recording | Dwells:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from accelcal._support.immutable import immutable
 from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
@@ -20,8 +22,42 @@ POOLED_SHARE = 1e-4
 about it."""
 
 
-def run_agreement(states: Sequence[RunState], model: Model, explained: Sequence[str] = ()) -> Remark | None:
-    """The remark on a recording in which a shared parameter has another value; None where all agree.
+@immutable
+@dataclass(frozen=True, slots=True, eq=False)
+class RunValues:
+    """Parameters that all runs share, as each run would have them alone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> from accelcal.workflow import run_values
+    >>> settings = {"seconds": 8.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(1)}
+    >>> one, two = (ac.simulate("tones", **settings).recording for _ in range(2))
+    >>> found = run_values(ac.fit(ac.Model.linear(), [one, two]), [one, two])
+    >>> found.parameters, found.value.shape
+    (('bias', 'scale_factor'), (2, 2))
+    """
+
+    runs: tuple[str, ...]
+    """Names of the recordings."""
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    value: Array
+    """(runs, parameters), SI units."""
+    std: Array
+    """Of each, (runs, parameters)."""
+    p_values: Array
+    """Probability of such differences under one value for all runs, times the number of parameters, at most 1,
+    (parameters,)."""
+
+    def __repr__(self) -> str:
+        p = ", ".join(f"{name} p {p:.2g}" for name, p in zip(self.parameters, self.p_values, strict=True))
+        return f"RunValues({', '.join(self.runs)}: {p})"
+
+
+def values_by_run(states: Sequence[RunState], model: Model, explained: Sequence[str] = ()) -> RunValues | None:
+    """The shared parameters in each run; None where there is one run alone, or nothing is shared.
 
     Parameters
     ----------
@@ -54,20 +90,37 @@ def run_agreement(states: Sequence[RunState], model: Model, explained: Sequence[
         at = np.array([state.values.by_name[term.name] for term in terms])
         value[r] = at + (inverse @ normal.score)[shared]
         variance[r] = np.maximum(np.diag(inverse), np.diag(wider))[shared]
-    p = len(terms) * different(value, 1.0 / variance)
-    k = int(np.argmin(p))
-    if not p[k] <= HOMOGENEITY_ALPHA:
+    return RunValues(
+        runs=tuple(state.run.recording.name or f"recording {r + 1}" for r, state in enumerate(states)),
+        parameters=tuple(term.name for term in terms),
+        units=tuple(term.unit for term in terms),
+        value=value,
+        std=np.sqrt(variance),
+        p_values=np.minimum(1.0, len(terms) * different(value, 1.0 / variance)),
+    )
+
+
+def run_agreement(states: Sequence[RunState], model: Model, explained: Sequence[str] = ()) -> Remark | None:
+    """The remark on a recording in which a shared parameter has another value; None where all agree.
+
+    Parameters are those of :func:`values_by_run`.
+    """
+    found = values_by_run(states, model, explained)
+    if found is None:
         return None
-    r, others, sigma = odd_one_out(value[:, k], variance[:, k])
-    name = states[r].run.recording.name or f"recording {r + 1}"
+    k = int(np.argmin(found.p_values))
+    if not found.p_values[k] <= HOMOGENEITY_ALPHA:
+        return None
+    value = found.value[:, k]
+    r, others, sigma = odd_one_out(value, found.std[:, k] ** 2)
     return remark(
         "runs_disagree",
-        parameter=terms[k].name,
-        recording=name,
-        value=float(f"{value[r, k]:.4g}"),
+        parameter=found.parameters[k],
+        recording=found.runs[r],
+        value=float(f"{value[r]:.4g}"),
         others=float(f"{others:.4g}"),
         sigma=sigma,
-        p=float(p[k]),
+        p=float(found.p_values[k]),
     )
 
 

@@ -24,17 +24,17 @@ SENSOR = {
 
 def ask(page: Page) -> None:
     """Ask what the columns of a new file are; it is an error only where the user has said so already."""
-    state = page.bench.state
-    assert state.file is not None
-    text = mapping.text_of(state.file, state.sidecar, state.template)
-    unknown = mapping.unknown(mapping.choices(state.columns, text, state.template), text)
-    is_first = state.sidecar is None and text == state.template and len(state.columns) > 1 and unknown
-    with widgets.card(f"{state.file.name}: what is in its columns?"):
+    run = page.bench.state.run
+    assert run is not None
+    text = mapping.text_of(run.file, run.sidecar, run.template)
+    unknown = mapping.unknown(mapping.choices(run.columns, text, run.template), text)
+    is_first = run.sidecar is None and text == run.template and len(run.columns) > 1 and unknown
+    with widgets.card(f"{run.name}: what is in its columns?"):
         if is_first:
             ui.label(f"Their names do not say everything yet. Choose below: {', '.join(unknown)}.")
         else:
-            ui.label(state.problem).classes("problem").props("role=alert")
-        lines = mapping.first_lines(state.file)
+            ui.label(run.problem).classes("problem").props("role=alert")
+        lines = mapping.first_lines(run.file)
         if lines:
             ui.label("The file begins with").classes("note")
             beginning = ui.label("\n".join(lines)).classes("beginning")
@@ -85,10 +85,10 @@ class Fields:
 
 def form(page: Page) -> None:
     """Fields for columns, sensor and orientation, and the sidecar as text."""
-    bench, state = page.bench, page.bench.state
-    assert state.file is not None
-    text = mapping.text_of(state.file, state.sidecar, state.template)
-    fields = Fields(mapping.choices(state.columns, text, state.template))
+    bench, run = page.bench, page.bench.state.run
+    assert run is not None
+    text = mapping.text_of(run.file, run.sidecar, run.template)
+    fields = Fields(mapping.choices(run.columns, text, run.template))
     titles = ["column", "role", "unit", "channel name"]
     widgets.table(titles, [fields.row(one) for one in fields.found], "Columns")
     widgets.heading("Sensor", 3)
@@ -103,9 +103,7 @@ def form(page: Page) -> None:
         direction, sense = turning()
     with ui.expansion("Everything else: the sidecar", icon="description").classes("full"):
         sheet = ui.textarea("Sidecar (TOML)", value=text).props("outlined autogrow").classes("code full")
-        widgets.button(
-            "Use the sidecar as written", "description", lambda: page.act(bench.load, state.file, str(sheet.value))
-        )
+        widgets.button("Use the sidecar as written", "description", lambda: page.act(bench.declare, str(sheet.value)))
 
     async def use_columns() -> None:
         try:
@@ -115,10 +113,10 @@ def form(page: Page) -> None:
         except RecordingError as error:
             bench.refuse(str(error))
             return
-        await page.act(bench.load, state.file, made)
+        await page.act(bench.declare, made)
 
     with ui.row():
-        widgets.button("Use this assignment", "check", use_columns, primary=state.recording is None)
+        widgets.button("Use this assignment", "check", use_columns, primary=bool(run.problem))
 
 
 def turning() -> tuple[ui.input, ui.select]:

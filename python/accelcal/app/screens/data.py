@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from nicegui import ui
 
 from accelcal.app import figures, widgets
 from accelcal.app.page import Page
-from accelcal.app.screens import columns, session, start, uploads
-from accelcal.formatting import number
+from accelcal.app.run import Run
+from accelcal.app.screens import columns, recordings, session, start, uploads
+from accelcal.app.state import State
+from accelcal.data.dwells import Dwells
+from accelcal.formatting import amount, number
 
 
 def show(page: Page) -> None:
     """Build the screen."""
-    state, arriving = page.bench.state, page.bench.arriving
+    state, run, arriving = page.bench.state, page.bench.state.run, page.bench.arriving
     if arriving is not None:
         with widgets.card(arriving.name):
             ui.label("Checking for breaks and faults …").classes("note")
@@ -29,44 +33,69 @@ def show(page: Page) -> None:
             session.ask(page)
             uploads.drop(page, "Drop the recording here, or click to choose it")
         return
-    if state.file is None:
+    if run is None:
         start.show(page)
         return
-    if state.recording is None:
+    if run.problem:
         columns.ask(page)
         with widgets.card("Another recording"):
             uploads.drop(page, "Drop another recording here")
+            if len(state.runs) > 1:
+                ui.label("Or go on without this file:").classes("note")
+                recordings.remove(page, state.shown, run)()
         return
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             with widgets.card("Fit"):
                 fitting(page)
-            with widgets.card("Held-out and excluded data"):
-                division(page)
-            with widgets.card("Recordings"):
-                uploads.drop(page, "Drop another recording here")
-                ui.label("Or hold out a whole recording instead of a part of this one:").classes("note")
-                uploads.drop(page, "Drop a held-out recording here", other=True)
+            if run.recording is not None:
+                with widgets.card("Held-out and excluded data"):
+                    division(page, run)
+            if len(state.runs) == 1:
+                recordings.card(page)
         with ui.element("div").classes("stack"):
-            with widgets.card("The recording"):
-                ui.label("Drag across the plot to select a stretch to hold out or exclude.").classes("note")
-                key = ("data", id(state.recording), state.held_out, state.excluded)
-                page.pictures(
-                    key,
-                    lambda theme: [figures.data(state, theme)],
-                    prepare=lambda plot, redraw: brushing(page, plot),
-                    height=420,
-                )
-            with widgets.card("Data check"):
-                check(page)
+            if len(state.runs) > 1:
+                recordings.card(page)
+            if run.dwells is not None:
+                with widgets.card(f"Dwells of {run.name}"):
+                    dwells(run.dwells)
+            else:
+                time_line(page, run)
             later(ui.expansion("Columns, units, sensor and rig", icon="table_chart").classes("sheet"), page)
     widgets.copies(page)
 
 
-def check(page: Page) -> None:
+def time_line(page: Page, run: Run) -> None:
+    """The recording over time, and its check."""
+    several = len(page.bench.state.runs) > 1
+    with widgets.card(f"The recording {run.name}" if several else "The recording"):
+        ui.label("Drag across the plot to select a stretch to hold out or exclude.").classes("note")
+        key = ("data", id(run.recording), run.held_out, run.excluded)
+        page.pictures(
+            key,
+            lambda theme: [figures.data(run, theme)],
+            prepare=lambda plot, redraw: brushing(page, plot),
+            height=420,
+        )
+    with widgets.card("Data check"):
+        check(run)
+
+
+def dwells(found: Dwells) -> None:
+    """Every dwell of a table."""
+    rows = [
+        [f"{number(math.degrees(angle), 6)}°", amount(mean, std / math.sqrt(samples), "m/s²"), f"{number(long, 4)} s"]
+        for angle, mean, std, samples, long in zip(
+            found.angle, found.mean, found.std, found.samples, found.duration, strict=True
+        )
+    ]
+    widgets.table(["attitude", "mean output", "duration"], rows, "Dwells")
+    widgets.lines(found.assumptions)
+
+
+def check(run: Run) -> None:
     """Channels, warnings, notes and assumptions of the recording."""
-    state = page.bench.state
-    seen = state.summary
+    seen = run.summary
     rows = [
         [
             name,
@@ -78,8 +107,8 @@ def check(page: Page) -> None:
         for name, c in seen["channels"].items()
     ]
     widgets.table(["channel", "samples", "rate", "span", "range"], rows, "Channels")
-    if state.marks is not None:
-        widgets.lines([f"Suspect data: {remark.sentence}" for remark in state.marks.remarks], "warning")
+    if run.marks is not None:
+        widgets.lines([f"Suspect data: {remark.sentence}" for remark in run.marks.remarks], "warning")
     for severity, kind in (("warning", "warning"), ("note", "note")):
         widgets.lines([f["text"] for f in seen["findings"] if f["severity"] == severity], kind)
     if seen["assumptions"]:
@@ -112,18 +141,26 @@ def brushing(page: Page, plot: ui.plotly) -> None:
     plot.on("plotly_selected", selected, ["range"])
 
 
-def division(page: Page) -> None:
+def division(page: Page, run: Run) -> None:
     """Choose the held-out part, and stretches to exclude."""
     bench, state = page.bench, page.bench.state
-    low, high = state.used
-    if state.other is not None:
-        ui.label(f"Held out: the recording {state.other.name}.")
-    elif state.held_out is not None:
-        a, b = state.held_out
+    low, high = run.used
+    if len(state.runs) > 1:
+        ui.label(f"Of {run.name}:").classes("strong")
+    if run.role == "hold out":
+        ui.label("All of it is held out: no fit uses it, and the error is computed on it.")
+    elif run.role == "leave out":
+        ui.label("It is left out: neither fitted nor compared with.")
+    elif run.held_out is not None:
+        a, b = run.held_out
         ui.label(f"Held out: {a:.6g} s to {b:.6g} s. It is not fitted; the error is computed on it.")
-    if state.breaks:
+        if len(state.unseen_runs) > 1:
+            widgets.button("Fit it whole", "undo", lambda: page.act(bench.fit_whole), flat=True)
+    else:
+        ui.label("It is fitted whole.")
+    if run.breaks:
         ui.label(f"Used: {low:.6g} s to {high:.6g} s, up to the break.").classes("warning")
-    for i, (a, b) in enumerate(state.excluded):
+    for i, (a, b) in enumerate(run.excluded):
         with ui.row().classes("line"):
             ui.label(f"Excluded: {a:.6g} s to {b:.6g} s")
             widgets.button(
@@ -150,7 +187,7 @@ def division(page: Page) -> None:
         widgets.button("Hold out", "visibility_off", lambda: mark(bench.hold_out), label="Hold this stretch out")
         widgets.button("Exclude", "content_cut", lambda: mark(bench.exclude), label="Exclude this stretch")
     if state.steps:
-        text = "Changing the division discards the models, which must be fitted again; Undo restores them."
+        text = "Changing what is fitted discards the models, which must be fitted again; Undo restores them."
         ui.label(text).classes("note")
 
 
@@ -158,7 +195,7 @@ def fitting(page: Page) -> None:
     """Fit the base model."""
     bench, state = page.bench, page.bench.state
     if state.step is None:
-        ui.label("Estimates bias, scale factor and time offset, then searches for missing effects.")
+        ui.label(f"Estimates bias, scale factor and time offset{together(state)}, then searches for missing effects.")
     else:
         ui.label(f"Current model: {' '.join(s.label for s in state.path)}.")
     with ui.row().classes("line"):
@@ -170,3 +207,12 @@ def fitting(page: Page) -> None:
             label="Fit the linear model",
         )
         widgets.button("Fit with K2, K3", "add_chart", lambda: page.improve(bench.fit, "cubic"), flat=True)
+
+
+def together(state: State) -> str:
+    """What is fitted, where that is more than one recording."""
+    fitted = [run for run in state.runs if run.role == "fit" and run.known is not None]
+    count = sum(run.recording is not None for run in fitted)
+    motions = "one recording" if count == 1 else f"{count} recordings"
+    at_rest = len(fitted) > count
+    return f" from {motions}{' and dwells' if at_rest else ''}" if len(fitted) > 1 else ""

@@ -72,9 +72,9 @@ def results(page: Page) -> None:
 
 def sources(page: Page) -> None:
     """Buttons for the inputs of the steps: sidecar, user effects, the script."""
-    state = page.bench.state
-    assert state.file is not None
-    stem, text = state.file.stem, mapping.text_of(state.file, state.sidecar, state.template)
+    state, run = page.bench.state, page.bench.state.run
+    assert run is not None
+    stem, text = run.file.stem, mapping.text_of(run.file, run.sidecar, run.template)
     widgets.button("Sidecar (.toml)", "description", lambda: ui.download.content(text, f"{stem}.toml"))
     for own in state.own:
         widgets.button(

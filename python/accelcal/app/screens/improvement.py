@@ -8,7 +8,7 @@ from accelcal import formatting
 from accelcal.app import figures, widgets, wording
 from accelcal.app.examples import example_of
 from accelcal.app.page import Page
-from accelcal.app.screens import start
+from accelcal.app.screens import per_run, start
 from accelcal.app.state import Step
 
 LIMITS = 6
@@ -22,7 +22,7 @@ def show(page: Page) -> None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
         return
     # Adding a model may compare the others anew: a figure belongs to the comparisons that it shows.
-    shown = tuple(id(step.heldout) for step in state.path)
+    shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
             with widgets.card("Diagnosis", "verdict"):
@@ -69,8 +69,11 @@ def error(page: Page) -> None:
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
         figure("noise alone", nested.floor.value, "floor")
-    what = "another recording" if state.other is not None else "the held-out part of this run"
+    held = state.unseen_runs
+    alone = "the held-out part of this run" if state.holds_out_parts else "another recording"
+    what = alone if len(held) == 1 else f"{len(held)} held-out recordings together"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    per_run.errors(page)
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
 

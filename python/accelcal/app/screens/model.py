@@ -6,6 +6,7 @@ from nicegui import ui
 
 from accelcal.app import widgets, wording
 from accelcal.app.page import Page
+from accelcal.app.screens import per_run, side_by_side
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
 from accelcal.estimation.estimate import tied_sum
@@ -25,6 +26,8 @@ def show(page: Page) -> None:
         parameters(page)
         widgets.lines([f"{spelled(one.name)}: {one.sentence}" for one in step.fit.noise_effects])
         widgets.lines(step.fit.remarks)
+    per_run.fitted(page)
+    side_by_side.card(page)
     with ui.element("div").classes("halves"):
         with widgets.card("Effects of this model"):
             added(page)

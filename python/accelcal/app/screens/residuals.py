@@ -26,7 +26,7 @@ def show(page: Page) -> None:
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
-            ("linked", state.current),
+            ("linked", state.current, state.shown),
             make,
             first=bench.whole,
             prepare=lambda plot, redraw: zooming(page, plot, redraw),

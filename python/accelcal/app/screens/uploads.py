@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,28 @@ from nicegui import ui
 
 from accelcal.app import mapping, session_file
 from accelcal.app.page import Page
-from accelcal.app.workbench import MOST_BYTES, Refused, Workbench
+from accelcal.app.reading import MOST_BYTES
+from accelcal.app.roles import Refused
+from accelcal.app.workbench import Workbench
+from accelcal.io.sidecar import has_sidecar, sidecar_of
 
+MODEL = ".json"
+"""Ending of a model file."""
 HEADER = """<button type="button" class="choose" @click="props.pickFiles">
 <span class="material-icons" aria-hidden="true">upload_file</span><span>LABEL</span></button>
 <q-uploader-add-trigger />"""
 """The whole area is one button with a name; the input behind it is hidden from keyboard and screen readers."""
 
 
-def drop(page: Page, label: str, *, other: bool = False) -> None:
-    """An area to drop files on; a recording and its sidecar may come together."""
+def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> None:
+    """An area to drop files on; recordings, dwells and sidecars may come together.
+
+    Parameters
+    ----------
+    label : name of the area.
+    more : whether recordings join those that are there, in place of beginning anew.
+    guest : whether models are to stand beside those that are there.
+    """
 
     async def take(event: Any) -> None:
         try:
@@ -28,7 +41,10 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
         except OSError as error:
             page.bench.refuse(f"the file could not be stored ({error.strerror or error}); make room, and drop it again")
             return
-        await used(page, kept, other)
+        if guest:
+            await beside_ours(page, kept)
+        else:
+            await used(page, kept, more)
 
     def rejected() -> None:
         page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
@@ -49,7 +65,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
     made.on("failed", failed, [])
     made.props("flat hide-upload-btn").classes("drop")
     made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
-    made.mark("other" if other else "recording")
+    made.mark("guest" if guest else "more" if more else "recording")
 
 
 async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
@@ -65,6 +81,8 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
     for file in files:
         try:
             path = bench.upload_path(file.name, folder)
+            if path.exists():
+                path = bench.upload_path(file.name, bench.upload_folder())
             bench.require_room()
             if file.size() > MOST_BYTES:
                 size, most = file.size() / 1e6, MOST_BYTES / 1e6
@@ -77,21 +95,64 @@ async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:
     return kept
 
 
-async def used(page: Page, kept: Sequence[Path], other: bool) -> None:
-    """Open a session, load a recording with its sidecar, or put a sidecar in the place of the present one."""
+async def used(page: Page, kept: Sequence[Path], more: bool) -> None:
+    """Open a session, load recordings with their sidecars, or put a sidecar in the place of the present one."""
     bench = page.bench
     sessions = [p for p in kept if p.suffix.lower() == session_file.SUFFIX]
     sidecars = [p for p in kept if p.suffix.lower() == ".toml"]
-    recordings = [p for p in kept if p not in (*sessions, *sidecars)]
-    if sessions:
+    models = [p for p in kept if p.suffix.lower() == MODEL]
+    recordings = [p for p in kept if p not in (*sessions, *sidecars, *models)]
+    if models:
+        bench.refuse(f"{models[0].name}: a model is put beside those of a session; drop it on the Model tab")
+    elif sessions:
         await page.open(sessions[0], session=True)
     elif recordings and bench.state.opened is not None:
-        await page.act(bench.give, recordings[0])
+        await page.act(bench.give, *recordings)
     elif recordings:
-        for path in sidecars[:1]:
-            path.rename(recordings[0].with_suffix(".toml"))
-        await page.act(bench.load_other if other else bench.load, recordings[0])
+        unmatched = beside(recordings, sidecars)
+        if unmatched:
+            bench.refuse(f"{unmatched[0].name}: no file that was dropped with it has this name; give it that name")
+        elif more:
+            await page.act(bench.include, recordings)
+        elif len(recordings) > 1:
+            await page.act(bench.load_several, recordings)
+        else:
+            await page.act(bench.load, recordings[0])
     elif sidecars and bench.state.file is not None:
-        await page.act(bench.load, bench.state.file, mapping.text_in(sidecars[0]))
+        await page.act(bench.declare, mapping.text_in(sidecars[0]))
     elif sidecars:
         bench.refuse(f"{sidecars[0].name}: drop it together with the recording that it belongs to")
+
+
+async def beside_ours(page: Page, kept: Sequence[Path]) -> None:
+    """Put models and sessions beside the models of this session."""
+    for path in kept:
+        if path.suffix.lower() not in (MODEL, session_file.SUFFIX):
+            page.bench.refuse(f"{path.name}: drop a model (.json) or a session ({session_file.SUFFIX}) here")
+            return
+        await page.act(page.bench.invite, path)
+    guests = page.bench.state.guests
+    if guests and page.pair is not None:
+        page.pair = (page.pair[0], guests[-1].name)
+        page.rebuild()
+
+
+def beside(recordings: Sequence[Path], sidecars: Sequence[Path]) -> list[Path]:
+    """Put sidecars beside the files that they belong to, and return those that belong to none.
+
+    A single sidecar of another name belongs to the single recording, or to all files that have none: one sensor.
+    """
+    known = {sidecar_of(path).name.lower(): path for path in recordings}
+    unmatched = []
+    for sidecar in sidecars:
+        owner = known.get(sidecar.name.lower())
+        if owner is None:
+            unmatched.append(sidecar)
+        elif sidecar != sidecar_of(owner):
+            sidecar.rename(sidecar_of(owner))
+    if len(unmatched) > 1:
+        return unmatched
+    for sidecar in unmatched:
+        for path in [one for one in recordings if not has_sidecar(one)]:
+            shutil.copyfile(sidecar, sidecar_of(path))
+    return []

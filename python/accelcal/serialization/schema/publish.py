@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from accelcal.serialization.schema import results
 from accelcal.serialization.schema.model import ModelFile
-from accelcal.serialization.schema.session import Content
+from accelcal.serialization.schema.session import Content, ContentOfOne
 
 FILES: tuple[type[BaseModel], ...] = (
     ModelFile,
@@ -28,8 +28,9 @@ FILES: tuple[type[BaseModel], ...] = (
     results.LiveFile,
     results.PaperFile,
     Content,
+    ContentOfOne,
 )
-"""Of every kind of JSON that a command or the workbench writes."""
+"""Of every kind of JSON that a command or the workbench writes, and of session files of earlier versions."""
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 

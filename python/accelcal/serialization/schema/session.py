@@ -1,14 +1,18 @@
-"""Schema `accelcal/session/1`: what `session.json` of a session file may hold, each leaf with its type and range."""
+"""Schema `accelcal/session/2`: what `session.json` of a session file may hold, each leaf with its type and range.
+
+Files of version 1, which held one recording and at most one more, are read as well.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraints, model_validator
 
-SCHEMA = "accelcal/session/1"
+SCHEMA: Literal["accelcal/session/2"] = "accelcal/session/2"
 MOST_MODELS = 200
+MOST_RUNS = 200
 MOST_LINES = 1_000_000
 """Of a sidecar, characters."""
 
@@ -58,28 +62,31 @@ class StoredStep(_Strict):
     value: FiniteFloat = 0.0
 
 
-class Content(_Strict):
-    """What `session.json` holds."""
+class StoredRun(_Strict):
+    """One recording, or dwells, and what it is used for."""
 
-    schema_: Literal["accelcal/session/1"] = Field(alias="schema")
+    source: Source
+    sidecar: Lines | None
+    """What is declared of it; None: nothing, columns are found by their names, or it has the rig of another."""
+    role: Literal["fit", "hold out", "leave out"] = "fit"
+    held_out: Span | None = None
+    """Part of a fitted recording that is held out, s."""
+    excluded: list[Span] = Field(default_factory=list, max_length=1000)
+
+
+class _Work(_Strict):
+    """What all versions hold of the work on recordings."""
+
     version: Text
     """Of the program that wrote it."""
     saved: Text
     """When, as ISO 8601."""
-    recording: Source
-    sidecar: Lines | None
-    """What is declared of the recording; None: nothing, columns are found by their names."""
-    other: Source | None = None
-    """A recording that is held out as a whole."""
-    other_sidecar: Lines | None = None
-    held_out: Span | None = None
-    excluded: list[Span] = Field(default_factory=list, max_length=1000)
     own: list[Formula] = Field(default_factory=list, max_length=100)
     steps: list[StoredStep] = Field(default_factory=list, max_length=MOST_MODELS)
     current: int | None = None
 
     @model_validator(mode="after")
-    def _hangs_together(self) -> Content:
+    def _is_a_tree(self) -> Self:
         known: set[int] = set()
         for step in self.steps:
             if step.key in known or not (step.parent is None or step.parent in known):
@@ -89,13 +96,84 @@ class Content(_Strict):
             known.add(step.key)
         if self.current is not None and self.current not in known:
             raise ValueError("the current model is not in the tree")
-        if (self.other is None) == (self.held_out is None):
-            raise ValueError("either a part of the recording or another recording is held out")
+        return self
+
+
+class Content(_Work):
+    """What `session.json` holds."""
+
+    schema_: Literal["accelcal/session/2"] = Field(alias="schema")
+    runs: list[StoredRun] = Field(min_length=1, max_length=MOST_RUNS)
+    shown: Annotated[int, Field(ge=0)] = 0
+    """Number of the one on the time line."""
+
+    @model_validator(mode="after")
+    def _is_divided(self) -> Self:
+        if self.shown >= len(self.runs):
+            raise ValueError("there is no recording of that number on the time line")
+        if not any(run.role == "hold out" or (run.role == "fit" and run.held_out) for run in self.runs):
+            raise ValueError("either a part of a recording or a whole one is held out")
         return self
 
     @property
     def title(self) -> str:
         """The work in a few words."""
-        count = len(self.steps)
+        count, others = len(self.steps), len(self.runs) - 1
         models = "no model yet" if not count else "1 model" if count == 1 else f"{count} models"
-        return f"{self.recording.path.name}, {models}"
+        more = f" and {others} more" if others else ""
+        return f"{self.runs[0].source.path.name}{more}, {models}"
+
+
+class ContentOfOne(_Work):
+    """What `session.json` of version 1 holds: a recording, and perhaps one more that is held out."""
+
+    schema_: Literal["accelcal/session/1"] = Field(alias="schema")
+    recording: Source
+    sidecar: Lines | None
+    """What is declared of the recording; None: nothing, columns are found by their names."""
+    other: Source | None = None
+    """A recording that is held out as a whole."""
+    other_sidecar: Lines | None = None
+    held_out: Span | None = None
+    excluded: list[Span] = Field(default_factory=list, max_length=1000)
+
+    @model_validator(mode="after")
+    def _is_divided(self) -> Self:
+        if (self.other is None) == (self.held_out is None):
+            raise ValueError("either a part of the recording or another recording is held out")
+        return self
+
+    @property
+    def migrated(self) -> Content:
+        """The same work in the present version."""
+        runs = [
+            StoredRun(source=self.recording, sidecar=self.sidecar, held_out=self.held_out, excluded=list(self.excluded))
+        ]
+        if self.other is not None:
+            runs.append(StoredRun(source=self.other, sidecar=self.other_sidecar, role="hold out"))
+        return Content(
+            schema=SCHEMA,
+            version=self.version,
+            saved=self.saved,
+            own=self.own,
+            steps=self.steps,
+            current=self.current,
+            runs=runs,
+        )
+
+
+class _Version(BaseModel):
+    schema_: str = Field(alias="schema", max_length=100)
+
+
+def content_of(text: str) -> Content:
+    """What a `session.json` of any version holds, in the present one.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        If it is not of a version that is understood.
+    """
+    if _Version.model_validate_json(text).schema_ == "accelcal/session/1":
+        return ContentOfOne.model_validate_json(text).migrated
+    return Content.model_validate_json(text)

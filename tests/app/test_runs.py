@@ -1,0 +1,252 @@
+"""Several recordings and dwells in the workbench: roles, the joint fit, the error on all that is held out, guests."""
+
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal.app import figures, mapping, script, side_by_side
+from accelcal.app.screens import uploads
+from accelcal.app.workbench import Workbench
+from accelcal.cli import app as command_line
+from accelcal.serialization import model_file
+from accelcal.validation.pooled import pooled
+
+NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")
+
+
+def loaded(folder, place):
+    place.mkdir()
+    bench = Workbench(place)
+    bench.load_several([folder / name for name in NAMES])
+    assert bench.sentence == ""
+    return bench
+
+
+def roles(bench):
+    return [(run.role, run.held_out is not None) for run in bench.state.runs]
+
+
+@pytest.fixture(scope="module")
+def grown(several, tmp_path_factory):
+    """Return a workbench with two recordings held out, base and + cubic; tests must leave it as it is."""
+    bench = loaded(several, tmp_path_factory.mktemp("runs") / "home")
+    bench.assign(1, "hold out")
+    bench.fit()
+    bench.add("cubic")
+    assert bench.sentence == ""
+    return bench
+
+
+def test_roles_are_proposed_changed_and_undone(several, tmp_path):
+    bench = loaded(several, tmp_path / "home")
+    assert roles(bench) == [("fit", False), ("fit", False), ("hold out", False), ("fit", False)]
+    assert [run.dwells is not None for run in bench.state.runs] == [False, False, False, True]
+    assert [run.lender for run in bench.state.runs] == ["", "run0.csv", "", ""]
+    proposed = bench.state
+    bench.assign(2, "leave out")  # something is held out, always
+    assert roles(bench) == [("fit", True), ("fit", False), ("leave out", False), ("fit", False)]
+    bench.assign(1, "hold out")  # a recording takes the place of a part
+    assert roles(bench) == [("fit", False), ("hold out", False), ("leave out", False), ("fit", False)]
+    changed = bench.state
+    bench.undo()
+    bench.undo()
+    assert bench.state is proposed
+    bench.redo()
+    bench.redo()
+    assert bench.state is changed
+    refused = {(3, "hold out"): "show no motion", (0, "leave out"): "no recording would be left to fit"}
+    for (number, role), said in refused.items():
+        bench.assign(number, role)
+        assert said in bench.sentence
+        assert bench.state is changed
+    bench.show(2)
+    bench.hold_out(1.0, 2.0)
+    assert "is not fitted" in bench.sentence
+    bench.show(0)
+    bench.hold_out(10.0, 16.0)  # beside the recording
+    assert [part.name for part in bench.state.unseen] == ["run0.csv", "run1.csv"]
+    bench.fit_whole()
+    bench.remove(1)
+    assert roles(bench) == [("fit", True), ("leave out", False), ("fit", False)]
+    bench.fit_whole()
+    assert "nothing would be held out" in bench.sentence
+
+
+def test_models_stay_where_what_they_were_fitted_to_does(grown, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    bench.assign(2, "leave out")
+    assert [step.fit for step in bench.state.steps] == [step.fit for step in grown.state.steps]
+    assert [len(step.heldouts) for step in bench.state.steps] == [1, 1]
+    assert bench.state.step.heldout.coast_rms == grown.state.step.heldouts[0].coast_rms
+    bench.assign(3, "leave out")
+    assert bench.state.steps == ()
+
+
+def test_the_pool_is_the_error_over_all_start_points(grown):
+    for step in grown.state.path:
+        for horizon, value in step.heldout.coast_rms.items():
+            errors = np.concatenate([seen.drifts[horizon][1] for seen in step.heldouts])
+            expected = float(np.sqrt(np.mean(errors**2))) if len(errors) else None
+            assert value == (None if expected is None else pytest.approx(expected, rel=1e-12))
+        assert step.heldout.coast_rms[5.0] is not None
+        floors = [seen.noise_floor.simulated for seen in step.heldouts]
+        floor = step.heldout.noise_floor.simulated
+        assert min(one.value for one in floors) <= floor.value <= max(one.value for one in floors)
+        assert floor.high - floor.low < max(one.high - one.low for one in floors)  # more data, surer
+    nested = figures.nested_of(grown.state)
+    assert nested.errors[1] < 0.1 * nested.errors[0]
+    assert pooled([grown.state.step.heldouts[0]]) is grown.state.step.heldouts[0]
+
+
+def test_the_script_and_the_commands_of_several_give_the_same_numbers(grown, several, tmp_path):
+    for path in several.iterdir():
+        shutil.copy(path, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", script.python(grown.state)],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    for step in grown.state.path:
+        for seen in step.heldouts:
+            assert str(seen.coast_rms) in done.stdout
+    assert "nothing else is missing" in done.stdout
+    assert model_file.to_dict(model_file.load(tmp_path / "model.json")) == model_file.to_dict(grown.state.step.fit)
+    lines = script.command_line(grown.state).splitlines()
+    assert sum(" history " in line for line in lines) == 2
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        for line in lines:
+            words = shlex.split(line)
+            if words[1] in ("fit", "add"):
+                ran = CliRunner().invoke(command_line, words[1:])
+                assert ran.exit_code == 0, (line, ran.output)
+    made = model_file.load(tmp_path / "m1.json")
+    assert made["cubic"].value == pytest.approx(grown.state.step.fit["cubic"].value, rel=1e-9)
+
+
+def test_a_session_of_several_comes_back(grown, tmp_path):
+    path = tmp_path / "work.accelcal"
+    path.write_bytes(grown.session())
+    (tmp_path / "fresh").mkdir()
+    bench = Workbench(tmp_path / "fresh")
+    bench.open(path)
+    assert bench.sentence == ""
+    assert roles(bench) == roles(grown)
+    assert bench.state.title == "run0.csv and 3 more"
+    assert [step.heldout.coast_rms for step in bench.state.path] == [s.heldout.coast_rms for s in grown.state.path]
+
+
+def test_models_of_elsewhere_stand_beside(grown, several, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.state = grown.state
+    (tmp_path / "work.accelcal").write_bytes(grown.session())
+    bench.invite(tmp_path / "work.accelcal")
+    assert bench.sentence == ""
+    assert [guest.name for guest in bench.state.guests] == ["work: base", "work: base + cubic"]
+    assert bench.state.guests[1].own.coast_rms == grown.state.step.heldout.coast_rms
+    (tmp_path / "sensor.json").write_text(bench.model_text())
+    bench.invite(tmp_path / "sensor.json")
+    base, cubic, *_ = bench.state.models
+    fits = bench.state.models
+    alike = side_by_side.differences(fits[cubic], fits["sensor.json"])
+    assert {one.sigma for one in alike} == {0.0}
+    assert [one.name for one in alike] == ["bias", "scale_factor", "time_offset", "tilt", "cubic"]
+    (lacking,) = [one for one in side_by_side.differences(fits[base], fits[cubic]) if one.value is None]
+    assert (lacking.name, lacking.first) == ("cubic", None)
+    assert bench.pair((base, cubic)) is None
+    bench.compare_pair((base, cubic))
+    before, after = bench.pair((base, cubic))
+    assert after.simulated_rms < 0.1 * before.simulated_rms
+    other = replace(bench.state.step.fit, rig=replace(bench.state.step.fit.rig, sensor=ac.Sensor(model="ADXL105")))
+    assert side_by_side.same_sensor([bench.state.step.fit], bench.state)
+    assert not side_by_side.same_sensor([other], bench.state)
+    bench.invite(several / "run0.csv")
+    assert bench.sentence != ""
+    bench.undo()
+    bench.undo()
+    assert bench.state is grown.state
+
+
+def test_dwells_alone_and_a_file_twice_are_refused(several, tmp_path):
+    bench = Workbench(tmp_path)
+    bench.load_several([several / "dwells.csv"])
+    assert "dwells alone show no motion" in bench.sentence
+    bench.load(several / "run0.csv")
+    bench.include([several / "run0.csv"])
+    assert "once more" in bench.sentence
+    assert len(bench.state.runs) == 1
+
+
+def test_columns_that_are_alike_are_mapped_once(files, tmp_path):
+    for name in ("one.csv", "two.csv"):
+        text = (files / "odd.csv").read_text()
+        (tmp_path / name).write_text(text if name == "one.csv" else text.rstrip().rpartition("\n")[0] + "\n")
+    (tmp_path / "home").mkdir()
+    bench = Workbench(tmp_path / "home")
+    bench.load_several([tmp_path / "one.csv", tmp_path / "two.csv"])
+    run = bench.state.run
+    assert run.problem
+    chosen = [
+        mapping.Choice("stamp", "time", "s"),
+        mapping.Choice("sensor", "accel", "m/s^2"),
+        mapping.Choice("scale", "position", "mm"),
+    ]
+    bench.declare(mapping.sidecar_from(mapping.text_of(run.file, run.sidecar, run.template), chosen))
+    assert bench.sentence == ""
+    assert [one.problem for one in bench.state.runs] == ["", ""]
+    assert roles(bench) == [("fit", True), ("fit", False)]
+    mapped = bench.state
+    bench.declare("[channels]\naccel = { column = 'nowhere', unit = 'm/s^2' }\n")
+    assert "no column for position" in bench.sentence
+    assert bench.state is mapped
+
+
+def test_sidecars_find_their_files(tmp_path):
+    def dropped(*names):
+        paths = [tmp_path / name for name in names]
+        for path in paths:
+            path.write_text(path.name)
+        sidecars = [path for path in paths if path.suffix == ".toml"]
+        return [p.name for p in uploads.beside([p for p in paths if p not in sidecars], sidecars)]
+
+    assert dropped("a.csv", "b.csv", "rig.toml", "a.toml") == []
+    assert [(tmp_path / name).read_text() for name in ("a.toml", "b.toml")] == ["a.toml", "rig.toml"]
+    assert dropped("c.csv", "x.toml", "y.toml") == ["x.toml", "y.toml"]
+
+
+def test_recordings_that_disagree_are_seen_and_those_that_agree_are_not():
+    # p is multiplied by the number of parameters; the alarm rate at 1e-3 is that of one pair of recordings.
+    def made(seed, scale):
+        rng = np.random.default_rng(seed)
+        truth = {"bias": 0.05, "scale_factor": scale}
+        return ac.simulate("interleaved", seconds=12.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
+
+    from accelcal.workflow import run_values
+
+    for scale, agree in ((0.01, True), (0.012, False)):
+        pair = [made(1, 0.01), made(2, scale)]
+        found = run_values(ac.fit(ac.Model.linear(), pair), pair)
+        at = found.parameters.index("scale_factor")
+        assert (found.p_values[at] > 1e-3) == agree
+        assert np.abs(found.value[1, at] - scale) < 5.0 * found.std[1, at]
+    with pytest.raises(ValueError, match="two recordings or more"):
+        run_values(ac.fit(ac.Model.linear(), pair[:1]), pair[:1])
+
+
+def test_the_schema_names_every_role():
+    from accelcal.app.roles import ROLES
+    from accelcal.serialization.schema.session import StoredRun
+
+    assert json.loads(json.dumps(StoredRun.model_json_schema()))["properties"]["role"]["enum"] == list(ROLES)
