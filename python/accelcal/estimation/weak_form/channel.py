@@ -52,8 +52,8 @@ class SampledChannel:
         carrier = low_pass(through(t, y)(at), 1.0 / step, CARRIER_CUTOFF * rate)
         return cls(t, y - through(at, carrier)(np.clip(t, at[0], at[-1])), weight, at, carrier)
 
-    def sums(self, splines: Splines, order: int, weights: Sparse, rows: slice) -> Array:
-        """Integrals of the channel against the derivatives of the test functions, (count,).
+    def sums(self, splines: Splines, order: int, weights: Sparse, rows: slice, tau: float = 0.0) -> Array:
+        """Integrals of the channel against the derivatives of the test functions, a low-pass undone, (count,).
 
         `weights` are those of the samples in `rows`.
         """
@@ -62,7 +62,7 @@ class SampledChannel:
             near = covering(self.carrier_t, splines)
             t, y = self.carrier_t[near], self.carrier_y[near]
             step = float(self.carrier_t[1] - self.carrier_t[0])
-            found += splines.weights(t, order, np.full(len(t), step)) @ y
+            found += splines.weights(t, order, np.full(len(t), step), tau) @ y
         return found
 
 

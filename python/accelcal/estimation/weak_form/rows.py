@@ -267,7 +267,7 @@ class WeakRows:
             splines = self.splines.part(part.start, part.stop)
             count = splines.count
             y = self._readings.sums(splines, 2, of_readings[:count], readings)
-            y -= self._gain * self._integral_of_output(splines, of_output[:count], samples)
+            y -= self._gain * self._output.sums(splines, 0, of_output[:count], samples, self._tau)
             y += self._gain * (of_grid @ added[grid])
             rows.append(y[self._kept[part]])
             variance = self._variances(of_output[kept], of_readings[kept], extra_q[samples], extra_r, readings)
@@ -288,25 +288,11 @@ class WeakRows:
             extra += bands(of_readings, extra_r[readings])
         return unit, one, extra
 
-    def _integral_of_output(self, splines: Splines, weights: Sparse, samples: slice) -> Array:
-        """<phi, u> with a first-order low-pass undone, (count,)."""
-        found = self._output.sums(splines, 0, weights, samples)
-        if self._tau and len(self._output.carrier_t):  # the weights hold it for the samples
-            near = covering(self._output.carrier_t, splines)
-            t, y = self._output.carrier_t[near], self._output.carrier_y[near]
-            step = np.full(len(t), self._output.carrier_t[1] - self._output.carrier_t[0])
-            found -= self._tau * (splines.weights(t, 1, step) @ y)
-        return found
-
     def _of_output(self, part: slice) -> tuple[slice, Sparse]:
         """Samples within some test functions, and their weights: <phi - tau phi', u> undoes a low-pass of tau."""
         splines = self.splines.part(part.start, part.stop)
         samples = covering(self._output.t, splines)
-        t, weight = self._output.t[samples], self._output.weight[samples]
-        found = splines.weights(t, 0, weight)
-        if self._tau:
-            found = found - self._tau * splines.weights(t, 1, weight)
-        return samples, found
+        return samples, splines.weights(self._output.t[samples], 0, self._output.weight[samples], self._tau)
 
     def _of_readings(self, part: slice) -> tuple[slice, Sparse]:
         """Readings within some test functions, and their weights in the second derivative."""

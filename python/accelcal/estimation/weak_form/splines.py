@@ -38,7 +38,7 @@ class Splines:
         """The test functions from `first` up to `end`."""
         return Splines(self.start + first * self.step, self.step, end - first)
 
-    def weights(self, t: Array, order: int, weight: Array) -> Sparse:
+    def weights(self, t: Array, order: int, weight: Array, tau: float = 0.0) -> Sparse:
         """Derivatives of the test functions at sample times, times weights, (count, n).
 
         Parameters
@@ -46,8 +46,12 @@ class Splines:
         t : (n,) s.
         order : of the derivative.
         weight : (n,) time that each sample stands for, s.
+        tau : of a first-order low-pass that is undone, s: phi - tau phi' in place of phi.
         """
         coefficients = pieces(order)
+        if tau:
+            coefficients = coefficients.copy()
+            coefficients[:, 1:] -= tau / self.step * pieces(order + 1)
         place = (t - self.start) / self.step
         cell = np.floor(place).astype(np.intp)
         within = place - cell
