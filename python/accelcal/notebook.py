@@ -34,6 +34,8 @@ from accelcal.model import Estimate, Model
 from accelcal.report.view import VERDICTS
 from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.differences import PairedComparison
+from accelcal.validation.paired import HeldOutChange
 
 CANDIDATES = 6
 """Candidates that a diagnosis shows."""
@@ -279,6 +281,33 @@ def _(history: History) -> Card:
 
 
 @card.register
+def _(found: PairedComparison) -> Card:
+    return Card(
+        title=f"{len(found.fits)} models on {', '.join(found.recordings)}",
+        sentence=" ".join(as_sentence(typeset(one.sentence)) for one in found.differences),
+        head=("model", "recording", found.names[0], "this model", "change, % (95 % interval)"),
+        rows=tuple(
+            (one.name, name, *change_cells(change))
+            for one in found.differences
+            for name, change in (
+                *(zip(found.recordings, one.recordings, strict=True) if len(found.recordings) > 1 else ()),
+                ("all", one.pooled),
+            )
+        ),
+        notes=("Changes are paired: all models run with one filter from the same start points.",),
+    )
+
+
+def change_cells(change: HeldOutChange | None) -> tuple[str, str, str]:
+    """Errors of two models, and the change with its interval."""
+    if change is None:
+        return "–", "–", "too short"
+    low, high = change.percent_interval
+    before, after = (formatting.length(x) if change.unit == "m" else number(x) for x in (change.before, change.after))
+    return (before, after, typeset(f"{change.percent:+.3g} ({low:+.3g} to {high:+.3g})"))
+
+
+@card.register
 def _(found: Improvement) -> Card:
     names = [" + ".join(("base", *step.effects)) for step in found.steps]
     same = "the end of the same run" if found.same_run else "another recording"
@@ -391,7 +420,7 @@ def state_of(model: Model, name: str) -> str:
 
 CARDS = (
     *("Recording", "Dwells", "Fit", "Comparison", "Diagnosis", "History", "Improvement", "DwellDiagnosis", "Power"),
-    *("Model", "Estimate", "Effect", "FilterRun"),
+    *("Model", "Estimate", "Effect", "FilterRun", "PairedComparison"),
 )
 
 

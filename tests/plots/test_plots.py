@@ -464,7 +464,7 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
     _, found, _ = fitted
     c = a_comparison()
     names = [
-        *("overview", "simulated", "coasting", "one_step", "regions", "accel_residual"),
+        *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual"),
         *("histogram", "autocorrelation", "parameters", "nonlinearity"),
     ]
     written = plots.write(found, c, tmp_path / "new" / "figures")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from accelcal.data.units import MICRO_G, instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Comparison, Region
 from accelcal.validation.sensor_noise import SOURCES, Source
 
 HEADLINE_HORIZON = 10.0
@@ -82,6 +82,70 @@ def model_names(nested: NestedModels) -> list[str]:
 def nested_comparisons(nested: NestedModels) -> list[tuple[str, Comparison]]:
     """Comparisons of all models with the names that figures give them."""
     return list(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
+
+
+def named_models(models: Comparison | Sequence[tuple[str, Comparison]]) -> list[tuple[str, Comparison]]:
+    """Comparisons with their names; that of a single model has none.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = [("", models)] if isinstance(models, Comparison) else list(models)
+    if not several:
+        raise ValueError("an overlay needs at least one comparison")
+    return several
+
+
+def fit_text(seen: Comparison) -> str:
+    """The fit of one model in percent."""
+    if seen.fit_percent is None:
+        return "too short for a fit in percent"
+    return f"fit {formatting.percent(seen.fit_percent)}"
+
+
+def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
+    """How well the current model gives the output, in one sentence."""
+    name, current = models[-1]
+    of = f" ({name})" if name else ""
+    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
+
+
+REGION_HEAD = ("variable", "range", "excess", "sigma", "share of residual", "p")
+"""Columns of the table of where a model fails."""
+REGION_NOTE = (
+    "the worst region of each variable: mean residual, its share of the mean square residual, and p adjusted for the "
+    "number of all regions"
+)
+
+
+def region_cells(region: Region) -> tuple[str, ...]:
+    """One row of the table of where a model fails: variable, range, excess, deviation, share, adjusted p value."""
+    factor, unit = (1.0, region.unit)
+    if unit not in ("s", "Hz"):
+        factor, unit = formatting.prefixed(unit, region.low, region.high)
+    low, high = (
+        instant(x) if region.variable == "time" else formatting.number(x * factor) for x in (region.low, region.high)
+    )
+    if region.excess_unit == "1":
+        excess = f"{formatting.number(region.excess, 3)} × noise"
+    else:
+        by, excess_unit = formatting.prefixed(region.excess_unit, region.excess)
+        excess = formatting.with_unit(formatting.typeset(f"{region.excess * by:+.3g}"), excess_unit)
+    return (
+        region.variable,
+        formatting.with_unit(f"{low} to {high}", unit),
+        excess,
+        f"{abs(region.sigma):.1f}",
+        "–" if region.share is None else f"{formatting.number(100.0 * max(region.share, 0.0), 2)} %",
+        formatting.probability(region.p),
+    )
+
+
+def region_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """The table of where a model fails, worst region first."""
+    return [region_cells(region) for region in comparison.worst_regions]
 
 
 def error_reduction_sentence(nested: NestedModels) -> str:

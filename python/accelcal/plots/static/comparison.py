@@ -33,6 +33,7 @@ from accelcal.plots.numbers import (
     residual_band,
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
+from accelcal.plots.static.overlay import overlay
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
@@ -380,6 +381,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     """
     figures: Mapping[str, Callable[[], Figure]] = {
         "overview": lambda: overview(fit, comparison, theme=theme),
+        "overlay": lambda: overlay(comparison, theme=theme),
         "simulated": lambda: simulated(comparison, theme=theme),
         "coasting": lambda: coasting(comparison, theme=theme),
         "one_step": lambda: one_step(comparison, theme=theme),
