@@ -36,6 +36,7 @@ from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.differences import PairedComparison
 from accelcal.validation.paired import HeldOutChange
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 CANDIDATES = 6
 """Candidates that a diagnosis shows."""
@@ -426,9 +427,8 @@ CARDS = (
 
 def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:
     """Several models on one held-out recording, one row each."""
-    known = [h for h in steps[0].coast_rms if all(seen.coast_rms[h] is not None for seen in steps)]
-    h = max(known, default=None)
-    errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
+    h = headline_horizon(*steps)
+    errors = [quoted_error(seen, h) for seen in steps]
     measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
     fall = " → ".join(formatting.length(error) for error in (errors[0], errors[-1])[: len(errors)])
     floor = floor_of(steps[0], h)
@@ -446,11 +446,10 @@ def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison
 
 
 def drift(seen: Comparison) -> str:
-    """The longest drift and its noise floor, in a sentence."""
-    known = [h for h, error in seen.coast_rms.items() if error is not None]
-    if not known:
+    """The drift that is quoted first and its noise floor, in a sentence."""
+    h = headline_horizon(seen)
+    if h is None:
         return f"Simulation error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
-    h = max(known)
     return f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms{floor_of(seen, h)}."
 
 

@@ -439,14 +439,14 @@ def test_overview_says_the_numbers(fitted):
     _, found, c = fitted
     said = texts(plots.overview(found, c)).replace("\n", " ")
     assert summary_sentence(found, c) in said
-    for number in (c.one_step_rms, c.coast_rms[10.0], c.coast_floor[10.0], c.simulated_rms):
+    for number in (c.one_step_rms, c.coast_rms[1.0], c.coast_floor[1.0], c.simulated_rms):
         assert formatting.length(number) in said
     assert c.worst in said
 
 
 def test_overview_of_a_short_record_claims_no_drift(fitted):
     _, found, _ = fitted
-    assert "no unaided drift over 10 s (too short)" in summary_sentence(found, a_comparison(**SHORT))
+    assert "unaided drift: the record is too short" in summary_sentence(found, a_comparison(**SHORT))
 
 
 def test_a_comparison_without_bins_or_residual_is_drawn_as_sentences(fitted):

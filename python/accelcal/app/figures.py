@@ -9,16 +9,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from accelcal import formatting
-from accelcal.app.state import State
+from accelcal.app.state import State, Stretch
 from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import interactive
+from accelcal.plots.interactive.linked import CHOSEN
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.stretches import headline_horizon
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -83,10 +85,15 @@ def data(state: State, theme: ThemeName, window: tuple[float, float] | None = No
 
 
 def linked(
-    state: State, seen: Comparison | None, theme: ThemeName, window: tuple[float, float] | None = None
+    state: State,
+    seen: Comparison | None,
+    theme: ThemeName,
+    window: Stretch | None = None,
+    chosen: Stretch | None = None,
 ) -> Picture:
-    """Position, output, residual and side channels with one time axis."""
-    figure = interactive.linked(state.data, seen, window=window, marked=marked(state), theme=theme)
+    """Position, output, residual and side channels with one time axis, and a stretch that was chosen."""
+    marks = marked(state) + ([(*chosen, CHOSEN)] if chosen is not None else [])
+    figure = interactive.linked(state.data, seen, window=window, marked=marks, theme=theme)
     figure.update_layout(uirevision="linked")
     return picture(figure)
 
@@ -94,8 +101,7 @@ def linked(
 def nested_of(state: State) -> NestedModels:
     """Held-out errors along the path to the current model."""
     models = tuple(NestedModel(s.label, True, s.fit, s.heldout) for s in state.path)
-    horizons = [h for h in models[0].heldout.coast_rms if all(r.heldout.coast_rms[h] is not None for r in models)]
-    return NestedModels(models, state.other is None, max(horizons, default=None))
+    return NestedModels(models, state.other is None, headline_horizon(*(each.heldout for each in models)))
 
 
 def falling(state: State, theme: ThemeName) -> Picture:
@@ -113,10 +119,12 @@ def falling(state: State, theme: ThemeName) -> Picture:
     return picture(figure, displayModeBar=False)
 
 
-def overlay(state: State, theme: ThemeName) -> Picture:
-    """Measured and simulated on held-out data, for every model on the path."""
+def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:
+    """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
     seen = [(spelled(step.label), step.heldout) for step in state.path]
-    return picture(interactive.overlay(seen, theme=theme))
+    figure = interactive.overlay(seen, window=window, chosen=chosen, theme=theme)
+    figure.update_layout(uirevision="overlay")
+    return picture(figure)
 
 
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:

@@ -58,7 +58,7 @@ def compare(
     Of several models, each is compared with the first on the same recordings: whether it is better, by how much, and
     the interval of that.
 
-    Examples: [bold]accelcal compare m.json run13.csv[/bold],
+    Example: [bold]accelcal compare m.json run13.csv[/bold], or
     [bold]accelcal compare m.json m2.json run13.csv run14.csv[/bold]
     """
     load_own_effects(effects_file)

@@ -17,9 +17,8 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison, Region
 from accelcal.validation.sensor_noise import SOURCES, Source
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
-HEADLINE_HORIZON = 10.0
-"""Unaided drift that is quoted first, s."""
 TWO_SIDED_95 = 1.96
 LAGS = 40
 """Of the autocorrelation; fewer on short records."""
@@ -52,6 +51,16 @@ def allowed_horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]
     """Horizons that the record allows, s, with their values, (n,) each."""
     pairs = [(h, y) for h, y in sorted(found.items()) if y is not None]
     return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
+
+
+def drift_headline(comparison: Comparison) -> str:
+    """The drift that is quoted first, with its noise floor."""
+    horizon = headline_horizon(comparison)
+    if horizon is None:
+        return "Unaided drift: the record is too short"
+    floor = comparison.drift_floors.get(horizon)
+    beside = "" if floor is None else f", noise floor {formatting.length(floor)}"
+    return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
 
 
 def residual_band(comparison: Comparison) -> tuple[Array, float]:

@@ -34,6 +34,7 @@ from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison, NoiseFloor, Region
+from accelcal.validation.stretches import headline_horizon
 
 COMPARE_SCHEMA = "accelcal/compare/1"
 
@@ -395,6 +396,7 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "coast_frozen_rms_m": by_horizon(comparison.coast_frozen_rms),
         "coast_floor_m": by_horizon(comparison.coast_floor),
         "noise_floor": noise_floor_to_dict(comparison.noise_floor),
+        "headline_horizon_s": headline_horizon(comparison),
         "coast_starts": {f"{horizon:g}": count for horizon, count in comparison.coast_starts.items()},
         "setup_bias_m_per_s2": {"value": comparison.setup_bias[0], "std": comparison.setup_bias[1]},
         "accel_rms_m_per_s2": comparison.accel_rms,

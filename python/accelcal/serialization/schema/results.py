@@ -148,6 +148,7 @@ class ComparisonFile(Part):
     coast_frozen_rms_m: dict[str, Value]
     coast_floor_m: dict[str, Value]
     noise_floor: NoiseFloorPart | None
+    headline_horizon_s: Value
     coast_starts: dict[str, int]
     setup_bias_m_per_s2: SetupBias
     accel_rms_m_per_s2: Value
