@@ -36,6 +36,7 @@ from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.differences import PairedComparison
 from accelcal.validation.paired import HeldOutChange
+from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 CANDIDATES = 6
@@ -228,6 +229,7 @@ def _(seen: Comparison) -> Card:
             for h in seen.coast_rms
         ),
         notes=(
+            as_sentence(ONLY_WHITE),
             f"One-step prediction error {formatting.length(seen.one_step_rms)} rms; accelerometer residual up to "
             f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; change of set-up or turn-on bias "
             f"{number(setup)} ± {number(std, 2)} m/s².",

@@ -14,6 +14,7 @@ from accelcal import notebook, workflow
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
 from accelcal.formatting import concise, plain
+from accelcal.validation.stretches import headline_horizon
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
 

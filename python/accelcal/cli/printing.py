@@ -280,9 +280,10 @@ def spread_cell(spread: dict[str, float] | None) -> str:
 def floor_line(floor: dict[str, Any]) -> str:
     """Where the noise of the floor comes from."""
     from accelcal.plots.numbers import source_of_noise
+    from accelcal.validation.sensor_noise import ONLY_WHITE
 
     source = source_of_noise(floor["source"], floor["density_m_per_s2_rthz"], floor["declared_m_per_s2_rthz"])
-    return f"noise alone: {source}; 95 % prediction intervals for a record of this length"
+    return f"noise alone: {source}; 95 % prediction intervals for a record of this length; {ONLY_WHITE}"
 
 
 def ruler_line(ruler: dict[str, float]) -> str:

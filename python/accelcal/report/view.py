@@ -38,6 +38,7 @@ from accelcal.plots.numbers import (
 )
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
+from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
 METHOD = (
@@ -226,7 +227,7 @@ def falling(content: Content) -> dict[str, Any] | None:
     if nested is None:
         return None
     return {
-        "sentence": error_reduction_sentence(nested),
+        "sentence": f"{error_reduction_sentence(nested)}; {ONLY_WHITE}",
         "same_run": nested.same_run,
         "floor": nested.floor.value,
         "rows": [

@@ -16,6 +16,7 @@ from accelcal.app.state import Step, Stretch
 from accelcal.app.zoom import Zoom, stretches_of
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import quoted_error
 
 LIMITS = 6
@@ -96,6 +97,7 @@ def error(page: Page) -> None:
         figure("noise alone", nested.floor.value, "floor")
     what = "another recording" if state.other is not None else "the held-out part of this run"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
 

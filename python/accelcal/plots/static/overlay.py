@@ -69,7 +69,8 @@ def overlay(models: Comparison | Sequence[tuple[str, Comparison]], *, theme: The
             axes.axvspan(begin, end, color=palette.band, alpha=0.25, linewidth=0.0, label=said)
     if not len(current.accel_residual[0]):
         style.message(output, f"The record is too short for a residual below {current.band:.3g} Hz.", palette)
-    style.legend(output, palette, columns=2 if len(several) > 2 else 4)
+    else:
+        style.legend(output, palette, columns=2 if len(several) > 2 else 4)
     small = ("position: simulated from the output alone", drawn.note)
     style.note(position, "; ".join(filter(None, small)), palette)
     style.headline(figure, overlay_headline(several), palette)
