@@ -119,7 +119,7 @@ def test_the_overlay_has_measurement_model_and_difference_on_one_axis_of_time():
     figure = plots.overlay(c)
     output, residual, position = figure.axes
     _, left = c.accel_residual
-    said = next(name for name in lines(output) if name.startswith("fit "))
+    said = next(name for name in lines(output) if name.startswith("model, fit "))
     np.testing.assert_array_equal(drawn(lines(output)["measured"])[1], c.measured)
     np.testing.assert_array_equal(drawn(lines(output)[said])[1], c.measured - left)
     difference = max(residual.get_lines(), key=lambda line: len(line.get_xdata()))

@@ -84,7 +84,9 @@ def flicker(n: int, rate: float, density: float, corner: float, rng: np.random.G
 def with_flicker(recording: Recording, density: float, corner: float, seed: int) -> Recording:
     """The recording of a sensor whose 1/f noise is as strong as its white noise at the corner, Hz."""
     accel = recording.accel
-    slow = flicker(len(accel), 1.0 / float(np.median(np.diff(accel.t))), density, corner, np.random.default_rng(seed))
+    slow = flicker(
+        len(accel), 1.0 / float(np.median(np.diff(accel.t))), density, corner, np.random.default_rng([99, seed])
+    )
     return replace(recording, accel=replace(accel, y=accel.y + slow))
 
 

@@ -70,7 +70,7 @@ def overlay(
         line = style.line_of_model(palette, number, len(several))
         faint = 1.0 if seen is current else 0.5 + 0.4 * number / len(several)
         at, residual = seen.accel_residual
-        said = f"{name}, {fit_text(seen)}" if name else fit_text(seen)
+        said = f"{name or 'model'}, {fit_text(seen)}"
         common: dict[str, Any] = {"legendgroup": f"{number} {name}", "opacity": faint}
         draw(OUTPUT, at, seen.measured - residual, line, said, **common)
         draw(RESIDUAL, at, residual, line, said, **common)

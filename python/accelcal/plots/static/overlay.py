@@ -59,7 +59,7 @@ def overlay(models: Comparison | Sequence[tuple[str, Comparison]], *, theme: The
     for number, (name, seen) in enumerate(several):
         line = style.line_of_model(palette, number, len(several))
         at, left = seen.accel_residual
-        said = f"{name}, {fit_text(seen)}" if name else fit_text(seen)
+        said = f"{name or 'model'}, {fit_text(seen)}"
         _draw(output, at, seen.measured - left, line, 1.0, said)
         _draw(residual, at, left, replace(line, line="-"), ruler)
         style.trace(position, seen.simulated[0], seen.simulated[2], line, factor=factor)
