@@ -42,7 +42,8 @@ if TYPE_CHECKING:
     from accelcal.serialization.model_file import save as save_model
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
     from accelcal.validation.comparison import Coast, Comparison
-    from accelcal.workflow import add, coast, compare, diagnose, drop, fit, formulas, history, improve
+    from accelcal.validation.differences import PairedComparison
+    from accelcal.workflow import add, coast, compare, compare_paired, diagnose, drop, fit, formulas, history, improve
 
 __all__ = [
     "ADXL105_RIG",
@@ -63,6 +64,7 @@ __all__ = [
     "LowPass",
     "Model",
     "NotIdentifiable",
+    "PairedComparison",
     "Prior",
     "Recording",
     "RecordingError",
@@ -72,6 +74,7 @@ __all__ = [
     "add",
     "coast",
     "compare",
+    "compare_paired",
     "diagnose",
     "diagnose_dwells",
     "drop",

@@ -34,6 +34,10 @@ from accelcal.model import Estimate, Model
 from accelcal.report.view import VERDICTS
 from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.differences import PairedComparison
+from accelcal.validation.paired import HeldOutChange
+from accelcal.validation.sensor_noise import ONLY_WHITE
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 CANDIDATES = 6
 """Candidates that a diagnosis shows."""
@@ -225,6 +229,7 @@ def _(seen: Comparison) -> Card:
             for h in seen.coast_rms
         ),
         notes=(
+            as_sentence(ONLY_WHITE),
             f"One-step prediction error {formatting.length(seen.one_step_rms)} rms; accelerometer residual up to "
             f"{number(seen.band)} Hz {number(seen.accel_rms)} m/s² rms; change of set-up or turn-on bias "
             f"{number(setup)} ± {number(std, 2)} m/s².",
@@ -276,6 +281,33 @@ def _(history: History) -> Card:
         history.steps,
         *map(as_sentence, history.steps[-1].not_carried),
     )
+
+
+@card.register
+def _(found: PairedComparison) -> Card:
+    return Card(
+        title=f"{len(found.fits)} models on {', '.join(found.recordings)}",
+        sentence=" ".join(as_sentence(typeset(one.sentence)) for one in found.differences),
+        head=("model", "recording", found.names[0], "this model", "change, % (95 % interval)"),
+        rows=tuple(
+            (one.name, name, *change_cells(change))
+            for one in found.differences
+            for name, change in (
+                *(zip(found.recordings, one.recordings, strict=True) if len(found.recordings) > 1 else ()),
+                ("all", one.pooled),
+            )
+        ),
+        notes=("Changes are paired: all models run with one filter from the same start points.",),
+    )
+
+
+def change_cells(change: HeldOutChange | None) -> tuple[str, str, str]:
+    """Errors of two models, and the change with its interval."""
+    if change is None:
+        return "–", "–", "too short"
+    low, high = change.percent_interval
+    before, after = (formatting.length(x) if change.unit == "m" else number(x) for x in (change.before, change.after))
+    return (before, after, typeset(f"{change.percent:+.3g} ({low:+.3g} to {high:+.3g})"))
 
 
 @card.register
@@ -391,15 +423,14 @@ def state_of(model: Model, name: str) -> str:
 
 CARDS = (
     *("Recording", "Dwells", "Fit", "Comparison", "Diagnosis", "History", "Improvement", "DwellDiagnosis", "Power"),
-    *("Model", "Estimate", "Effect", "FilterRun"),
+    *("Model", "Estimate", "Effect", "FilterRun", "PairedComparison"),
 )
 
 
 def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison], *notes: str) -> Card:
     """Several models on one held-out recording, one row each."""
-    known = [h for h in steps[0].coast_rms if all(seen.coast_rms[h] is not None for seen in steps)]
-    h = max(known, default=None)
-    errors = [seen.simulated_rms if h is None else seen.coast_rms[h] or 0.0 for seen in steps]
+    h = headline_horizon(*steps)
+    errors = [quoted_error(seen, h) for seen in steps]
     measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
     fall = " → ".join(formatting.length(error) for error in (errors[0], errors[-1])[: len(errors)])
     floor = floor_of(steps[0], h)
@@ -417,11 +448,10 @@ def error_reduction(title: str, names: Sequence[str], steps: Sequence[Comparison
 
 
 def drift(seen: Comparison) -> str:
-    """The longest drift and its noise floor, in a sentence."""
-    known = [h for h, error in seen.coast_rms.items() if error is not None]
-    if not known:
+    """The drift that is quoted first and its noise floor, in a sentence."""
+    h = headline_horizon(seen)
+    if h is None:
         return f"Simulation error {formatting.length(seen.simulated_rms)} rms; too short for a drift."
-    h = max(known)
     return f"Unaided drift after {h:g} s: {length(seen.coast_rms[h])} rms{floor_of(seen, h)}."
 
 

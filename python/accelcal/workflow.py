@@ -1,4 +1,4 @@
-"""The product's verbs: fit, diagnose, add, drop, improve, history, compare, coast.
+"""The product's verbs: fit, diagnose, add, drop, improve, history, compare, compare_paired, coast.
 
 Outliers are rejected before every fit, and jumps of the position are found before anything else.
 """
@@ -50,6 +50,7 @@ from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
 from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
+from accelcal.validation.differences import PairedComparison, names_of, paired_horizon
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import best_step
 from accelcal.validation.ruler import Ruler
@@ -520,6 +521,10 @@ def compare_models(
     report: Callable[[float], None] = lambda share: None,
     *,
     base: Fit | None = None,
+    band: float | None = None,
+    horizons: Sequence[float] = HORIZONS,
+    start: float | None = None,
+    end: float | None = None,
 ) -> tuple[Comparison, ...]:
     """Compare several models with one recording under one ruler, above one noise floor.
 
@@ -528,13 +533,17 @@ def compare_models(
     fits, recording, ruler : models, what they are compared with, and the filter.
     report : called with the share of the work that is done, 0 to 1.
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
+    band, horizons, start, end : as of `compare`.
     """
     found = []
     for number, fit in enumerate(fits, start=1):
-        found.append(compare(fit, recording, ruler=ruler))
+        found.append(compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler))
         report(number / (len(fits) + 1))
-    whole, start, end, _ = whole_part(recording)
-    floor = noise_floor(ruler, base or fits[0], whole, start=start, end=end)
+    if start is None and end is None:
+        recording, start, end, _ = whole_part(recording)
+    else:
+        recording = with_position_steps(recording)
+    floor = noise_floor(ruler, base or fits[0], recording, horizons=horizons, start=start, end=end)
     return tuple(replace(seen, noise_floor=floor) for seen in found)
 
 
@@ -709,6 +718,81 @@ def compare(
         floor = noise_floor(alone, fit, recording, horizons=horizons, start=start, end=end)
         seen = replace(seen, noise_floor=floor)
     return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
+
+
+@checked
+def compare_paired(
+    fits: Sequence[Fit],
+    recordings: Recording | Sequence[Recording],
+    *,
+    names: Sequence[str] | None = None,
+    band: float | None = None,
+    horizon: float | None = None,
+    start: float | None = None,
+    end: float | None = None,
+    report: Callable[[float], None] = lambda share: None,
+) -> PairedComparison:
+    """Compare several models with the same recordings: is each better than the first, and how sure is that.
+
+    Parameters
+    ----------
+    fits : at least two models of one sensor; the others are compared with the first.
+    recordings : one or several, preferably such that no model was fitted to.
+    names : of the models, for people; by default their effects.
+    band : Hz, optional; bandwidth of the accelerometer-side residual.
+    horizon : s; time without position after which drifts are compared. By default the longest one with 5 independent
+        stretches in every recording, else in all together; where there is none, one-step errors are compared.
+    start, end : s, optional; only readings in [start, end] of each recording are used.
+    report : called with the share of the work that is done, 0 to 1.
+
+    Returns
+    -------
+    PairedComparison
+        All comparisons, and `differences` with their 95 % intervals.
+
+    Notes
+    -----
+    All models are run with one filter, that of the model with the least noise, from the same start points, so that
+    their errors share the noise. The interval counts the scatter between stretches of two horizons; it is that of
+    these recordings, and says nothing of others under other conditions.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two models or no recording, or names are no other for each model.
+    RecordingError
+        If the channels do not overlap.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import accelcal as ac
+    >>> truth = {"bias": 0.05, "cubic": 2e-3}
+    >>> rng = np.random.default_rng(1)
+    >>> made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng)
+    >>> fits = [ac.fit(ac.Model.linear(), made.recording), ac.fit(ac.Model.cubic(), made.recording)]
+    >>> ac.compare_paired(fits, made.recording).differences[0].verdict
+    'better'
+    """
+    several = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    named = names_of(fits) if names is None else tuple(names)
+    if len(fits) < 2 or not several:
+        raise ValueError(
+            f"compare_paired: found {len(fits)} models and {len(several)} recordings; expected at least two models and "
+            "one recording. accelcal.compare(fit, recording) compares a single model"
+        )
+    if len(set(named)) != len(fits):
+        raise ValueError(
+            f"compare_paired: names {list(named)}; expected a name of its own for each of {len(fits)} models"
+        )
+    ruler, seen = Ruler.of(fits), []
+    horizons = HORIZONS if horizon is None else (*HORIZONS, horizon)
+    for number, recording in enumerate(several):
+        part = within(report, number / len(several), (number + 1) / len(several))
+        compared = compare_models(fits, recording, ruler, part, band=band, horizons=horizons, start=start, end=end)
+        seen.append(compared)
+    chosen = paired_horizon(seen) if horizon is None else horizon
+    return PairedComparison(tuple(fits), named, tuple(each[0].recording for each in seen), tuple(seen), chosen)
 
 
 @checked

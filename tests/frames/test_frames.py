@@ -187,10 +187,21 @@ def test_a_missing_library_is_asked_for(fit: ac.Fit, library: str, monkeypatch: 
         fit.to_dataframe() if library == "pandas" else fit.to_xarray()
 
 
+def test_where_it_fails_is_a_frame_of_the_worst_regions(seen: ac.Comparison) -> None:
+    frame = seen.where_it_fails()
+    assert frame.index.tolist() == [region.variable for region in seen.worst_regions]
+    first = seen.worst_regions[0]
+    assert first.stretch is not None
+    assert frame.iloc[0][["low", "high", "excess", "p", "start", "end"]].tolist() == [
+        *(first.low, first.high, first.excess, first.p),
+        *first.stretch,
+    ]
+
+
 def test_figures_are_drawn_by_the_results(fit: ac.Fit, seen: ac.Comparison, run: ac.Recording) -> None:
     for figure in (fit.plot(), seen.plot(), seen.plot("regions", theme="dark"), ac.diagnose(fit, run).plot()):
         assert figure.axes or figure.subfigs
-    with pytest.raises(ValueError, match="expected one of coasting"):
+    with pytest.raises(ValueError, match="expected one of overlay"):
         seen.plot("nonsense")  # type: ignore[arg-type]
 
 

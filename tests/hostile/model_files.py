@@ -21,7 +21,15 @@ from accelcal import report, workflow
 from accelcal._support.plain_text import OBEYED
 from accelcal.calibration import apply, export
 from accelcal.calibration.characteristic import characteristic
-from accelcal.cli.printing import show_comparison, show_diagnosis, show_export, show_fit, show_formulas, show_steps
+from accelcal.cli.printing import (
+    show_comparison,
+    show_diagnosis,
+    show_export,
+    show_fit,
+    show_formulas,
+    show_paired,
+    show_steps,
+)
 from accelcal.effects import from_expression
 from accelcal.serialization import diagnosis_json, model_file
 
@@ -231,6 +239,13 @@ def compared_in_order(fit: ac.Fit) -> Iterator[str]:
     show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
 
 
+def compared_in_pairs(fit: ac.Fit) -> Iterator[str]:
+    """Two models on a record, and their difference."""
+    content = diagnosis_json.paired_to_dict(workflow.compare_paired([fit, fit], record()))
+    yield model_file.dumps(content)
+    show_paired(json.loads(model_file.dumps(content)))
+
+
 def put_into_formulas(fit: ac.Fit) -> Iterator[str]:
     """Formulas of a curve."""
     found = workflow.formulas(fit, record(), "shape_of_velocity")
@@ -252,6 +267,7 @@ DEAR: dict[str, Callable[[ac.Fit], Iterator[str]]] = {
     "drop": dropped,
     "freeze": frozen,
     "history": compared_in_order,
+    "paired": compared_in_pairs,
     "formula": put_into_formulas,
     "report": reported,
 }

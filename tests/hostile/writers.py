@@ -21,7 +21,7 @@ from accelcal.serialization import model_file
 PLOTS = tuple(
     f"plots/{name}.{kind}"
     for name in (
-        *("overview", "simulated", "coasting", "one_step", "regions", "accel_residual", "histogram"),
+        *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual", "histogram"),
         *("autocorrelation", "parameters", "nonlinearity"),
     )
     for kind in ("png", "svg")

@@ -58,6 +58,7 @@ def objects() -> dict[str, Any]:
         "LowPass": ac.LowPass(159.0),
         "Model": ac.Model.cubic().add("hysteresis", shapes={"hysteresis": {"width": 1.0}}),
         "Names": names,
+        "PairedComparison": ac.compare_paired([fit, improvement.best], other),
         "Power": ac.power(run),
         "Prior": ac.Prior(0.0, 1.0),
         "Recording": run,
@@ -73,8 +74,20 @@ def objects() -> dict[str, Any]:
 
 KINDS = (
     *("Channel", "Coast", "Comparison", "Diagnosis", "DwellDiagnosis", "Dwells", "Effect", "Effect of a process"),
-    *("Estimate", "FilterChoice", "FilterRun", "Fit", "History", "Improvement", "LowPass", "Model", "Names", "Power"),
-    *("Prior", "Recording", "Rig", "Sensor", "Simulated", "Step", "Track", "Truth", "Uncertainty"),
+    *("Estimate", "FilterChoice", "FilterRun", "Fit", "History", "Improvement", "LowPass", "Model", "Names"),
+    *(
+        "PairedComparison",
+        "Power",
+        "Prior",
+        "Recording",
+        "Rig",
+        "Sensor",
+        "Simulated",
+        "Step",
+        "Track",
+        "Truth",
+        "Uncertainty",
+    ),
 )
 
 

@@ -18,7 +18,6 @@ from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
-from accelcal.plots.interactive.overlay import worst_stretches
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.timeline import Marks
@@ -29,6 +28,7 @@ from accelcal.validation.comparison import Bins, RmsInterval
 from accelcal.validation.consistency import cumulative_periodogram
 from accelcal.validation.evaluation import compare
 from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
+from accelcal.validation.worst import worst_stretches
 from accelcal.workflow import diagnose
 
 THEMES = ("light", "dark")

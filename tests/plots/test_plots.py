@@ -114,6 +114,43 @@ def test_simulated_position_is_the_array_of_the_comparison():
     np.testing.assert_allclose(drawn(lines(bottom)["simulated − measured"])[1], (position - measured) * 1e3, rtol=1e-15)
 
 
+def test_the_overlay_has_measurement_model_and_difference_on_one_axis_of_time():
+    c = a_comparison()
+    figure = plots.overlay(c)
+    output, residual, position = figure.axes
+    _, left = c.accel_residual
+    said = next(name for name in lines(output) if name.startswith("model, fit "))
+    np.testing.assert_array_equal(drawn(lines(output)["measured"])[1], c.measured)
+    np.testing.assert_array_equal(drawn(lines(output)[said])[1], c.measured - left)
+    difference = max(residual.get_lines(), key=lambda line: len(line.get_xdata()))
+    np.testing.assert_allclose(drawn(difference)[1], 1e3 * left, rtol=1e-12)
+    assert output.get_xlim() == residual.get_xlim() == position.get_xlim()
+    assert said in texts(figure)
+    assert "Measured and simulated output: fit " in texts(figure)
+
+
+def test_the_overlay_of_several_models_names_each_and_shades_the_largest_residual():
+    c = a_comparison()
+    t, left = c.accel_residual
+    left = left.copy()
+    left[300:310] += 1.0
+    both = [("base", c), ("base + cubic", replace(c, accel_residual=(t, left)))]
+    output, _, _ = plots.overlay(both, theme="dark").axes
+    names = [text.get_text() for text in output.get_legend().get_texts()]
+    assert [name.partition(",")[0] for name in names] == ["measured", "base", "base + cubic", "largest residual"]
+    (shade,) = output.patches
+    assert shade.get_x() <= t[300] < t[309] <= shade.get_x() + shade.get_width()
+    with pytest.raises(ValueError, match="at least one comparison"):
+        plots.overlay([])
+
+
+def test_the_overlay_of_a_short_record_says_so():
+    empty = (np.empty(0), np.empty(0))
+    figure = plots.overlay(a_comparison(accel_residual=empty, measured=np.empty(0)))
+    assert "too short for a residual below 12.5 Hz" in texts(figure).replace("\n", " ")
+    assert "too short for a fit in percent" in texts(figure)
+
+
 def test_band_of_the_simulation_is_two_standard_deviations():
     c = a_comparison()
     _, bottom = plots.simulated(c).axes
@@ -439,14 +476,14 @@ def test_overview_says_the_numbers(fitted):
     _, found, c = fitted
     said = texts(plots.overview(found, c)).replace("\n", " ")
     assert summary_sentence(found, c) in said
-    for number in (c.one_step_rms, c.coast_rms[10.0], c.coast_floor[10.0], c.simulated_rms):
+    for number in (c.one_step_rms, c.coast_rms[1.0], c.coast_floor[1.0], c.simulated_rms):
         assert formatting.length(number) in said
     assert c.worst in said
 
 
 def test_overview_of_a_short_record_claims_no_drift(fitted):
     _, found, _ = fitted
-    assert "no unaided drift over 10 s (too short)" in summary_sentence(found, a_comparison(**SHORT))
+    assert "unaided drift: the record is too short" in summary_sentence(found, a_comparison(**SHORT))
 
 
 def test_a_comparison_without_bins_or_residual_is_drawn_as_sentences(fitted):
@@ -464,7 +501,7 @@ def test_write_makes_every_file_whole_and_again_the_same(fitted, tmp_path):
     _, found, _ = fitted
     c = a_comparison()
     names = [
-        *("overview", "simulated", "coasting", "one_step", "regions", "accel_residual"),
+        *("overview", "overlay", "simulated", "coasting", "one_step", "regions", "accel_residual"),
         *("histogram", "autocorrelation", "parameters", "nonlinearity"),
     ]
     written = plots.write(found, c, tmp_path / "new" / "figures")

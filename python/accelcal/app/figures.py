@@ -12,17 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from accelcal import formatting
-from accelcal.app.run import Run
+from accelcal.app.run import Run, Stretch
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
 from accelcal.plots import interactive, style
+from accelcal.plots.interactive.linked import CHOSEN
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
+from accelcal.validation.stretches import headline_horizon
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -90,11 +92,16 @@ def data(run: Run, theme: ThemeName, window: tuple[float, float] | None = None) 
 
 
 def linked(
-    state: State, seen: Comparison | None, theme: ThemeName, window: tuple[float, float] | None = None
+    state: State,
+    seen: Comparison | None,
+    theme: ThemeName,
+    window: Stretch | None = None,
+    chosen: Stretch | None = None,
 ) -> Picture:
-    """Position, output, residual and side channels with one time axis."""
-    stretches = marked(state.run) if state.run is not None else []
-    figure = interactive.linked(state.data, seen, window=window, marked=stretches, theme=theme)
+    """Position, output, residual and side channels with one time axis, and a stretch that was chosen."""
+    marks = marked(state.run) if state.run is not None else []
+    marks += [(*chosen, CHOSEN)] if chosen is not None else []
+    figure = interactive.linked(state.data, seen, window=window, marked=marks, theme=theme)
     figure.update_layout(uirevision="linked")
     return picture(figure)
 
@@ -104,8 +111,7 @@ def nested_of(state: State, number: int | None = None) -> NestedModels:
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     models = tuple(NestedModel(s.label, True, s.fit, one) for s, one in zip(state.path, seen, strict=True))
     every = [one for step in state.path for one in (step.heldouts if number is None else seen)]
-    horizons = [h for h in seen[0].coast_rms if all(one.coast_rms[h] is not None for one in every)]
-    return NestedModels(models, state.holds_out_parts, max(horizons, default=None))
+    return NestedModels(models, state.holds_out_parts, headline_horizon(*every))
 
 
 def falling(state: State, theme: ThemeName) -> Picture:
@@ -158,10 +164,12 @@ def error_of(seen: Comparison, horizon: float | None) -> float:
     return math.nan if value is None else value
 
 
-def overlay(state: State, theme: ThemeName) -> Picture:
-    """Measured and simulated on held-out data, for every model on the path."""
+def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:
+    """Measured and simulated on held-out data, for every model on the path, and a stretch that was chosen."""
     seen = [(spelled(step.label), step.heldouts[state.looked_at]) for step in state.path]
-    return picture(interactive.overlay(seen, theme=theme))
+    figure = interactive.overlay(seen, window=window, chosen=chosen, theme=theme)
+    figure.update_layout(uirevision="overlay")
+    return picture(figure)
 
 
 def residual(state: State, before: Comparison | None, theme: ThemeName) -> Picture:

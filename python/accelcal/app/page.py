@@ -47,8 +47,6 @@ class Page:
         self.is_narrow = False
         """Whether the window is as narrow as that of a phone."""
         self.tab = "data" if bench.state.step is None else "improve"
-        self.window: tuple[float, float] | None = None
-        """Part of the time axis that is zoomed in on, s."""
         self.brushed: tuple[float, float] | None = None
         self.fields: tuple[ui.number, ...] = ()
         """Fields for start and end of a stretch, on the screen that has them."""

@@ -134,7 +134,7 @@ def template_hint(error: BaseException, given: Mapping[str, Any]) -> str:
 
     if not isinstance(error, RecordingError) or given.get("rig") is not None:
         return ""
-    for path in (given.get("run"), *(given.get("runs") or ())):
+    for path in (given.get("run"), *(given.get("runs") or ()), *(given.get("files") or ())):
         if isinstance(path, Path) and f"write in {sidecar_of(path)}" in str(error) and not sidecar_of(path).exists():
             return f"\nor have the whole sidecar written, to fill in: accelcal init {shlex.quote(str(path))}"
     return ""

@@ -1,4 +1,4 @@
-"""Commands on models: fit, compare, add, drop, hold."""
+"""Commands that make models: fit, add, drop, freeze."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from accelcal.cli.common import (
     ModelFile,
     Output,
     Rig,
-    RunFile,
     Seed,
     To,
     UsageError,
@@ -27,10 +26,9 @@ from accelcal.cli.common import (
     print_status,
     progress,
     with_exit_codes,
-    writable_folder,
 )
 from accelcal.cli.hints import UNSEEN, after_fit, suggest
-from accelcal.cli.printing import show_comparison, show_fit, show_steps
+from accelcal.cli.printing import show_fit
 
 if TYPE_CHECKING:
     from accelcal.data.dwells import Dwells
@@ -175,59 +173,6 @@ def filter_choice(
 
 @app.command()
 @with_exit_codes
-def compare(
-    model: ModelFile,
-    run: RunFile,
-    rig: Rig = None,
-    band: Band = None,
-    start: From = None,
-    end: To = None,
-    plots: Annotated[
-        Path | None, typer.Option("--plots", help="Write figures into this folder.", callback=writable_folder)
-    ] = None,
-    effects_file: EffectsFile = None,
-    output: Output = None,
-    json: Json = False,
-) -> None:
-    """Compare a fitted model with a recording: unaided drift, one-step prediction errors, residuals by region.
-
-    Example: [bold]accelcal compare m.json run13.csv[/bold]
-    """
-    from accelcal.io import atomic_write, together
-    from accelcal.serialization import model_file
-    from accelcal.workflow import compare as compare_with
-
-    load_own_effects(effects_file)
-    fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    seen = compare_with(
-        fitted,
-        recording,
-        band=parse_quantity(band, "frequency", "--band"),
-        start=parse_quantity(start, "time", "--from"),
-        end=parse_quantity(end, "time", "--to"),
-    )
-    content = model_file.comparison_to_dict(seen)
-    written: list[Path] = []
-    with together():
-        if output is not None:
-            atomic_write(output, model_file.dumps(content))
-            written.append(output)
-        if plots is not None:
-            from accelcal.plots.static.comparison import write
-
-            written += write(fitted, seen, plots)
-    for path in written:
-        print_status(f"wrote {path}")
-    if json:
-        print_json(content)
-    else:
-        show_comparison(content)
-        suggest("diagnose", model, run)
-
-
-@app.command()
-@with_exit_codes
 def add(
     model: ModelFile,
     runs: FittedRuns,
@@ -276,34 +221,6 @@ def drop(
     finish_fit(drop_from(fitted, recordings, *effects), recordings, output, json)
     if not json and output is not None:
         suggest("history", output, model, "--on", UNSEEN)
-
-
-@app.command()
-@with_exit_codes
-def history(
-    models: Annotated[
-        list[Path], typer.Argument(help="Model files, in the order in which effects were added.", metavar="MODEL...")
-    ],
-    on: Annotated[Path, typer.Option("--on", help="Recording that no model was fitted to.")],
-    rig: Rig = None,
-    effects_file: EffectsFile = None,
-    json: Json = False,
-) -> None:
-    """Compare several models with one held-out recording.
-
-    Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
-    """
-    from accelcal.serialization import diagnosis_json, model_file
-    from accelcal.workflow import history as history_of
-
-    load_own_effects(effects_file)
-    fits = [model_file.load(path) for path in models]
-    content = diagnosis_json.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)))
-    if json:
-        print_json(content)
-    else:
-        show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
-        suggest("report", models[-1], on, "-o", f"{models[-1].stem}.html")
 
 
 @app.command()

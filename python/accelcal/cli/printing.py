@@ -280,9 +280,10 @@ def spread_cell(spread: dict[str, float] | None) -> str:
 def floor_line(floor: dict[str, Any]) -> str:
     """Where the noise of the floor comes from."""
     from accelcal.plots.numbers import source_of_noise
+    from accelcal.validation.sensor_noise import ONLY_WHITE
 
     source = source_of_noise(floor["source"], floor["density_m_per_s2_rthz"], floor["declared_m_per_s2_rthz"])
-    return f"noise alone: {source}; 95 % prediction intervals for a record of this length"
+    return f"noise alone: {source}; 95 % prediction intervals for a record of this length; {ONLY_WHITE}"
 
 
 def ruler_line(ruler: dict[str, float]) -> str:
@@ -547,12 +548,58 @@ def show_comparison(content: dict[str, Any]) -> None:
     if content["fit_percent"] is not None:
         say(f"output within that band: fit {percent(content['fit_percent'])}")
     say(f"largest residual: {content['worst']}")
+    show_regions(content["where_it_fails"])
     for score in content["noise_scores"]:
         say(score["sentence"])
     for text in broken_lines(content):
         say(f"suspect data: {text}", style="bold red")
     for text in (*content["not_carried"], *(outside_lines(content) or content["remarks"])):
         say(f"note: {text}")
+
+
+def show_regions(regions: list[dict[str, Any]]) -> None:
+    """Print where a model fails: the worst region of every variable."""
+    from accelcal.plots.numbers import REGION_HEAD, REGION_NOTE, region_cells
+    from accelcal.serialization.model_file import region_from_dict
+
+    if regions:
+        say("where it fails")
+        show_table(REGION_HEAD, [region_cells(region_from_dict(each)) for each in regions])
+        say(REGION_NOTE)
+
+
+def show_paired(content: dict[str, Any]) -> None:
+    """Print whether each model is better than the first, by how much, on which recording and after which time."""
+    first, rows = content["models"][0], []
+    for one in content["differences"]:
+        say(one["sentence"], style="bold")
+        several = len(one["recordings"]) > 1
+        each = [(part["recording"], part["change"]) for part in one["recordings"] if several]
+        together = "all" if several else one["recordings"][0]["recording"]
+        each.append((together, one["change"]))
+        shown = None if one["change"] is None else one["change"]["measure"]
+        each += [(together, change) for change in one["horizons"] if change["measure"] != shown]
+        rows += [(one["model"], where, *change_cells(change)) for where, change in each]
+    show_table(("model", "recording", "rms of", first, "this model", "change, % (95 % interval)", "stretches"), rows)
+    say(f"changes are paired, against {first}; the interval is that of these recordings")
+    say(ruler_line(content["recordings"][0]["ruler"]))
+    for each_run in content["recordings"]:
+        for name, seen in zip(content["models"], each_run["comparisons"], strict=True):
+            for text in (*broken_lines(seen), *seen["not_carried"]):
+                say(f"note: {name} on {each_run['recording'] or 'recording'}: {text}")
+
+
+def change_cells(change: dict[str, Any] | None) -> tuple[str, str, str, str, str]:
+    """What is compared, errors before and after, the change with its interval, and what it rests on."""
+    if change is None:
+        return "-", "-", "-", "too short", "-"
+    low, high = change["percent_low"], change["percent_high"]
+    reach = "" if low is None or high is None else f" ({low:+.3g} to {high:+.3g})"
+    before, after = (
+        f"{1e3 * change[side]:.4g} mm" if change["unit"] == "m" else f"{change[side]:.4g}"
+        for side in ("before", "after")
+    )
+    return change["measure"], before, after, f"{change['percent']:+.3g}{reach}", str(change["stretches"])
 
 
 def outside_lines(content: dict[str, Any]) -> list[str]:

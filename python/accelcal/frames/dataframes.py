@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,8 @@ from accelcal.io.write import common_rows, common_stamps
 from accelcal.model import Estimate
 from accelcal.selection.improvement import History, Improvement
 from accelcal.validation.comparison import Coast, Comparison
+from accelcal.validation.differences import PairedComparison, verdict_of
+from accelcal.validation.paired import HeldOutChange
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -101,6 +104,18 @@ def of_comparison(seen: Comparison) -> DataFrame:
     rows |= {key: numbers_of([of[h] for h in seen.coast_rms]) for key, of in columns.items()}
     rows["start_points"] = [seen.coast_starts[h] for h in seen.coast_rms]
     return framed(rows, "horizon", {"horizon": "s", **dict.fromkeys(columns, "m")}, name=seen.recording)
+
+
+def of_regions(seen: Comparison) -> DataFrame:
+    """One row for the worst region of each variable, worst first."""
+    rows = [
+        {**asdict(region), **dict(zip(("start", "end"), region.stretch or (math.nan, math.nan), strict=True))}
+        for region in seen.worst_regions
+    ]
+    return listed(rows, ("variable", *REGION), "variable", name=seen.recording, worst=seen.worst)
+
+
+REGION = ("unit", "low", "high", "excess", "excess_unit", "sigma", "share", "p", "start", "end")
 
 
 def of_coast(coast: Coast) -> DataFrame:
@@ -192,6 +207,28 @@ def of_steps(names: Sequence[str], steps: Sequence[Comparison]) -> DataFrame:
     rows["simulation"] = [seen.simulated_rms for seen in steps]
     rows["one_step"] = [seen.one_step_rms for seen in steps]
     return framed(rows, "model", {key: "m" for key in rows if key != "model"}, name=steps[0].recording)
+
+
+def of_paired(found: PairedComparison) -> DataFrame:
+    """One row for each model but the first and each recording, and one for all recordings (recording is empty)."""
+    rows = [
+        {"model": one.name, "recording": name, "verdict": verdict_of(change), **_change(change)}
+        for one in found.differences
+        for name, change in (*zip(found.recordings, one.recordings, strict=True), ("", one.pooled))
+    ]
+    return listed(rows, ("model", *PAIRED), "model", reference=found.names[0])
+
+
+PAIRED = ("recording", "verdict", "measure", "before", "after", "percent", "low", "high", "stretches")
+
+
+def _change(change: HeldOutChange | None) -> dict[str, Any]:
+    """Errors of two models, m, and the change in percent with its 95 % interval."""
+    if change is None:
+        return {}
+    low, high = change.percent_interval
+    keys = ("measure", "before", "after", "percent", "stretches")
+    return {**{key: getattr(change, key) for key in keys}, "low": low, "high": high}
 
 
 def of_track(track: Track) -> DataFrame:

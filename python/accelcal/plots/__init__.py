@@ -17,6 +17,7 @@ from accelcal.plots.static.comparison import (
     write,
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
+from accelcal.plots.static.overlay import overlay
 
 __all__ = [
     "MissingExtra",
@@ -26,6 +27,7 @@ __all__ = [
     "histogram",
     "nonlinearity",
     "one_step",
+    "overlay",
     "overview",
     "parameters",
     "regions",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,11 +15,10 @@ from accelcal.data.units import MICRO_G, instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.selection.nested_models import NestedModels
-from accelcal.validation.comparison import Comparison
+from accelcal.validation.comparison import Comparison, Region
 from accelcal.validation.sensor_noise import SOURCES, Source
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
-HEADLINE_HORIZON = 10.0
-"""Unaided drift that is quoted first, s."""
 TWO_SIDED_95 = 1.96
 LAGS = 40
 """Of the autocorrelation; fewer on short records."""
@@ -54,6 +53,16 @@ def allowed_horizons(found: Mapping[float, float | None]) -> tuple[Array, Array]
     return np.array([h for h, _ in pairs]), np.array([y for _, y in pairs])
 
 
+def drift_headline(comparison: Comparison) -> str:
+    """The drift that is quoted first, with its noise floor."""
+    horizon = headline_horizon(comparison)
+    if horizon is None:
+        return "Unaided drift: the record is too short"
+    floor = comparison.drift_floors.get(horizon)
+    beside = "" if floor is None else f", noise floor {formatting.length(floor)}"
+    return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
+
+
 def residual_band(comparison: Comparison) -> tuple[Array, float]:
     """Half-width of the 95 % band of one-step residuals, (n,) m, and the half-height of an axis that holds both, m."""
     reach = TWO_SIDED_95 * comparison.residual_std
@@ -82,6 +91,70 @@ def model_names(nested: NestedModels) -> list[str]:
 def nested_comparisons(nested: NestedModels) -> list[tuple[str, Comparison]]:
     """Comparisons of all models with the names that figures give them."""
     return list(zip(model_names(nested), (member.heldout for member in nested.models), strict=True))
+
+
+def named_models(models: Comparison | Sequence[tuple[str, Comparison]]) -> list[tuple[str, Comparison]]:
+    """Comparisons with their names; that of a single model has none.
+
+    Raises
+    ------
+    ValueError
+        If there is no model.
+    """
+    several = [("", models)] if isinstance(models, Comparison) else list(models)
+    if not several:
+        raise ValueError("an overlay needs at least one comparison")
+    return several
+
+
+def fit_text(seen: Comparison) -> str:
+    """The fit of one model in percent."""
+    if seen.fit_percent is None:
+        return "too short for a fit in percent"
+    return f"fit {formatting.percent(seen.fit_percent)}"
+
+
+def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
+    """How well the current model gives the output, in one sentence."""
+    name, current = models[-1]
+    of = f" ({name})" if name else ""
+    return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
+
+
+REGION_HEAD = ("variable", "range", "excess", "sigma", "share of residual", "p")
+"""Columns of the table of where a model fails."""
+REGION_NOTE = (
+    "the worst region of each variable: mean residual, its share of the mean square residual, and p adjusted for the "
+    "number of all regions"
+)
+
+
+def region_cells(region: Region) -> tuple[str, ...]:
+    """One row of the table of where a model fails: variable, range, excess, deviation, share, adjusted p value."""
+    factor, unit = (1.0, region.unit)
+    if unit not in ("s", "Hz"):
+        factor, unit = formatting.prefixed(unit, region.low, region.high)
+    low, high = (
+        instant(x) if region.variable == "time" else formatting.number(x * factor) for x in (region.low, region.high)
+    )
+    if region.excess_unit == "1":
+        excess = f"{formatting.number(region.excess, 3)} × noise"
+    else:
+        by, excess_unit = formatting.prefixed(region.excess_unit, region.excess)
+        excess = formatting.with_unit(formatting.typeset(f"{region.excess * by:+.3g}"), excess_unit)
+    return (
+        region.variable,
+        formatting.with_unit(f"{low} to {high}", unit),
+        excess,
+        f"{abs(region.sigma):.1f}",
+        "–" if region.share is None else f"{formatting.number(100.0 * max(region.share, 0.0), 2)} %",
+        formatting.probability(region.p),
+    )
+
+
+def region_rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    """The table of where a model fails, worst region first."""
+    return [region_cells(region) for region in comparison.worst_regions]
 
 
 def error_reduction_sentence(nested: NestedModels) -> str:

@@ -131,6 +131,11 @@ def theme_of(name: ThemeName) -> Theme:
     return THEMES[name]
 
 
+def line_of_model(theme: Theme, number: int, count: int) -> LineStyle:
+    """Line of one of several models, in order: the last is the current one, the one before it differs in both cues."""
+    return theme.model if number == count - 1 else (theme.other, theme.floor)[(count - 2 - number) % 2]
+
+
 def require_matplotlib() -> None:
     """Ask for matplotlib before long work whose figures need it.
 

@@ -27,9 +27,19 @@ from accelcal.formatting import (
     with_unit,
 )
 from accelcal.model import Estimate
-from accelcal.plots.numbers import error_reduction_sentence, floor_sentence, model_names, share_text
+from accelcal.plots.numbers import (
+    REGION_HEAD,
+    REGION_NOTE,
+    error_reduction_sentence,
+    floor_sentence,
+    model_names,
+    region_rows,
+    share_text,
+)
 from accelcal.report.content import Content
 from accelcal.serialization.diagnosis_json import sizes
+from accelcal.validation.sensor_noise import ONLY_WHITE
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 METHOD = (
     "A Kalman filter for position and velocity processes the encoder readings once; its input is the exact integral of "
@@ -76,6 +86,11 @@ def view(content: Content) -> dict[str, Any]:
             f"{s[:1].upper()}{s[1:]}."
             for s in (content.diagnosis.where.worst, *content.judged.not_carried, *content.judged.remarks)
         ],
+        "regions": {
+            "head": REGION_HEAD,
+            "rows": region_rows(content.diagnosis.where),
+            "note": f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}.",
+        },
         "parameters": [parameter(content, e) for e in (*content.fit.estimates, *content.fit.shapes)],
         "electrical": volts(content),
         "budget": budget(content),
@@ -92,13 +107,10 @@ def summary(content: Content) -> list[str]:
     seen = content.judged
     kind = "a held-out recording" if content.unseen else "the fitted recording"
     lines = []
-    horizons = [h for h, value in seen.coast_rms.items() if value is not None]
-    if horizons:
-        h = max(horizons)
-        drift = seen.coast_rms[h]
-        assert drift is not None
+    h = headline_horizon(seen)
+    if h is not None:
         floor = f"; {floor_sentence(content.nested)}" if content.nested and content.nested.horizon == h else ""
-        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(drift)} rms{floor}.")
+        lines.append(f"Unaided drift after {h:g} s on {kind}: {length(quoted_error(seen, h))} rms{floor}.")
     lines += [f"{score.sentence[:1].upper()}{score.sentence[1:]}." for score in seen.noise_scores]
     lines.append(
         f"One-step prediction error: {length(seen.one_step_rms)} rms. {seen.worst[:1].upper()}{seen.worst[1:]}."
@@ -215,7 +227,7 @@ def falling(content: Content) -> dict[str, Any] | None:
     if nested is None:
         return None
     return {
-        "sentence": error_reduction_sentence(nested),
+        "sentence": f"{error_reduction_sentence(nested)}; {ONLY_WHITE}",
         "same_run": nested.same_run,
         "floor": nested.floor.value,
         "rows": [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 
 from accelcal._support.listing import listing
@@ -18,6 +17,7 @@ from accelcal.validation.evaluation import compare
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import drift_spread
 from accelcal.validation.ruler import Ruler
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +41,15 @@ class NestedModels:
     same_run: bool
     """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
     horizon: float | None
-    """Time without position after which drifts are compared, s; None where the held-out data are too short for any."""
+    """Time without position after which drifts are compared, s: the longest with an interval, see `headline_horizon`;
+    None where the held-out data are too short for any."""
     remarks: tuple[str, ...] = ()
     """Models that could not be fitted, and why."""
 
     @property
     def errors(self) -> tuple[float, ...]:
         """Rms unaided drift (or free-running error) of each model, m."""
-        return tuple(_error(member.heldout, self.horizon) for member in self.models)
+        return tuple(quoted_error(member.heldout, self.horizon) for member in self.models)
 
     @property
     def noise_floor(self) -> NoiseFloor:
@@ -150,18 +151,12 @@ def nested_models(
         return replace(compare(fit, unseen, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor)
 
     models = [NestedModel(effect, in_model, fit, judged(fit)) for effect, in_model, fit in fits]
-    horizons = [h for h in models[0].heldout.coast_rms if all(each.heldout.coast_rms[h] is not None for each in models)]
-    return NestedModels(tuple(models), same_run, max(horizons, default=None), tuple(remarks))
+    return NestedModels(tuple(models), same_run, headline_horizon(*(each.heldout for each in models)), tuple(remarks))
 
 
 def _stretch(recording: Recording) -> tuple[float, float]:
     found = usable(recording)
     return found.start, found.end
-
-
-def _error(comparison: Comparison, horizon: float | None) -> float:
-    value = comparison.simulated_rms if horizon is None else comparison.coast_rms[horizon]
-    return math.nan if value is None else value
 
 
 __dir__ = listing(globals())

@@ -21,15 +21,17 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
 from accelcal.selection.improvement import History, Improvement
-from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, to_dict
+from accelcal.serialization.model_file import comparison_to_dict, estimate_to_dict, region_to_dict, to_dict
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.paired import heldout_change
+from accelcal.validation.differences import ModelDifference, PairedComparison, verdict_of
+from accelcal.validation.paired import HeldOutChange, heldout_change
 from accelcal.validation.ruler import Ruler
 
 DIAGNOSIS_SCHEMA = "accelcal/diagnosis/1"
 DWELLS_SCHEMA = "accelcal/diagnosis-of-dwells/1"
 IMPROVE_SCHEMA = "accelcal/improve/2"
 HISTORY_SCHEMA = "accelcal/history/1"
+PAIRED_SCHEMA = "accelcal/compare-models/1"
 
 
 def diagnosis_to_dict(found: Diagnosis) -> dict[str, Any]:
@@ -78,9 +80,10 @@ def detection_limits(found: Diagnosis) -> dict[str, float | None]:
 
 
 def where(seen: Comparison) -> dict[str, Any]:
-    """Where the model fails: the worst region in words, and tiles of excess over every variable, in sigmas."""
+    """Where the model fails: in words, the worst region of every variable, and tiles of excess in sigmas."""
     return {
         "worst": seen.worst,
+        "regions": [region_to_dict(each) for each in seen.worst_regions],
         "tiles": [
             {"variable": b.variable, "unit": b.unit, "edges": b.edges.tolist(), "sigma": b.score.tolist()}
             for b in seen.bins
@@ -274,23 +277,63 @@ def ruler(fits: Sequence[Fit], seen: Sequence[Comparison]) -> dict[str, float]:
     }
 
 
+def paired_to_dict(found: PairedComparison) -> dict[str, Any]:
+    """Content of `compare --json` on several models: their comparisons, and the difference of each from the first."""
+    return {
+        "schema": PAIRED_SCHEMA,
+        "models": list(found.names),
+        "horizon_s": found.horizon,
+        "differences": [difference_to_dict(one, found.recordings) for one in found.differences],
+        "recordings": [
+            {
+                "recording": name,
+                "ruler": ruler(found.fits, seen),
+                "comparisons": [comparison_to_dict(each) for each in seen],
+            }
+            for name, seen in zip(found.recordings, found.seen, strict=True)
+        ],
+    }
+
+
+def difference_to_dict(found: ModelDifference, recordings: Sequence[str]) -> dict[str, Any]:
+    """One model against the first: over all recordings, then one by one."""
+    return {
+        "model": found.name,
+        "reference": found.first,
+        "verdict": found.verdict,
+        "recordings_disagree": found.disagree,
+        "sentence": found.sentence,
+        "change": change_to_dict(found.pooled),
+        "recordings": [
+            {"recording": name, "verdict": verdict_of(change), "change": change_to_dict(change)}
+            for name, change in zip(recordings, found.recordings, strict=True)
+        ],
+        "horizons": [change_to_dict(change) for change in found.horizons],
+    }
+
+
 def changes(seen: Sequence[Comparison]) -> list[dict[str, Any] | None]:
     """Change of the held-out error from each step to the next, with its paired standard error; None for the first."""
-    found: list[dict[str, Any] | None] = [None]
-    for before, after in pairwise(seen):
-        change = heldout_change(before, after)
-        found.append(
-            None
-            if change is None
-            else {
-                "measure": change.measure,
-                "percent": change.percent,
-                "percent_std": change.percent_std,
-                "sigma": change.sigma,
-                "stretches": change.stretches,
-            }
-        )
-    return found
+    return [None, *(change_to_dict(heldout_change(before, after)) for before, after in pairwise(seen))]
+
+
+def change_to_dict(change: HeldOutChange | None) -> dict[str, Any] | None:
+    """A paired change with its standard error and its 95 % interval; null where the data are too short for one."""
+    if change is None:
+        return None
+    low, high = change.percent_interval
+    return {
+        "measure": change.measure,
+        "unit": change.unit,
+        "before": change.before,
+        "after": change.after,
+        "percent": change.percent,
+        "percent_std": change.percent_std,
+        "percent_low": low,
+        "percent_high": high,
+        "sigma": change.sigma,
+        "stretches": change.stretches,
+    }
 
 
 __dir__ = listing(globals())

@@ -33,7 +33,8 @@ from accelcal.serialization.json_text import AGAIN, dumps, plain, read_json
 from accelcal.serialization.migrations import MODEL_SCHEMA, migrated
 from accelcal.serialization.noise_effects import noise_effect_from_dict, noise_effect_to_dict
 from accelcal.signals.signals import Origins
-from accelcal.validation.comparison import Comparison, NoiseFloor
+from accelcal.validation.comparison import Comparison, NoiseFloor, Region
+from accelcal.validation.stretches import headline_horizon
 
 COMPARE_SCHEMA = "accelcal/compare/1"
 
@@ -395,12 +396,14 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "coast_frozen_rms_m": by_horizon(comparison.coast_frozen_rms),
         "coast_floor_m": by_horizon(comparison.coast_floor),
         "noise_floor": noise_floor_to_dict(comparison.noise_floor),
+        "headline_horizon_s": headline_horizon(comparison),
         "coast_starts": {f"{horizon:g}": count for horizon, count in comparison.coast_starts.items()},
         "setup_bias_m_per_s2": {"value": comparison.setup_bias[0], "std": comparison.setup_bias[1]},
         "accel_rms_m_per_s2": comparison.accel_rms,
         "band_hz": comparison.band,
         "fit_percent": comparison.fit_percent,
         "worst": comparison.worst,
+        "where_it_fails": [region_to_dict(each) for each in comparison.worst_regions],
         "bins": [
             {
                 "variable": b.variable,
@@ -429,6 +432,20 @@ def comparison_to_dict(comparison: Comparison) -> dict[str, Any]:
         "noise_scores": [{**asdict(score), "sentence": score.sentence} for score in comparison.noise_scores],
         "breaks": list(comparison.breaks),
     }
+
+
+def region_to_dict(region: Region) -> dict[str, Any]:
+    """One row of where a model fails; `p` is adjusted for the number of regions."""
+    content = asdict(region)
+    stretch = content.pop("stretch")
+    return {**content, "stretch_s": None if stretch is None else list(stretch)}
+
+
+def region_from_dict(content: Mapping[str, Any]) -> Region:
+    """The row that `region_to_dict` has written."""
+    fields = dict(content)
+    stretch = fields.pop("stretch_s")
+    return Region(**fields, stretch=None if stretch is None else (stretch[0], stretch[1]))
 
 
 def noise_floor_to_dict(floor: NoiseFloor | None) -> dict[str, Any] | None:

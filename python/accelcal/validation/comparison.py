@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
     from xarray import Dataset
 
-FigureName = Literal["coasting", "simulated", "one_step", "regions", "accel_residual", "histogram", "autocorrelation"]
+FigureName = Literal[
+    "overlay", "coasting", "simulated", "one_step", "regions", "accel_residual", "histogram", "autocorrelation"
+]
 """Figures of a comparison, functions of `accelcal.plots`."""
 
 BINS = 12
@@ -97,6 +99,8 @@ class Bins:
     """(n,) m/s²; against frequency: density ratio of residual to prediction."""
     std: Array
     """(n,) standard deviation of the mean under noise alone."""
+    seen_at: Array = field(default_factory=lambda: np.empty((0, 2)))
+    """Stretch of time that adds most to each mean, (n, 2) s, NaN where there is none; (0, 2) against frequency."""
 
     @property
     def score(self) -> Array:
@@ -104,16 +108,43 @@ class Bins:
         offset = 1.0 if self.variable == "frequency" else 0.0
         return np.divide(self.mean - offset, self.std, out=np.zeros_like(self.mean), where=self.std > 0.0)
 
-    def explained(self, rms: float) -> float:
-        """Share of the mean square `rms`² that a function of this variable explains, beyond chance; at least 0.
+    def explained_by(self, rms: float) -> list[float]:
+        """Share of the mean square `rms`² that the mean of each bin explains, beyond chance; may be negative.
 
         Bins weigh as much as they hold data, which is the inverse of their variance; 0 against frequency.
         """
         known = self.std > 0.0
-        if self.variable == "frequency" or not known.any() or not rms > 0.0:
-            return 0.0
-        weight = self.std[known] ** -2.0
-        return max(0.0, float(np.sum(weight * self.mean[known] ** 2 - 1.0) / np.sum(weight)) / rms**2)
+        share = np.zeros(len(self.mean))
+        if self.variable != "frequency" and known.any() and rms > 0.0:
+            weight = self.std[known] ** -2.0
+            share[known] = (weight * self.mean[known] ** 2 - 1.0) / np.sum(weight) / rms**2
+        return [float(x) for x in share]
+
+    def explained(self, rms: float) -> float:
+        """Share of the mean square `rms`² that a function of this variable explains, beyond chance; at least 0."""
+        return max(0.0, sum(self.explained_by(rms)))
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """The region of one variable in which the residual stands out most."""
+
+    variable: str
+    unit: str
+    low: float
+    high: float
+    """Its range, in that unit."""
+    excess: float
+    """Mean residual beyond noise, m/s²; against frequency how many times the predicted noise the residual is."""
+    excess_unit: str
+    sigma: float
+    """The excess over its standard deviation under noise alone."""
+    share: float | None
+    """Of the mean square of the residual, beyond chance; None against frequency."""
+    p: float
+    """Probability that noise alone gives such a deviation anywhere: times the number of regions of all variables."""
+    stretch: tuple[float, float] | None
+    """Stretch of time in which most of the excess is seen, s; None against frequency."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +269,8 @@ class Comparison:
     """What effects of the model that act on noise gain on this recording."""
     breaks: tuple[float, ...] = ()
     """Instants from which the relation of output and encoder no longer holds, s; the comparison ends there."""
-
+    worst_regions: tuple[Region, ...] = ()
+    """Where the model fails: of every variable the region that stands out most, worst first."""
     noise_floor: NoiseFloor | None = None
     """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
 
@@ -267,12 +299,13 @@ class Comparison:
         """Unaided drift by horizon with its noise floor, and what must be read with it, as text."""
         return summary(self)
 
-    def plot(self, figure: FigureName = "coasting", *, theme: Literal["light", "dark"] = "light") -> Figure:
+    def plot(self, figure: FigureName = "overlay", *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw one figure of the comparison.
 
         Parameters
         ----------
-        figure : name of the figure, a function of `accelcal.plots`; by default the unaided drift.
+        figure : name of the figure, a function of `accelcal.plots`; by default measured and simulated
+            output and position over each other, with the residual.
         theme : "light" or "dark".
 
         Raises
@@ -296,6 +329,20 @@ class Comparison:
             If pandas is not installed.
         """
         made: DataFrame = face("frames.dataframes").of_comparison(self)
+        return made
+
+    def where_it_fails(self) -> DataFrame:
+        """Return the worst region of every variable as a pandas DataFrame, worst first.
+
+        Columns: unit, low, high, excess, excess_unit, sigma, share, p (adjusted for the number of regions), start and
+        end (s) of the stretch in which most of it is seen.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        made: DataFrame = face("frames.dataframes").of_regions(self)
         return made
 
     def to_xarray(self) -> Dataset:

@@ -20,9 +20,10 @@ from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
 from accelcal.validation.other_record import left_out
 from accelcal.validation.prediction import Prediction, accumulated, rms
-from accelcal.validation.regions import beyond, bin_residual, outside, worst_of
+from accelcal.validation.regions import beyond, bin_residual, outside
 from accelcal.validation.ruler import Ruler
 from accelcal.validation.spectrum import spectrum
+from accelcal.validation.worst import worst_regions, worst_sentence
 
 STEPS = (1, 10, 100, 1000)
 """Readings ahead at which prediction errors are taken."""
@@ -79,6 +80,8 @@ def compare(
     if len(residual) * run.reading_step * seen_band >= LEAST_PERIODS:
         found = bin_residual(ahead, t_res, residual, motion, seen_band)
         bins = (*found, spectrum(ahead, residual, seen_band))
+    accel_rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan
+    regions = worst_regions(bins, accel_rms)
     delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))
     gain = abs(fit.values().scale)
     simulated = ahead.simulate()
@@ -91,7 +94,7 @@ def compare(
         coast_frozen_rms={h: rms(c.frozen) for h, c in coasting.items()},
         coast_floor={h: rms(c.floor) for h, c in coasting.items()},
         coast_starts={h: len(c.starts) for h, c in coasting.items()},
-        accel_rms=float(np.sqrt(np.mean(residual**2))) if len(residual) else math.nan,
+        accel_rms=accel_rms,
         band=seen_band,
         simulated=simulated[:3],
         simulated_std=simulated[3],
@@ -101,7 +104,8 @@ def compare(
         accel_residual=(t_res, residual),
         measured=output_at(run, ahead.values.stamps(t_res, run.origins.t), seen_band, run.tau(ahead.values)),
         bins=bins,
-        worst=worst_of(bins),
+        worst=worst_sentence(regions, sum(len(b.mean) for b in bins)),
+        worst_regions=regions,
         setup_bias=(-delta * gain * run.rig.polarity, delta_std * gain),
         remarks=beyond(fit, motion),
         outside=outside(fit, ahead, t_res, motion, coasting),

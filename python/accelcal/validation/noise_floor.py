@@ -1,7 +1,8 @@
 """The error that noise of the sensor alone would give: one floor for all models of a table, with its interval.
 
 Noise is drawn and passed through the filter, the start points and the rezeroing of the comparison, so that the scatter
-of a finite record and the overlap of its windows are in the interval. What effects do to simulated motion is left out.
+of a finite record and the overlap of its windows are in the interval. What effects do to simulated motion is left out,
+and so is 1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Change of an error from one model to another on the same data, with its standard error: paired in time.
+"""Change of an error from one model to another on the same data, with its interval: paired in time.
 
 Both models are run from the same start points, so that their errors share the noise. Windows that overlap are not
 independent; they are averaged over stretches of two horizons, and the scatter of these averages counts.
@@ -15,11 +15,10 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.validation.comparison import Comparison, RmsInterval
+from accelcal.validation.stretches import HORIZONS_APART, LEAST_STRETCHES, stretch_means
 
-LEAST_STRETCHES = 5
-"""Fewer stretches than this do not determine a standard error."""
-HORIZONS_APART = 2.0
-"""Length of a stretch in horizons: windows that begin in one hardly reach into the next but one."""
+ONE_STEP_PARTS = 20.0
+"""Stretches of a record over which one-step errors are averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +33,10 @@ class HeldOutChange:
     std: float
     """Standard error of the difference of the mean squares."""
     stretches: int
+    unit: str
+    """m, or 1 for errors over their predicted standard deviation."""
+    ratio_std: float
+    """Standard error of the logarithm of the ratio of the mean squares."""
 
     @property
     def sigma(self) -> float:
@@ -49,8 +52,60 @@ class HeldOutChange:
     @property
     def percent_std(self) -> float:
         """Its standard error, in percent."""
-        both = (self.before + self.after) * self.before
-        return 100.0 * self.std / both if both > 0.0 else math.inf
+        return 50.0 * self.after / self.before * self.ratio_std if self.before > 0.0 else math.inf
+
+    @property
+    def percent_interval(self) -> tuple[float, float]:
+        """The 95 % interval of the rise in percent, Student's with the scatter between stretches.
+
+        It is symmetric in the logarithm of the ratio, so that no error falls by more than all of it.
+        """
+        if not (self.before > 0.0 and self.after > 0.0):
+            return -100.0, math.inf
+        reach = 0.5 * float(scipy.stats.t.ppf(0.975, self.stretches - 1)) * self.ratio_std
+        ratio = self.after / self.before
+        return 100.0 * (ratio * math.exp(-reach) - 1.0), 100.0 * (ratio * math.exp(reach) - 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PairedStretches:
+    """Mean squares of the errors of two models over stretches that hardly depend on each other."""
+
+    measure: str
+    unit: str
+    number: Array
+    """Errors in each stretch, (k,)."""
+    before: Array
+    after: Array
+    """Mean squares, (k,) each."""
+
+    @classmethod
+    def of(cls, measure: str, t: Array, before: Array, after: Array, length: float, unit: str = "m") -> PairedStretches:
+        """Errors at the instants `t` (n,) s, averaged over stretches of a length, s."""
+        number, (first, second) = stretch_means(t, length, before**2, after**2)
+        return cls(measure, unit, number.astype(float), first, second)
+
+    @classmethod
+    def joined(cls, several: Sequence[PairedStretches]) -> PairedStretches:
+        """Stretches of several recordings; each counts by its number of errors."""
+        columns = (np.concatenate([getattr(each, key) for each in several]) for key in ("number", "before", "after"))
+        return cls(several[0].measure, several[0].unit, *columns)
+
+    def change(self) -> HeldOutChange | None:
+        """Change of the error; None where there are too few stretches."""
+        n = len(self.number)
+        if n < LEAST_STRETCHES:
+            return None
+        weights = self.number / self.number.sum()
+        before, after = float(weights @ self.before), float(weights @ self.after)
+
+        def scatter(y: Array) -> float:
+            """Standard error of a weighted mean."""
+            return math.sqrt(float(np.sum(weights**2 * (y - weights @ y) ** 2)) * n / (n - 1))
+
+        std = scatter(self.after - self.before)
+        ratio = scatter(self.after / after - self.before / before) if before > 0.0 and after > 0.0 else math.inf
+        return HeldOutChange(self.measure, math.sqrt(before), math.sqrt(after), std, n, self.unit, ratio)
 
 
 def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: float) -> HeldOutChange | None:
@@ -60,23 +115,29 @@ def paired_change(measure: str, t: Array, before: Array, after: Array, stretch: 
     ----------
     measure : what the errors are, for people.
     t : instants, rising, (n,) s.
-    before, after : errors of two models at these instants, (n,) each.
+    before, after : errors of two models at these instants, (n,) m each.
     stretch : time over which errors are averaged, s; longer than they depend on each other.
     """
-    if not len(t):
+    return PairedStretches.of(measure, t, before, after, stretch).change()
+
+
+def paired_stretches(before: Comparison, after: Comparison, horizon: float | None) -> PairedStretches | None:
+    """Errors of two comparisons on the same data under one ruler: drifts, or one-step errors for None.
+
+    None where the two have no errors at the same instants.
+    """
+    if horizon is not None:
+        (t1, e1), (t2, e2) = before.drifts[horizon], after.drifts[horizon]
+        both, i, k = np.intersect1d(t1, t2, return_indices=True)
+        length = HORIZONS_APART * horizon
+        return PairedStretches.of(f"drift after {horizon:g} s", both, e1[i], e2[k], length) if len(both) else None
+    (t, e1), (_, e2) = before.residual, after.residual
+    span = float(t[-1] - t[0]) if len(t) else 0.0
+    if len(e1) != len(e2) or not span > 0.0:
         return None
-    block = ((t - t[0]) / stretch).astype(np.intp)
-    difference = after**2 - before**2
-    number = np.bincount(block)
-    some = number > 0
-    means = np.bincount(block, difference)[some] / number[some]
-    if len(means) < LEAST_STRETCHES:
-        return None
-    weights = number[some] / number.sum()
-    middle = float(weights @ means)
-    std = math.sqrt(float(np.sum(weights**2 * (means - middle) ** 2)) * len(means) / (len(means) - 1))
-    rms = [float(np.sqrt(np.mean(y**2))) for y in (before, after)]
-    return HeldOutChange(measure, rms[0], rms[1], std, len(means))
+    # start-up counts by its uncertainty, which both share
+    e1, e2 = e1 / before.residual_std, e2 / before.residual_std
+    return PairedStretches.of("one-step error", t, e1, e2, span / ONE_STEP_PARTS, unit="1")
 
 
 def heldout_change(before: Comparison, after: Comparison, horizon: float | None = None) -> HeldOutChange | None:
@@ -91,19 +152,10 @@ def heldout_change(before: Comparison, after: Comparison, horizon: float | None 
     -------
     The change of the drift; of the one-step error where no horizon is short enough; None where that is too short too.
     """
-    for chosen in sorted(before.drifts, reverse=True) if horizon is None else [horizon]:
-        (t1, e1), (t2, e2) = before.drifts[chosen], after.drifts[chosen]
-        both, i, k = np.intersect1d(t1, t2, return_indices=True)
-        found = paired_change(f"drift after {chosen:g} s", both, e1[i], e2[k], HORIZONS_APART * chosen)
-        if found is not None:
-            return found
-    if horizon is not None:
-        return None
-    (t, e1), (_, e2) = before.residual, after.residual
-    if len(e1) == len(e2):  # start-up counts by its uncertainty, which both share
-        e1, e2 = e1 / before.residual_std, e2 / before.residual_std
-    span = float(t[-1] - t[0]) if len(t) else 0.0
-    return paired_change("one-step error", t, e1, e2, span / 20.0) if len(e1) == len(e2) and span > 0.0 else None
+    tried = (*sorted(before.drifts, reverse=True), None) if horizon is None else (horizon,)
+    several = (paired_stretches(before, after, each) for each in tried)
+    changes = (each.change() for each in several if each is not None)
+    return next((change for change in changes if change is not None), None)
 
 
 def drift_spread(seen: Comparison, horizon: float | None) -> RmsInterval | None:
@@ -114,12 +166,9 @@ def drift_spread(seen: Comparison, horizon: float | None) -> RmsInterval | None:
     if horizon is None or horizon not in seen.drifts:
         return None
     t, error = seen.drifts[horizon]
-    if not len(t):
-        return None
-    block = ((t - t[0]) / (HORIZONS_APART * horizon)).astype(np.intp)
-    number = np.bincount(block)
-    means = np.bincount(block, error**2)[number > 0] / number[number > 0]
-    count, middle = len(means), float(np.mean(error**2))
+    _, (means,) = stretch_means(t, HORIZONS_APART * horizon, error**2)
+    count = len(means)
+    middle = float(np.mean(error**2)) if count else 0.0
     if count < LEAST_STRETCHES or not middle > 0.0:
         return None
     reach = scipy.stats.t.ppf(0.975, count - 1) * float(np.std(means, ddof=1)) / math.sqrt(count) / middle

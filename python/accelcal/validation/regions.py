@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.data.units import instant
 from accelcal.effects.building_blocks import since_reversal
 from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, Bins, Outside
 from accelcal.validation.prediction import Coasting, Prediction, rms
-
-NOTABLE = 4.0
-"""A bin that differs from zero by more standard deviations than this is named as the worst."""
+from accelcal.validation.worst import seen_at
 
 
 def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
@@ -51,28 +47,10 @@ def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, 
         total = np.bincount(index, weights=residual[known], minlength=BINS)
         mean = np.divide(total, count, out=np.zeros(BINS), where=count > 0)
         std = np.sqrt(np.divide(density, 2.0 * step * count, out=np.zeros(BINS), where=count >= 1.0 / (band * step)))
-        found.append(Bins(name, unit, edges, mean, std))
+        at = np.full(len(x), -1)
+        at[known] = index
+        found.append(Bins(name, unit, edges, mean, std, seen_at(t, residual, at, mean)))
     return found
-
-
-def worst_of(bins: Sequence[Bins]) -> str:
-    """A sentence on the region with the largest deviation.
-
-    Any error has a spectrum, so frequency is named only where no variable of the motion is notable.
-    """
-    found = [(float(np.max(np.abs(b.score))), b, int(np.argmax(np.abs(b.score)))) for b in bins]
-    of_motion = [entry for entry in found if entry[1].variable != "frequency" and entry[0] >= NOTABLE]
-    best = max(of_motion or found, key=lambda entry: entry[0], default=None)
-    if best is None:
-        return "the record is too short to say where the model fails"
-    score, worst, i = best
-    if score < NOTABLE:
-        return f"no region stands out: the largest of {sum(len(b.mean) for b in bins)} deviations is {score:.1f} sigma"
-    ends = (instant(x) if worst.variable == "time" else f"{x:.4g}" for x in worst.edges[i : i + 2])
-    where = f"{worst.variable} between {' and '.join(ends)} {worst.unit}".rstrip()
-    if worst.variable == "frequency":
-        return f"{where}: the residual is {math.sqrt(worst.mean[i]):.2g} times the predicted noise ({score:.1f} sigma)"
-    return f"{where}: mean residual {worst.mean[i]:+.3g} m/s² ({score:.1f} sigma)"
 
 
 def beyond(fit: Fit, motion: Signals) -> tuple[str, ...]:

@@ -37,6 +37,9 @@ SOURCES: Mapping[Source, str] = {
 }
 """Where a density comes from, for people."""
 
+ONLY_WHITE = "noise alone is white noise; 1/f noise of the sensor is not in it and adds to the drift"
+"""What a floor leaves out, for people: a record does not tell 1/f noise from slow effects that a model lacks."""
+
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 from nicegui import ui
 
 from accelcal import formatting
 from accelcal.app import figures, widgets, wording
 from accelcal.app.examples import example_of
+from accelcal.app.figures import Picture
 from accelcal.app.page import Page
+from accelcal.app.run import Stretch
 from accelcal.app.screens import per_run, start
 from accelcal.app.state import Step
+from accelcal.app.zoom import Zoom, stretches_of
+from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
+from accelcal.validation.sensor_noise import ONLY_WHITE
+from accelcal.validation.stretches import quoted_error
 
 LIMITS = 6
 """Detection limits that are shown without a click."""
@@ -34,15 +43,14 @@ def show(page: Page) -> None:
                 with widgets.card("An example"):
                     start.answer(example)
         with ui.element("div").classes("stack"):
-            with widgets.card("Error on held-out data"):
+            with widgets.card("Model and measurement on held-out data"):
                 error(page)
+                overlay(page, state.step.heldouts[state.looked_at], shown)
+            with widgets.card("Error on held-out data"):
                 page.pictures(
                     ("falling", shown),
                     lambda theme: [figures.falling(state, theme)],
                 )
-            with widgets.card("Model and measurement on held-out data"):
-                ui.label("Click a model in the legend to switch it on or off; drag to zoom all panels.").classes("note")
-                page.pictures(("overlay", shown), lambda theme: [figures.overlay(state, theme)], height=660)
             with ui.element("div").classes("wall"):
                 with widgets.card("Residuals on held-out data"):
                     if state.previous is not None:
@@ -60,6 +68,25 @@ def show(page: Page) -> None:
     widgets.copies(page)
 
 
+def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
+    """What was measured and what every model says over each other, and where the current one fails."""
+    state = page.bench.state
+
+    def draw(theme: ThemeName, window: Stretch | None, chosen: Stretch | None) -> Picture:
+        return figures.overlay(state, theme, window, chosen)
+
+    zoom = Zoom(page, draw, stretches_of(seen))
+    ui.label(
+        "Click a model in the legend to switch it on or off; drag to zoom all panels, at full resolution; click into a "
+        "shaded stretch to see it closer."
+    ).classes("note")
+    page.pictures(("overlay", shown), zoom.whole, prepare=zoom.follow, height=660)
+    zoom.places()
+    if seen.worst_regions:
+        with ui.expansion("Where it fails", icon="troubleshoot").classes("full"):
+            zoom.table(seen)
+
+
 def error(page: Page) -> None:
     """The held-out error in numbers."""
     state = page.bench.state
@@ -73,6 +100,7 @@ def error(page: Page) -> None:
     alone = "the held-out part of this run" if state.holds_out_parts else "another recording"
     what = alone if len(held) == 1 else f"{len(held)} held-out recordings together"
     ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     per_run.errors(page)
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
@@ -175,9 +203,9 @@ def tree(page: Page) -> None:
     horizon = figures.nested_of(state).horizon
 
     def line(step: Step) -> None:
-        value = step.heldout.simulated_rms if horizon is None else step.heldout.coast_rms[horizon]
+        value = quoted_error(step.heldout, horizon)
         here = step.key == state.current
-        text = f"{step.label.replace('_', ' ')} · {'too short' if value is None else formatting.length(value)}"
+        text = f"{step.label.replace('_', ' ')} · {'too short' if math.isnan(value) else formatting.length(value)}"
         made = ui.button(text, icon="radio_button_checked" if here else "radio_button_unchecked", color=None)
         made.on_click(lambda: page.change(lambda: bench.look_at(step.key)))
         made.props(f"flat no-caps align=left aria-pressed={'true' if here else 'false'}").classes("node")

@@ -225,13 +225,19 @@ def trace(
 ) -> Thinned:
     """Draw a time series, thinned, with breaks where the record has holes; return what is drawn."""
     drawn = thin(t, y)
-    x, shown = (
-        np.asarray(values, dtype=np.float32) for values in style.with_breaks(drawn, t, factor)
-    )  # halves the page
+    x, shown = style.with_breaks(drawn, t, factor)
+    x, shown = x if _needs_digits(drawn.t) else np.asarray(x, dtype=np.float32), np.asarray(shown, dtype=np.float32)
     curve(
         figure, x, shown, line, name, row=row, column=column, unit=unit, width=1.1 if drawn.shown > 500 else 1.6, **more
     )
     return drawn
+
+
+def _needs_digits(t: Array) -> bool:
+    """Whether instants late in a record would blur in single precision, which else halves the page."""
+    if len(t) < 2:
+        return False
+    return float(np.spacing(np.float32(np.max(np.abs(t))))) > 0.1 * float(np.median(np.diff(t)))
 
 
 def curve(

@@ -10,7 +10,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import HEADLINE_HORIZON, allowed_horizons
+from accelcal.plots.numbers import allowed_horizons, drift_headline
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -48,15 +48,11 @@ def coasting(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
     factor, unit = formatting.prefixed("m", *[y for _, _, y, _ in points])
     for name, h, y, chosen in points:
         drawing.curve(figure, h, y * factor, chosen, name, markers=True, unit=unit)
-    quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else float(allowed[-1])
-    drift, floor = comparison.coast_rms[quoted], comparison.drift_floors[quoted]
-    assert drift is not None
-    assert floor is not None
     counts = ", ".join(f"{h:g} s: {comparison.coast_starts[h]}" for h in allowed.tolist())
     drawing.format_figure(
         figure,
         palette,
-        f"Unaided drift after {quoted:g} s: {formatting.length(drift)} rms, noise floor {formatting.length(floor)}",
+        drift_headline(comparison),
         note=f"number of start points: {counts}",
     )
     ticks = allowed.tolist()

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 SIDE = 3
 """Side channels that are drawn, temperature first."""
+CHOSEN = "chosen"
+"""Label of a stretch that was chosen."""
 PANEL = 150
 """Height of a panel, pixels."""
 
@@ -56,7 +58,7 @@ def linked(
     figure = drawing.new_figure(rows, 1, shared_xaxes=True, vertical_spacing=0.28 / rows)
 
     def draw(row: int, channel: Channel, name: str, chosen: style.LineStyle) -> style.Thinned:
-        t, y = _inside(channel.t, channel.y, window)
+        t, y = inside(channel.t, channel.y, window)
         factor, unit = formatting.prefixed(channel.unit, y) if channel.unit in ("m", "m/s²") else (1.0, channel.unit)
         figure.update_yaxes(title_text=drawing.axis_title(name, unit), row=row, col=1)
         return drawing.trace(figure, t, y, chosen, name, factor=factor, unit=unit, row=row, showlegend=False)
@@ -66,10 +68,10 @@ def linked(
         draw(2, Channel("accel", recording.accel.t, recording.accel.y, "m/s²"), "output", palette.measured),
     ]
     if comparison is not None and residual:
-        t, y = _inside(*comparison.accel_residual, window)
+        t, y = inside(*comparison.accel_residual, window)
         factor, unit = formatting.prefixed("m/s²", y)
         if previous is not None and len(previous.accel_residual[0]):
-            old = _inside(*previous.accel_residual, window)
+            old = inside(*previous.accel_residual, window)
             drawing.trace(figure, *old, palette.floor, "before", factor=factor, unit=unit, row=3, opacity=0.35)
         drawn.append(drawing.trace(figure, t, y, palette.residual, "residual", factor=factor, unit=unit, row=3))
         figure.update_yaxes(title_text=drawing.axis_title("residual", unit), row=3, col=1)
@@ -91,7 +93,7 @@ def linked(
     return figure
 
 
-def _inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Array, Array]:
+def inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Array, Array]:
     """A series (n,) within a window of time, one sample more at either end; whole without a window."""
     if window is None:
         return t, y
@@ -102,10 +104,9 @@ def _inside(t: Array, y: Array, window: tuple[float, float] | None) -> tuple[Arr
 def mark(figure: Figure, begin: float, end: float, label: str, palette: style.Theme) -> None:
     """Shade a stretch of time over all panels and name it, unless the label is empty."""
     box: dict[str, Any] = {"type": "rect", "xref": "x", "yref": "paper", "x0": begin, "x1": end, "y0": 0.0, "y1": 1.0}
-    colour = palette.band if label == "held out" else palette.other.colour
-    figure.add_shape(
-        **box, fillcolor=colour, opacity=0.16, layer="below", line={"width": 1, "color": colour, "dash": "dash"}
-    )
+    colour = {"held out": palette.band, CHOSEN: palette.model.colour}.get(label, palette.other.colour)
+    line = {"width": 2, "dash": "solid"} if label == CHOSEN else {"width": 1, "dash": "dash"}
+    figure.add_shape(**box, fillcolor=colour, opacity=0.16, layer="below", line={**line, "color": colour})
     if not label:
         return
     figure.add_annotation(

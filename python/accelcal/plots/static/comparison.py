@@ -23,16 +23,17 @@ from accelcal.io import together
 from accelcal.model import Estimate
 from accelcal.plots import style
 from accelcal.plots.numbers import (
-    HEADLINE_HORIZON,
     LAGS,
     TWO_SIDED_95,
     allowed_horizons,
+    drift_headline,
     imposed_band_note,
     normal_quantiles,
     normalised_residuals,
     residual_band,
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
+from accelcal.plots.static.overlay import overlay
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
@@ -380,6 +381,7 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
     """
     figures: Mapping[str, Callable[[], Figure]] = {
         "overview": lambda: overview(fit, comparison, theme=theme),
+        "overlay": lambda: overlay(comparison, theme=theme),
         "simulated": lambda: simulated(comparison, theme=theme),
         "coasting": lambda: coasting(comparison, theme=theme),
         "one_step": lambda: one_step(comparison, theme=theme),
@@ -406,11 +408,8 @@ def write(fit: Fit, comparison: Comparison, directory: str | Path, *, theme: The
 
 def summary_sentence(fit: Fit, comparison: Comparison) -> str:
     """The key figures: one-step rms, unaided drift with its noise floor, largest residual."""
-    drift = comparison.coast_rms.get(HEADLINE_HORIZON)
-    floor = comparison.drift_floors.get(HEADLINE_HORIZON)
-    drifted = f"no unaided drift over {HEADLINE_HORIZON:g} s (too short)"
-    if drift is not None and floor is not None:
-        drifted = f"unaided drift after {HEADLINE_HORIZON:g} s {length(drift)} rms (noise floor {length(floor)})"
+    drifted = drift_headline(comparison)
+    drifted = f"{drifted[:1].lower()}{drifted[1:]}"
     added = ", ".join(e.symbol for e in fit.estimates)
     return (
         f"{comparison.recording or 'recording'}, model with {added}: one-step rms "
@@ -498,12 +497,7 @@ def _coasting(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     axes.set_xticks(allowed, [f"{h:g}\n{_starts(comparison, h)}" for h in allowed])
     axes.minorticks_off()
     style.legend(axes, palette, columns=3 if size == style.LARGE else 2)
-    longest = max(allowed)
-    quoted = HEADLINE_HORIZON if HEADLINE_HORIZON in allowed else longest
-    drift, floor = comparison.coast_rms[quoted], comparison.drift_floors[quoted]
-    if drift is not None and floor is not None:
-        text = f"Unaided drift after {quoted:g} s: {length(drift)} rms, noise floor {length(floor)}"
-        style.headline(part, text, palette, size)
+    style.headline(part, drift_headline(comparison), palette, size)
 
 
 def _starts(comparison: Comparison, horizon: float) -> str:

@@ -15,6 +15,7 @@ from accelcal.serialization.schema.session import Content, ContentOfOne
 FILES: tuple[type[BaseModel], ...] = (
     ModelFile,
     results.ComparisonFile,
+    results.PairedFile,
     results.DiagnosisFile,
     results.DwellsFile,
     results.ImprovementFile,

@@ -67,6 +67,21 @@ class BinsPart(Part):
     std: list[Value]
 
 
+class RegionPart(Part):
+    """The worst region of one variable; `p` is adjusted for the number of regions."""
+
+    variable: str
+    unit: str
+    low: Value
+    high: Value
+    excess: Value
+    excess_unit: str
+    sigma: Value
+    share: Value
+    p: Value
+    stretch_s: Annotated[list[Value], Field(min_length=2, max_length=2)] | None
+
+
 class OutsidePart(Part):
     """Readings outside the trained range of one variable."""
 
@@ -133,12 +148,14 @@ class ComparisonFile(Part):
     coast_frozen_rms_m: dict[str, Value]
     coast_floor_m: dict[str, Value]
     noise_floor: NoiseFloorPart | None
+    headline_horizon_s: Value
     coast_starts: dict[str, int]
     setup_bias_m_per_s2: SetupBias
     accel_rms_m_per_s2: Value
     band_hz: Value
     fit_percent: Value
     worst: str
+    where_it_fails: list[RegionPart]
     bins: list[BinsPart]
     outside: list[OutsidePart]
     remarks: list[str]
@@ -232,6 +249,7 @@ class Where(Part):
     """Where a model fails."""
 
     worst: str
+    regions: list[RegionPart]
     tiles: list[Tile]
 
 
@@ -332,11 +350,16 @@ class RulerPart(Part):
 
 
 class Change(Part):
-    """Change of the held-out error from one model to the next."""
+    """Paired change of an error from one model to another, with its standard error and its 95 % interval."""
 
     measure: str
+    unit: str
+    before: Value
+    after: Value
     percent: Value
     percent_std: Value
+    percent_low: Value
+    percent_high: Value
     sigma: Value
     stretches: int
 
@@ -394,6 +417,48 @@ class HistoryFile(Part):
     schema_: Literal["accelcal/history/1"] = Field(alias="schema")
     ruler: RulerPart
     steps: list[HistoryStep]
+
+
+DifferenceVerdict = Literal["better", "worse", "undecided", "too_short"]
+
+
+class RecordingDifference(Part):
+    """The difference of two models on one recording."""
+
+    recording: str
+    verdict: DifferenceVerdict
+    change: Change | None
+
+
+class DifferencePart(Part):
+    """The error of one model against that of the first, paired, over all recordings and one by one."""
+
+    model: str
+    reference: str
+    verdict: DifferenceVerdict
+    recordings_disagree: bool
+    sentence: str
+    change: Change | None
+    recordings: list[RecordingDifference]
+    horizons: list[Change]
+
+
+class ComparedRecording(Part):
+    """All models on one recording."""
+
+    recording: str
+    ruler: RulerPart
+    comparisons: list[ComparisonFile]
+
+
+class PairedFile(Part):
+    """Several models on the same recordings: `compare` with more than one model."""
+
+    schema_: Literal["accelcal/compare-models/1"] = Field(alias="schema")
+    models: list[str]
+    horizon_s: Value
+    differences: list[DifferencePart]
+    recordings: list[ComparedRecording]
 
 
 class ExportSensor(Part):

@@ -1,0 +1,183 @@
+"""Several models on the same recordings: the difference has an interval that holds, and all faces say the same."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import accelcal as ac
+from accelcal.cli import app, write_recording
+from accelcal.cli.printing import show_paired
+from accelcal.serialization import diagnosis_json, model_file
+from accelcal.validation.differences import ModelDifference, PairedComparison, verdict_of
+from accelcal.validation.paired import HeldOutChange, PairedStretches
+from accelcal.validation.stretches import LEAST_STRETCHES, headline_horizon, stretch_count
+from tests.schemas import require_published
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 2e-3}
+
+
+def record(seed: int, seconds: float) -> ac.Recording:
+    rng = np.random.default_rng([41, seed])
+    return ac.simulate("interleaved", seconds=seconds, rig=ac.CXL02_RIG, parameters=TRUTH, rng=rng).recording
+
+
+@pytest.fixture(scope="module")
+def runs() -> list[ac.Recording]:
+    return [record(2, 16.0), record(3, 18.0)]
+
+
+@pytest.fixture(scope="module")
+def fits() -> list[ac.Fit]:
+    train = record(1, 16.0)
+    return [ac.fit(model, train) for model in (ac.Model.linear(), ac.Model.cubic())]
+
+
+@pytest.fixture(scope="module")
+def paired(fits: list[ac.Fit], runs: list[ac.Recording]) -> PairedComparison:
+    return ac.compare_paired(fits, runs)
+
+
+def test_the_interval_of_a_ratio_holds_the_truth() -> None:
+    # Errors of two models that share half of their noise, correlated over a stretch; the true ratio is 0.8 or 1. With
+    # 5 and with 15 stretches 95 % intervals hold it in 95 %; 93 to 97.5 % is 4 sigma of 1600 about that, and a little.
+    rng = np.random.default_rng(7)
+    for stretches in (5, 15):
+        held, cases = 0, 1600
+        for case in range(cases):
+            ratio = (1.0, 0.8)[case % 2]
+            shared, first, second = (np.repeat(rng.standard_normal(8 * stretches), 5) for _ in range(3))
+            t = np.arange(len(shared)) * 0.025
+            before, after = shared + first, ratio * (shared + second)
+            change = PairedStretches.of("drift", t, before, after, 1.0).change()
+            assert change is not None
+            assert change.stretches == stretches
+            low, high = change.percent_interval
+            held += low <= 100.0 * (ratio - 1.0) <= high
+        print(f"{stretches} stretches: {held} of {cases} intervals hold the true ratio")
+        assert 0.93 < held / cases < 0.975
+
+
+def test_an_interval_that_takes_every_error_for_its_own_is_too_short() -> None:
+    # The twin: windows that overlap, each taken for independent.
+    rng = np.random.default_rng(8)
+    held = 0
+    for _ in range(200):
+        shared, first, second = (np.repeat(rng.standard_normal(40), 20) for _ in range(3))
+        t = np.arange(len(shared)) * 0.025
+        change = PairedStretches.of("drift", t, shared + first, shared + second, 0.025).change()
+        assert change is not None
+        low, high = change.percent_interval
+        held += low <= 0.0 <= high
+    assert held < 120
+
+
+def test_the_right_model_is_better_and_by_how_much(paired: PairedComparison) -> None:
+    (one,) = paired.differences
+    assert one.verdict == "better"
+    assert one.pooled is not None
+    low, high = one.pooled.percent_interval
+    assert low < one.pooled.percent < high < 0.0
+    assert one.sentence.startswith("base + quadratic + cubic is better than base: drift after ")
+    assert paired.horizon == max(h for h in (1.0, 5.0, 10.0) if stretch_count(paired.seen[0][0], h) >= 5)
+    assert len(one.recordings) == 2
+    assert all(change is not None for change in one.recordings)
+
+
+def test_pooled_stretches_are_those_of_all_recordings(paired: PairedComparison) -> None:
+    (one,) = paired.differences
+    assert one.pooled is not None
+    each = [change for change in one.recordings if change is not None]
+    assert one.pooled.stretches == sum(change.stretches for change in each)
+    counts = [len(seen[0].drifts[1.0][0]) for seen in paired.seen]
+    for side in ("before", "after"):
+        squares = [getattr(change, side) ** 2 for change in each]
+        assert getattr(one.pooled, side) == pytest.approx(np.sqrt(np.average(squares, weights=counts)))
+
+
+def test_a_model_is_no_better_than_itself(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
+    found = ac.compare_paired([fits[1], fits[1]], runs[0])
+    assert found.names == ("model 1 (base + quadratic + cubic)", "model 2 (base + quadratic + cubic)")
+    (one,) = found.differences
+    assert one.verdict == "undecided"
+    assert "cannot be said" in one.sentence
+
+
+def test_too_few_stretches_and_recordings_that_disagree_are_said() -> None:
+    better, worse = (HeldOutChange("drift after 1 s", 1.0, after, 0.1, 9, "m", 0.1) for after in (0.5, 2.0))
+    assert [verdict_of(change) for change in (better, worse, None)] == ["better", "worse", "too_short"]
+    both = ModelDifference("B", "A", HeldOutChange("drift after 1 s", 1.0, 1.0, 0.1, 18, "m", 0.1), (better, worse), ())
+    assert both.disagree
+    assert both.sentence.startswith("whether B is better than A cannot be said: drift after 1 s +0 % (95 % interval ")
+    assert both.sentence.endswith("; the recordings disagree")
+    alone = ModelDifference("B", "A", None, (None,), ())
+    assert alone.sentence == "whether B is better than A cannot be said: the recordings are too short for an interval"
+
+
+def test_the_headline_is_the_longest_horizon_with_enough_stretches(paired: PairedComparison) -> None:
+    seen = paired.seen[0][0]
+    counts = {h: stretch_count(seen, h) for h, drift in seen.coast_rms.items() if drift is not None}
+    assert counts[1.0] >= LEAST_STRETCHES > counts[5.0]
+    assert headline_horizon(seen) == 1.0
+    assert max(counts) > 1.0  # the longest would have been another
+
+
+def test_mistakes_are_said(fits: list[ac.Fit], runs: list[ac.Recording]) -> None:
+    with pytest.raises(ValueError, match="at least two models"):
+        ac.compare_paired(fits[:1], runs)
+    with pytest.raises(ValueError, match="a name of its own for each"):
+        ac.compare_paired(fits, runs, names=["a", "a"])
+
+
+def test_frame_and_summary_have_the_numbers_of_the_difference(paired: PairedComparison) -> None:
+    frame, (one,) = paired.to_dataframe(), paired.differences
+    assert one.pooled is not None
+    assert frame.index.tolist() == [one.name] * 3
+    assert frame["percent"].iloc[-1] == one.pooled.percent
+    assert (frame["low"].iloc[-1], frame["high"].iloc[-1]) == one.pooled.percent_interval
+    assert "is better than base" in paired.summary()
+
+
+def test_the_command_says_the_same(
+    paired: PairedComparison,
+    fits: list[ac.Fit],
+    runs: list[ac.Recording],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, fit in zip("ab", fits, strict=True):
+        model_file.save(fit, Path(f"{name}.json"))
+    for number, run in enumerate(runs):
+        write_recording(run, Path(f"{number}.csv"))
+
+    def call(*words: str, code: int = 0) -> str:
+        done = CliRunner().invoke(app, ["compare", *words])
+        assert done.exit_code == code, done.output
+        return done.stdout if code == 0 else done.stderr
+
+    content = json.loads(call("a.json", "b.json", "0.csv", "1.csv", "--json", "-o", "seen.json", "--plots", "drawn"))
+    require_published(content)
+    expected = diagnosis_json.paired_to_dict(paired)["differences"][0]["change"]
+    found = content["differences"][0]
+    assert found["verdict"] == "better"
+    assert found["change"]["percent"] == pytest.approx(expected["percent"], rel=1e-3)  # a CSV rounds
+    assert [each["recording"] for each in found["recordings"]] == ["0.csv", "1.csv"]
+    assert json.loads(Path("seen.json").read_text()) == content
+    assert {path.name for path in Path("drawn").iterdir()} == {
+        f"overlay-{n}.{k}" for n in (1, 2) for k in ("png", "svg")
+    }
+    assert "found 1 files and no recording" in call("a.json", code=2)
+    assert "one model and 2 recordings" in call("a.json", "0.csv", "1.csv", code=2)
+    assert "b.json comes after the recording 0.csv" in call("a.json", "0.csv", "b.json", code=2)
+    assert "a.json is given twice" in call("a.json", "a.json", "0.csv", code=2)
+    capsys.readouterr()
+    show_paired(content)
+    assert " ".join(capsys.readouterr().out.split()).startswith(
+        "b.json is better than a.json: drift after 1 s smaller by"
+    )

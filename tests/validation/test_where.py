@@ -1,0 +1,114 @@
+"""Where a model fails: one row for each variable, p that holds for all regions together, and the time it is seen at."""
+
+from __future__ import annotations
+
+import io
+import json
+from contextlib import redirect_stdout
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.cli.printing import show_comparison
+from accelcal.plots.numbers import REGION_HEAD, region_cells, region_rows
+from accelcal.serialization import model_file
+from accelcal.validation.comparison import Bins, Comparison, Region
+from accelcal.validation.worst import STRETCHES, seen_at, worst_regions, worst_sentence
+
+VARIABLES = ("time", "position", "velocity", "acceleration", "jerk", "time since reversal")
+
+
+def bins_of(variable: str, score: np.ndarray, std: float = 1e-3) -> Bins:
+    """Bins with these scores."""
+    n = len(score)
+    return Bins(variable, "m/s", np.linspace(-1.0, 1.0, n + 1), std * score, np.full(n, std))
+
+
+def densities(rng: np.random.Generator, n: int = 12, freedom: int = 20) -> Bins:
+    """Ratios of densities as noise alone gives them."""
+    ratio = rng.chisquare(freedom, n) / freedom
+    return Bins("frequency", "Hz", np.linspace(0.0, 10.0, n + 1), ratio, np.full(n, np.sqrt(2.0 / freedom)))
+
+
+def test_p_counts_every_region_that_was_looked_at() -> None:
+    # 2000 records of noise alone, 84 regions each: the least p falls below 5 % in 5 % of them; 3.5 to 6 % is 3 sigma.
+    rng, alarms, cases = np.random.default_rng(3), 0, 2000
+    for _ in range(cases):
+        bins = [*(bins_of(name, rng.standard_normal(12)) for name in VARIABLES), densities(rng)]
+        alarms += min(region.p for region in worst_regions(bins, 1e-3)) < 0.05
+    print(f"least adjusted p below 5 %: {alarms} of {cases}")
+    assert 0.035 < alarms / cases < 0.06
+
+
+def test_p_without_the_count_would_alarm() -> None:
+    # The twin: the raw p value of the worst of 84 regions.
+    rng, alarms = np.random.default_rng(4), 0
+    for _ in range(200):
+        bins = [bins_of(name, rng.standard_normal(12)) for name in (*VARIABLES, "temperature")]
+        alarms += min(region.p for region in worst_regions(bins, 1e-3)) / 84.0 < 0.05
+    assert alarms > 180
+
+
+def test_the_worst_region_of_each_variable_is_a_row() -> None:
+    score = np.zeros(12)
+    score[7] = -9.0
+    bins = [bins_of("velocity", np.full(12, 0.5)), bins_of("acceleration", score), bins_of("jerk", np.zeros(12), 0.0)]
+    frequency = Bins("frequency", "Hz", np.linspace(0.0, 12.0, 13), np.full(12, 4.0), np.full(12, 0.1))
+    rows = worst_regions([frequency, *bins], 2e-3)
+    assert [row.variable for row in rows] == ["acceleration", "frequency", "velocity"]  # jerk has too little data
+    first, spectrum, last = rows
+    assert (first.low, first.high) == (pytest.approx(1.0 / 6.0), pytest.approx(1.0 / 3.0))
+    assert first.excess == pytest.approx(-9e-3)
+    assert first.share == pytest.approx((81.0 - 1.0) / 12.0 * 1e-6 / 4e-6)
+    assert first.p == pytest.approx(36 * 2.257e-19, rel=1e-3)
+    assert (spectrum.excess, spectrum.excess_unit, spectrum.share) == (2.0, "1", None)
+    assert last.p == 1.0
+    assert worst_sentence(rows, 36).startswith("acceleration between 0.1667 and 0.3333 m/s: mean residual -0.009 m/s²")
+    assert worst_sentence((), 0) == "the record is too short to say where the model fails"
+
+
+def test_a_region_is_seen_where_the_residual_is() -> None:
+    t = np.arange(4000) * 0.01
+    index = (np.arange(4000) // 5) % 2
+    residual = np.zeros(4000)
+    residual[1510:1520] = (3.0 * index - 1.0)[1510:1520]  # against bin 0 and along bin 1, between 15.1 and 15.2 s
+    at = seen_at(t, residual, index, np.array([-1.0, 1.0, 0.5]))
+    for begin, end in at[:2]:
+        assert begin <= 15.1 < 15.19 <= end
+        assert end - begin <= t[-1] / STRETCHES
+    assert np.all(np.isnan(at[2]))  # nothing lies in it
+
+
+@pytest.fixture(scope="module")
+def seen() -> Comparison:
+    """A model without the cubic that the record holds."""
+    rng = np.random.default_rng(2)
+    made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={"cubic": 2e-3}, rng=rng)
+    return ac.compare(ac.fit(ac.Model.linear(), made.recording), made.recording)
+
+
+def test_all_faces_say_the_same(seen: Comparison) -> None:
+    content = json.loads(model_file.dumps(model_file.comparison_to_dict(seen)))
+    assert [model_file.region_from_dict(each) for each in content["where_it_fails"]] == list(seen.worst_regions)
+    with redirect_stdout(io.StringIO()) as out:
+        show_comparison(content)
+    said = out.getvalue()
+    assert all(title in said for title in REGION_HEAD)
+    first = region_rows(seen)[0]
+    assert first[0] == "acceleration"
+    assert seen.worst_regions[0].p < 1e-6
+    assert all(cell in said for cell in first)
+    frame = seen.where_it_fails()
+    assert [frame.loc["acceleration", key] for key in ("low", "high", "sigma", "p")] == [
+        getattr(seen.worst_regions[0], key) for key in ("low", "high", "sigma", "p")
+    ]
+
+
+def test_cells_have_units_that_read_well() -> None:
+    region = Region("velocity", "m/s", -0.08, 0.02, 4e-4, "m/s²", 5.0, 0.01, 0.0, (1.0, 2.0))
+    assert region_cells(region) == ("velocity", "−80 to 20 mm/s", "+400 µm/s²", "5.0", "1 %", "<1e−300")
+    late = replace(region, variable="time", unit="s", low=1234.5, high=1240.25, share=None)
+    assert region_cells(late)[1] == "1234.5 to 1240.25 s"
+    assert region_cells(late)[4] == "–"
