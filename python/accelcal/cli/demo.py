@@ -11,7 +11,6 @@ import typer
 from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
 from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.hints import suggest
-from accelcal.cli.printing import show_comparison, show_fit, show_improvement
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -35,6 +34,8 @@ def demo(
 
     Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
     """
+    from accelcal.cli.printing import show_comparison, show_fit
+
     if effect is not None:
         demo_hidden(effect, output, seed)
         return
@@ -75,6 +76,7 @@ def demo(
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
+    from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with

@@ -27,16 +27,6 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import after_diagnosis, suggest
 from accelcal.cli.models import load_any, load_like, load_run
-from accelcal.cli.printing import (
-    limit,
-    show_diagnosis,
-    show_dwell_diagnosis,
-    show_formulas,
-    show_improvement,
-    show_plan,
-    show_power,
-    show_steps,
-)
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
@@ -63,6 +53,7 @@ def diagnose(
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
+    from accelcal.cli.printing import show_diagnosis, show_steps
     from accelcal.data.dwell_sets import with_dwells
     from accelcal.data.dwells import Dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
@@ -103,6 +94,7 @@ def diagnose(
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
     """Print and write a diagnosis of dwells."""
+    from accelcal.cli.printing import show_dwell_diagnosis
     from accelcal.io import atomic_write
     from accelcal.serialization import diagnosis_json, model_file
 
@@ -136,6 +128,7 @@ def improve(
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import show_improvement
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import require_distinct
     from accelcal.serialization import diagnosis_json, model_file
@@ -185,6 +178,7 @@ def formula(
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
+    from accelcal.cli.printing import show_formulas
     from accelcal.data.recording import RecordingError
     from accelcal.effects import ExpressionError, find
     from accelcal.io import atomic_write
@@ -262,6 +256,7 @@ def power(
     Example: [bold]accelcal power run12.csv[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import show_power
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
 
@@ -299,6 +294,7 @@ def plan(
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import limit, show_plan
     from accelcal.experiment import plan as plan_for
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
 

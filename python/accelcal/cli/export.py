@@ -28,7 +28,6 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import suggest
 from accelcal.cli.models import load_like
-from accelcal.cli.printing import show_export
 
 
 @app.command()
@@ -102,6 +101,7 @@ def export(
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
     """
     from accelcal.calibration import export as exports
+    from accelcal.cli.printing import show_export
     from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
 

@@ -30,7 +30,6 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.hints import UNSEEN, after_fit, suggest
-from accelcal.cli.printing import show_comparison, show_fit, show_steps
 
 if TYPE_CHECKING:
     from accelcal.data.dwells import Dwells
@@ -80,6 +79,7 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
+    from accelcal.cli.printing import show_fit
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Recording
     from accelcal.model import Model
@@ -181,6 +181,7 @@ def compare(
 
     Example: [bold]accelcal compare m.json run13.csv[/bold]
     """
+    from accelcal.cli.printing import show_comparison
     from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
     from accelcal.workflow import compare as compare_with
@@ -281,6 +282,7 @@ def history(
 
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
+    from accelcal.cli.printing import show_steps
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import history as history_of
 
@@ -337,6 +339,7 @@ def freeze(
 
 def finish_fit(found: Fit, recording: Recording, output: Path | None, json: bool) -> None:
     """Write and print a fit."""
+    from accelcal.cli.printing import show_fit
     from accelcal.serialization import model_file
 
     if output is not None:
