@@ -14,6 +14,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
+from accelcal.live.history import History
 from accelcal.plots import interactive
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
@@ -141,6 +142,11 @@ def coasting(state: State, theme: ThemeName) -> Picture:
     """Unaided drift on held-out data."""
     assert state.step is not None
     return picture(interactive.coasting(state.step.heldout, theme=theme))
+
+
+def live(history: History, theme: ThemeName) -> Picture:
+    """A running measurement so far."""
+    return picture(interactive.live_tracks(history, theme=theme))
 
 
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:

@@ -56,7 +56,7 @@ def zooming(page: Page, plot: ui.plotly, redraw: Callable[[Picture], None]) -> N
         if not is_zoom or window == page.window:
             return
         page.window = window
-        state, theme = bench.state, page.theme
+        state, theme = bench.state, page.themes.theme
         fresh = await page.drawn(lambda: figures.linked(state, bench.whole(), theme, window))
         if state is bench.state and not plot.is_deleted:
             redraw(fresh)
