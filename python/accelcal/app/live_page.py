@@ -102,13 +102,13 @@ class LivePage:
         widgets.heading(f"Live: {follower.asked.address}", 1).classes("unseen-text")
         with ui.element("div").classes("two"):
             with ui.element("div").classes("stack"):
-                self._readout = Readout(follower)
                 with ui.row().classes("line"):
                     if not follower.ended:
                         widgets.button("Stop", "stop", follower.stop, primary=True)
                     else:
                         self._afterwards(follower)
-            with widgets.card("So far"):
+                self._readout = Readout(follower)
+            with widgets.card():
                 self._box = ui.element("div").classes("pictures").style("min-height: 420px")
 
     def _afterwards(self, follower: Follower) -> None:
@@ -181,7 +181,7 @@ class LivePage:
             return
         figure: Any = self._plot.figure
         for trace, (x, y) in zip(figure["data"], live_curves(history), strict=True):
-            trace["x"], trace["y"] = x.tolist(), [v if v == v else None for v in y.tolist()]
+            trace["x"], trace["y"] = x, y
         for i, ends in enumerate(live_ranges(history), start=1):
             if ends is not None:
                 figure["layout"][f"yaxis{i if i > 1 else ''}"]["range"] = ends

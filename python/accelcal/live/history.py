@@ -12,7 +12,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 
-MOST = 400
+MOST = 300
 """Moments that are kept; then every second one goes."""
 MOST_ALARMS = 20
 """Alarms that are kept; blocks in a row are one."""

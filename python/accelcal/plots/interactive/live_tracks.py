@@ -40,7 +40,7 @@ def live_tracks(history: History, *, theme: ThemeName = "light") -> Figure:
     parameters = history.parameters
     rows = len(parameters) + 2
     inside = PANEL * rows + GAP * (rows - 1)
-    titles = [spelled(parameter.name) for parameter in parameters] + ["innovation", "NIS"]
+    titles = [spelled(parameter.name) for parameter in parameters] + ["innovation", "NIS, 99 % inside the band"]
     names = [drawing.escaped(title) for title in titles]
     figure = drawing.new_figure(
         rows, 1, shared_xaxes=True, vertical_spacing=GAP / inside, subplot_titles=names, row_heights=[1.0] * rows
@@ -54,7 +54,7 @@ def live_tracks(history: History, *, theme: ThemeName = "light") -> Figure:
         drawing.curve(
             figure, x, y, palette.residual, titles[i], unit=unit, row=row, markers=unit == "µm", showlegend=False
         )
-        quantity = "estimate" if is_parameter else titles[i]
+        quantity = "estimate" if is_parameter else ("innovation" if unit == "µm" else "NIS")
         figure.update_yaxes(title_text=drawing.axis_title(quantity, unit), row=row, col=1)
         if span[i] is not None:
             figure.update_yaxes(range=span[i], row=row, col=1)
@@ -77,19 +77,20 @@ def live_tracks(history: History, *, theme: ThemeName = "light") -> Figure:
 
 
 def live_curves(history: History) -> list[tuple[Array, Array]]:
-    """Abscissa and ordinate of each trace of `live_tracks`, in its order, as they are now."""
+    """Abscissa and ordinate of each trace of `live_tracks`, in its order, as they are now, in few digits."""
     seen = Columns.of(history.moments, len(history.parameters))
-    t, found = seen.t, []
+    t, found = np.round(seen.t, 3), []
     for i in range(len(history.parameters)):
         y, wide = seen.values[:, i], 2.0 * seen.stds[:, i]
         found += [(t, y - wide), (t, y + wide), (t, y)]
     wide = 2.0 * seen.std * MICROMETRES
     found += [(t, -wide), (t, wide), (t, seen.e * MICROMETRES)]
     found += [(t, seen.low), (t, seen.high), (t, seen.nis)]
-    at = np.array([alarm["t_s"] for alarm in history.alarms], dtype=float)
+    at = np.array([alarm["since_s"] for alarm in history.alarms], dtype=float)
     known = np.isfinite(seen.nis)
     height = np.interp(at, t[known], seen.nis[known]) if known.any() and len(at) else np.zeros(0)
-    return [*found, (at[: len(height)], height)]
+    found.append((at[: len(height)], height))
+    return [(x, y.astype(np.float32)) for x, y in found]
 
 
 def live_ranges(history: History) -> list[list[float] | None]:
