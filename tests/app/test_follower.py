@@ -11,7 +11,7 @@ import pytest
 
 from accelcal import io
 from accelcal.app.follower import Asked, Follower, Followers, recording_path
-from accelcal.live.history import History
+from accelcal.live.moments import LiveHistory
 from tests.live.streams import RATE, RIG, stream
 
 PATIENCE = 30.0
@@ -85,7 +85,7 @@ def test_a_recording_stays_in_its_folder(tmp_path: Path, name: str) -> None:
 
 
 def test_moments_stay_few_and_spread_over_the_whole_run() -> None:
-    history = History(most=64)
+    history = LiveHistory(most=64)
     for t in range(10_000):
         history.add({"event": "state", "t_s": float(t), "parameters": [], "innovation": None, "nis": None})
     steps = np.diff([moment.t for moment in history.moments[:-1]])

@@ -16,7 +16,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
-from accelcal.live.history import History
+from accelcal.live.moments import LiveHistory
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
 from accelcal.plots.interactive.overlay import worst_stretches
@@ -91,7 +91,7 @@ class Example:
 
 def followed():
     """A live view over ten moments, with an alarm at the seventh."""
-    history = History()
+    history = LiveHistory()
     for i in range(10):
         std = 1e-3 / (i + 1)
         parameters = [{"name": name, "unit": unit, "value": 0.01, "std": std} for name, unit in LIVE]

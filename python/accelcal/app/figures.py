@@ -14,7 +14,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
-from accelcal.live.history import History
+from accelcal.live.moments import LiveHistory
 from accelcal.plots import interactive
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
@@ -144,7 +144,7 @@ def coasting(state: State, theme: ThemeName) -> Picture:
     return picture(interactive.coasting(state.step.heldout, theme=theme))
 
 
-def live(history: History, theme: ThemeName) -> Picture:
+def live(history: LiveHistory, theme: ThemeName) -> Picture:
     """A running measurement so far."""
     return picture(interactive.live_tracks(history, theme=theme))
 

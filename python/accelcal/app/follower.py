@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from accelcal.live.history import History
+from accelcal.live.moments import LiveHistory
 
 EVERY = "0.25 s"
 """Time between two states."""
@@ -64,7 +64,7 @@ class Follower:
 
     def __init__(self, asked: Asked, folder: Path) -> None:
         self.asked = asked
-        self.history = History()
+        self.history = LiveHistory()
         self.version = 0
         """Incremented with everything that a page must show."""
         self.ended = False

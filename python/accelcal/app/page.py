@@ -68,6 +68,7 @@ class Page:
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
+            self.left = ui.label().classes("note").props("aria-hidden=true")
             widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline").props("aria-hidden=true")
@@ -170,6 +171,7 @@ class Page:
         if job is not None and titled:
             self.doing.set_text(f"{job.title[:1].upper()}{job.title[1:]} …")
             self.progress.set_value(round(max(job.share, 0.02), 3))
+            self.left.set_text(job.left)
         if self._seen != self.bench.version:
             self.rebuild()
 

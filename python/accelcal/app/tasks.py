@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from accelcal import io
+from accelcal._support.progress import within
 from accelcal.app import mapping
 from accelcal.app.examples import EXAMPLES
 from accelcal.app.own_formula import OwnFormula
@@ -75,7 +76,7 @@ def dropped(before: Fit, train: Recording, name: str, *, report: Report) -> Fit:
 
 def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
     """Compare one model with data, with its own filter."""
-    return compare(found, data)
+    return compare(found, data, report=report)
 
 
 def judged(fits: Sequence[Fit], data: Recording, ruler: Ruler, base: Fit, *, report: Report) -> tuple[Comparison, ...]:
@@ -88,15 +89,18 @@ def diagnosed(found: Fit, train: Recording, own: Sequence[str], *, report: Repor
     return diagnose(found, train, extra=effects(own), report=report)
 
 
-def reported(found: Fit, train: Recording, holdout: Recording, own: Sequence[str], *, report: Report) -> str:
-    """The report as a page of HTML."""
+def reported(
+    found: Fit, train: Recording, holdout: Recording, own: Sequence[str], known: Diagnosis | None, *, report: Report
+) -> str:
+    """The report as a page of HTML; `known` is the diagnosis, where there is one."""
     content = gather(
         found,
         train,
         holdout=holdout,
         extra=effects(own),
         command="accelcal app",
-        report=lambda share: report(0.9 * share),
+        diagnosis=known,
+        report=within(report, 0.0, 0.9),
     )
     return html(content)
 

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from accelcal import io
 from accelcal._support import internal_error
+from accelcal._support.progress import within
 from accelcal.app import mapping, session_file, tasks
 from accelcal.app.examples import PREFIX
 from accelcal.app.known import Known, units_of
@@ -160,8 +161,8 @@ class Workbench:
         template = ""
         try:
             require_size(path)
-            columns, template = self._done(tasks.columns, path, report=share_of(report, 0.0, 0.1))
-            recording = self._read(path, self._declared(path, sidecar), share_of(report, 0.1, 0.4))
+            columns, template = self._done(tasks.columns, path, report=within(report, 0.0, 0.1))
+            recording = self._read(path, self._declared(path, sidecar), within(report, 0.1, 0.4))
         except RecordingError as error:
             if not columns:
                 raise
@@ -171,7 +172,7 @@ class Workbench:
         with self._lock:
             self.arriving = recording
             self.version += 1
-        found: tasks.Checked = self._done(tasks.check, recording, report=share_of(report, 0.4, 0.98))
+        found: tasks.Checked = self._done(tasks.check, recording, report=within(report, 0.4, 0.98))
         seen = found.marks
         begin, end = seen.start, seen.end
         return State(
@@ -252,11 +253,11 @@ class Workbench:
         """The same, with every recording at hand."""
         content = opened.content
         formulas = [OwnFormula.of_stored(formula) for formula in content.own]
-        self._done(tasks.tried, formulas, report=share_of(report, 0.0, 0.1), state=State())
+        self._done(tasks.tried, formulas, report=within(report, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
         path = opened.path(content.recording)
         beside = content.sidecar == (mapping.text_of(path, None, "") or None)
-        state = self._load(path, None if beside else content.sidecar, share_of(report, 0.1, 0.5))
+        state = self._load(path, None if beside else content.sidecar, within(report, 0.1, 0.5))
         if state.recording is None:
             raise Refused(state.problem)
         held_out, excluded, whole_rig = content.held_out, tuple(content.excluded), state.recording.rig
@@ -264,10 +265,10 @@ class Workbench:
         if content.other is not None:
             path = opened.path(content.other)
             rig = self._declared(path, content.other_sidecar) or whole_rig
-            other = self._read(path, rig, share_of(report, 0.5, 0.7))
+            other = self._read(path, rig, within(report, 0.5, 0.7))
             state = replace(state, other=other, other_file=path)
         require_both_parts(state)
-        return self._with_models(state, opened, share_of(report, 0.7, 0.98))
+        return self._with_models(state, opened, within(report, 0.7, 0.98))
 
     def _with_models(self, state: State, opened: OpenedSession, report: Report) -> State:
         """The state with the tree of models of a session file, under keys of this workbench."""
@@ -391,7 +392,7 @@ class Workbench:
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
         base = before[0] if before else found
-        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=share_of(report, 0.8, 1.0))
+        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=within(report, 0.8, 1.0))
         *others, last = judged
         compared = tuple(replace(step, heldout=heldout) for step, heldout in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
@@ -429,7 +430,7 @@ class Workbench:
             return
         with self._working("searching for missing effects", silent=True) as job:
             step = fitted(state)
-            own, report = names_of(state), share_of(job.report, 0.0, 0.98)
+            own, report = names_of(state), within(job.report, 0.0, 0.98)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
             with self._lock:
                 job.report(1.0)
@@ -510,8 +511,8 @@ class Workbench:
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
 
         def work(state: State, report: Report) -> State:
-            self._done(tasks.simulated, path, name, report=share_of(report, 0.0, 0.3))
-            return self._load(path, None, share_of(report, 0.3, 1.0))
+            self._done(tasks.simulated, path, name, report=within(report, 0.0, 0.3))
+            return self._load(path, None, within(report, 0.3, 1.0))
 
         self._perform("simulating a recording", work)
 
@@ -524,8 +525,8 @@ class Workbench:
         """Write the report of the current model; None where that failed or was cancelled."""
         with self._working("writing the report") as job:
             state = self.state
-            found, own, report = fitted(state).fit, names_of(state), share_of(job.report, 0.0, 0.99)
-            page = self._done(tasks.reported, found, state.train, state.unseen, own, report=report)
+            found, own, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
+            page = self._done(tasks.reported, found, state.train, state.unseen, own, self.diagnosis, report=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -709,9 +710,4 @@ def question(state: State) -> tuple[int, int] | None:
 
 def first_part(report: Report) -> Report:
     """Progress of a fit that is then compared with held-out data."""
-    return share_of(report, 0.0, 0.8)
-
-
-def share_of(report: Report, low: float, high: float) -> Report:
-    """Progress of one part of the work as a share of the whole."""
-    return lambda share: report(low + share * (high - low))
+    return within(report, 0.0, 0.8)

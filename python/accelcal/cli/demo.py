@@ -62,11 +62,13 @@ def demo(
         say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
-    found = fit_replay(Model.linear(), first)
+    with progress("fit") as report:
+        found = fit_replay(Model.linear(), first, report=report)
     model_file.save(found, output / "m.json", seed=seed)
     show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
-    seen = compare_with(found, io.load(paths[1]))
+    with progress("compare") as report:
+        seen = compare_with(found, io.load(paths[1]), report=report)
     show_comparison(model_file.comparison_to_dict(seen))
     for path in write(found, seen, output):
         say_line(f"wrote {path}")

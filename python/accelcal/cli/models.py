@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from accelcal._support.progress import within
 from accelcal.cli.common import (
     Band,
     EffectsFile,
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from accelcal.model import Model
 
 
+LOADED = 0.2
+"""Share of the work of a command that is done when its recordings are read."""
 MOST_HELD = 1e6
 """Largest value at which a parameter is held, SI."""
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
@@ -91,7 +94,6 @@ def fit(
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
-    recordings = [load_run(path, rig) for path in runs]
     if method == "replay":
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
@@ -100,18 +102,20 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            found = fit_replay(
-                varying(chosen(), vary or []), recordings, start=begin, end=stop, band=width, report=report
-            )
+            recordings = [load_run(path, rig) for path in runs]
+            wanted, part = varying(chosen(), vary or []), within(report, LOADED, 1.0)
+            found = fit_replay(wanted, recordings, start=begin, end=stop, band=width, report=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method replay; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
+        recordings = [load_run(path, rig) for path in runs]
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
             raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
         from accelcal.estimation.recursive import fit_recursive
 
-        found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
+        with progress("fit"):
+            found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
     if output is not None:
         model_file.save(found, output, seed=seed)
     if json:
@@ -188,14 +192,15 @@ def compare(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    seen = compare_with(
-        fitted,
-        recording,
-        band=parse_quantity(band, "frequency", "--band"),
-        start=parse_quantity(start, "time", "--from"),
-        end=parse_quantity(end, "time", "--to"),
-    )
+    with progress("compare") as report:
+        seen = compare_with(
+            fitted,
+            load_like(fitted, run, rig),
+            band=parse_quantity(band, "frequency", "--band"),
+            start=parse_quantity(start, "time", "--from"),
+            end=parse_quantity(end, "time", "--to"),
+            report=within(report, LOADED, 1.0),
+        )
     content = model_file.comparison_to_dict(seen)
     written: list[Path] = []
     with together():
@@ -235,8 +240,10 @@ def add(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    finish_fit(add_to(fitted, recording, *effects), recording, output, json)
+    with progress("add") as report:
+        recording = load_like(fitted, run, rig)
+        found = add_to(fitted, recording, *effects, report=within(report, LOADED, 1.0))
+    finish_fit(found, recording, output, json)
     if not json and output is not None:
         suggest("history", model, output, "--on", UNSEEN)
 
@@ -261,8 +268,10 @@ def drop(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    finish_fit(drop_from(fitted, recording, *effects), recording, output, json)
+    with progress("drop") as report:
+        recording = load_like(fitted, run, rig)
+        found = drop_from(fitted, recording, *effects, report=within(report, LOADED, 1.0))
+    finish_fit(found, recording, output, json)
     if not json and output is not None:
         suggest("history", output, model, "--on", UNSEEN)
 
@@ -288,7 +297,9 @@ def history(
 
     load_own_effects(effects_file)
     fits = [model_file.load(path) for path in models]
-    content = diagnosis_json.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)))
+    with progress("history") as report:
+        seen = history_of(fits, load_like(fits[0], on, rig), report=within(report, LOADED, 1.0))
+    content = diagnosis_json.history_to_dict([str(m) for m in models], seen)
     if json:
         print_json(content)
     else:
@@ -317,7 +328,6 @@ def freeze(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
     if not at and not release:
         raise UsageError("name the parameters to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
@@ -332,7 +342,10 @@ def freeze(
                 f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
             ) from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
-    finish_fit(fit_replay(chosen, recording, origins=fitted.origins), recording, output, json)
+    with progress("freeze") as report:
+        recording = load_like(fitted, run, rig)
+        found = fit_replay(chosen, recording, origins=fitted.origins, report=within(report, LOADED, 1.0))
+    finish_fit(found, recording, output, json)
     if not json and output is not None:
         suggest("diagnose", output, run)
 

@@ -1,6 +1,6 @@
 """A running measurement followed by a live filter: parameters, innovations, and whether the model holds."""
 
-from accelcal.live.history import History
+from accelcal.live.moments import LiveHistory
 from accelcal.live.monitor import Alarm, InnovationMonitor
 from accelcal.live.session import LiveSession, LiveState
 from accelcal.live.settings import LiveSettings, settings_of
@@ -8,8 +8,8 @@ from accelcal.live.tracker import Tracker
 
 __all__ = [
     "Alarm",
-    "History",
     "InnovationMonitor",
+    "LiveHistory",
     "LiveSession",
     "LiveSettings",
     "LiveState",

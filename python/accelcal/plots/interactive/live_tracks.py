@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.effects import spelled
-from accelcal.live.history import Columns, History
+from accelcal.live.moments import Columns, LiveHistory
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
@@ -23,7 +23,7 @@ SETTLED = 0.2
 MICROMETRES = 1e6
 
 
-def live_tracks(history: History, *, theme: ThemeName = "light") -> Figure:
+def live_tracks(history: LiveHistory, *, theme: ThemeName = "light") -> Figure:
     """Draw a live view: each parameter ± 2 standard deviations, the newest innovations, the running NIS.
 
     Parameters
@@ -76,7 +76,7 @@ def live_tracks(history: History, *, theme: ThemeName = "light") -> Figure:
     return drawing.format_figure(figure, palette, headline, height=drawing.BOTTOM + inside, titled=True, left=88)
 
 
-def live_curves(history: History) -> list[tuple[Array, Array]]:
+def live_curves(history: LiveHistory) -> list[tuple[Array, Array]]:
     """Abscissa and ordinate of each trace of `live_tracks`, in its order, as they are now, in few digits."""
     seen = Columns.of(history.moments, len(history.parameters))
     t, found = np.round(seen.t, 3), []
@@ -93,7 +93,7 @@ def live_curves(history: History) -> list[tuple[Array, Array]]:
     return [(x, y.astype(np.float32)) for x, y in found]
 
 
-def live_ranges(history: History) -> list[list[float] | None]:
+def live_ranges(history: LiveHistory) -> list[list[float] | None]:
     """Range of each ordinate of `live_tracks`; None where all that is drawn is to be seen."""
     seen = Columns.of(history.moments, len(history.parameters))
     late = slice(int(SETTLED * len(seen.t)), None)

@@ -45,7 +45,7 @@ class Parameter:
     unit: str
 
 
-class History:
+class LiveHistory:
     """Moments of a live view from the objects of schema `accelcal/live/1`, the newest among them.
 
     Parameters
@@ -54,7 +54,7 @@ class History:
 
     Examples
     --------
-    >>> history = History(most=4)
+    >>> history = LiveHistory(most=4)
     >>> for t in range(100):
     ...     history.add({"event": "state", "t_s": float(t), "parameters": [], "innovation": None, "nis": None})
     >>> len(history.moments) <= 5, history.moments[0].t, history.moments[-1].t
