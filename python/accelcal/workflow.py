@@ -473,6 +473,7 @@ def history(
     return History(tuple(fits), compare_models(fits, recording, Ruler.of(fits), report))
 
 
+@one_thread
 def compare_models(
     fits: Sequence[Fit],
     recording: Recording,
@@ -490,10 +491,12 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     """
     found = []
+    whole, start, end, broken = whole_part(recording)
     for number, fit in enumerate(fits):
-        part = within(report, number / (len(fits) + 1), (number + 1) / (len(fits) + 1))
-        found.append(compare(fit, recording, ruler=ruler, report=part))
-    whole, start, end, _ = whole_part(recording)
+        part = within(report, (number + 0.2) / (len(fits) + 1), (number + 1.0) / (len(fits) + 1))
+        seen = evaluation.compare(fit, whole, start=start, end=end, ruler=ruler, report=part)
+        scores = noise_scores(fit, whole, start=start, end=end)
+        found.append(replace(seen, noise_scores=scores, breaks=breaks_of(broken)))
     floor = noise_floor(ruler, base or fits[0], whole, start=start, end=end)
     return tuple(replace(seen, noise_floor=floor) for seen in found)
 
@@ -621,6 +624,7 @@ def clean_holdout(
 
 
 @checked
+@one_thread
 def compare(
     fit: Fit,
     recording: Recording,
@@ -678,7 +682,12 @@ def compare(
         alone = Ruler.of([fit])
         floor = noise_floor(alone, fit, recording, horizons=horizons, start=start, end=end)
         seen = replace(seen, noise_floor=floor)
-    return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
+    return replace(seen, breaks=breaks_of(broken))
+
+
+def breaks_of(broken: Sequence[Remark]) -> tuple[float, ...]:
+    """Times of the breaks that remarks tell of, s."""
+    return tuple(float(note.values["time"]) for note in broken)
 
 
 @checked

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
@@ -112,6 +113,7 @@ class Plan:
 
 
 @checked
+@one_thread
 def plan(
     effects: Sequence[str],
     *,

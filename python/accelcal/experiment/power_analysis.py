@@ -14,6 +14,7 @@ import numpy as np
 
 from accelcal._support.arguments import checked
 from accelcal._support.progress import within
+from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
@@ -39,6 +40,7 @@ RANDOM_PROCESS_PATHS = 40
 
 
 @checked
+@one_thread
 def power(
     source: Recording | RunState,
     model: Model | None = None,

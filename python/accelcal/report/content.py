@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from accelcal._support.progress import within
+from accelcal._support.threads import one_thread
 from accelcal.calibration.apply import Application, example
 from accelcal.calibration.budget import Budget, budget
 from accelcal.data.recording import Recording
@@ -53,6 +54,7 @@ class Content:
     command: str = ""
 
 
+@one_thread
 def gather(
     fit: Fit,
     recording: Recording,
