@@ -39,7 +39,7 @@ def rows(follower: Follower) -> int:
     return 0 if newest is None else int(newest["lines"]["used"])
 
 
-def test_a_file_is_followed_while_it_grows_and_until_the_last_page_is_gone(asked: Asked, tmp_path: Path) -> None:
+def test_a_file_is_followed_while_it_grows_and_until_its_last_page_is_closed(asked: Asked, tmp_path: Path) -> None:
     follower = Follower(asked, tmp_path)
     follower.show("one")
     until(lambda: rows(follower) == RATE)

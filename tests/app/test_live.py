@@ -34,7 +34,7 @@ class Device:
         self._lines = lines
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
-        self.gone = threading.Event()
+        self.disconnected = threading.Event()
         """Whether the follower has closed the connection."""
         threading.Thread(target=self._serve, daemon=True).start()
 
@@ -48,7 +48,7 @@ class Device:
             while connection.send(b"\n"):
                 time.sleep(PIECE)
         except OSError:
-            self.gone.set()
+            self.disconnected.set()
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_a_measurement_is_followed_recorded_and_opened(user: Any, tmp_path: Path
     assert user.page.locator("[data-count=broken]").inner_text() == "1"
     user.click("Stop")
     user.sees("Open in the workbench")
-    assert device.gone.wait(10)
+    assert device.disconnected.wait(10)
     user.click("Open in the workbench")
     user.button("Fit the linear model").wait_for(timeout=LONG)
     assert user.complaints == []

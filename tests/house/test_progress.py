@@ -57,7 +57,7 @@ def test_every_command_on_recordings_shows_a_bar() -> None:
     assert shown <= commands
 
 
-def test_models_are_told_as_they_are_found(record: Record) -> None:
+def test_each_model_is_passed_on_as_it_is_found(record: Record) -> None:
     assert [fit.model.added for fit in record.steps] == [(), ("cubic",)]
     assert record.shares == sorted(record.shares)
 

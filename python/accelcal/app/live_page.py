@@ -63,7 +63,7 @@ class LivePage:
         self.themes.set("dark" if dark else "light")
         client = ui.context.client
         ui.on_exception(lambda error: self.bench.refuse(internal_error.sentence(error)))
-        client.on_delete(lambda: self._gone(client.id))
+        client.on_delete(lambda: self._closed(client.id))
         self._attach(client.id)
         self.rebuild()
         ui.timer(TICK, self._tick)
@@ -126,7 +126,7 @@ class LivePage:
         if self.follower is not None:
             self.follower.show(page)
 
-    def _gone(self, page: str) -> None:
+    def _closed(self, page: str) -> None:
         if self.follower is not None:
             self.follower.forget(page)
 

@@ -36,7 +36,7 @@ def drop(page: Page, label: str, *, other: bool = False) -> None:
 def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], mark: str) -> None:
     """A button on which files can be dropped; `take` is told what came."""
 
-    async def taken(event: Any) -> None:
+    async def accept(event: Any) -> None:
         await take(event)
         if not made.is_deleted:
             made.reset()  # what was taken is told by the page, and not listed once more
@@ -54,7 +54,7 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
         multiple=True,
         auto_upload=True,
         max_file_size=MOST_BYTES,
-        on_multi_upload=taken,
+        on_multi_upload=accept,
         on_rejected=rejected,
     )
     made.on("failed", failed, [])
