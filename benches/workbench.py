@@ -1,7 +1,9 @@
-"""What the workbench costs a user: drop to picture, Add to new picture, memory of the page, on 400 080 samples.
+"""What the workbench costs a user, on 400 080 samples: drop to picture, Add to new picture, report, memory of the page.
 
-Run from the top of the repository: python -m benches.workbench; with --hour also on one hour at 1667 Hz.
-Needs Chromium. Each figure is the least of three tries. Exit code 1 when one is missed.
+Run from the top of the repository: python -m benches.workbench; with --hour also the first picture of an hour at
+1667 Hz. Needs Chromium. Each time is the least of three tries, beside the processor time that all processes of
+workbench and browser took meanwhile: where other work keeps the machine busy, the time says little. Exit code 1 when
+one is missed.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +30,12 @@ from accelcal.app.server import HOST, free_port
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 
 TRIES = 3
-SECONDS = 3.0
-MEGABYTES = 600.0
+MOST = {"drop": 1.5, "add": 2.0, "report": 10.0}
+"""Longest times from the action to what it is for, s."""
+HOUR = 5.0
+"""The same from dropping a file of one hour to its picture, s."""
+MEGABYTES = 300.0
+TICK = os.sysconf("SC_CLK_TCK")
 PATIENCE = 600_000
 """ms"""
 DRAWN = "() => document.querySelector('.plot .main-svg') !== null"
@@ -61,12 +68,46 @@ def served(folder: Path) -> Iterator[str]:
         process.wait(20)
 
 
-def seconds(page: Any, action: Any, until: str) -> float:
-    """Time from an action until something is true in the page, s."""
-    begin = time.perf_counter()
+@dataclass(frozen=True)
+class Cost:
+    """What a user waits for."""
+
+    seconds: float
+    busy: float
+    """Processor time of every process of workbench and browser meanwhile, s."""
+
+    def __str__(self) -> str:
+        return f"{self.seconds:.2f} s ({self.busy:.2f} s of processor time)"
+
+
+def cost(action: Callable[[], object], wait: Callable[[], object]) -> Cost:
+    """Time from an action until something has come."""
+    begin, busy = time.perf_counter(), processor_time()
     action()
-    page.wait_for_function(until, timeout=PATIENCE, polling=20)
-    return time.perf_counter() - begin
+    wait()
+    return Cost(time.perf_counter() - begin, processor_time() - busy)
+
+
+def until(page: Any, condition: str) -> Callable[[], object]:
+    """Wait until something is true in the page."""
+    return lambda: page.wait_for_function(condition, timeout=PATIENCE, polling=20)
+
+
+def until_seen(found: Any) -> Callable[[], object]:
+    """Wait until something is on the page."""
+    return lambda: found.wait_for(timeout=PATIENCE)
+
+
+def processor_time() -> float:
+    """Processor time of all processes that this program started, s."""
+    ticks = 0
+    for one in Path("/proc").glob("[0-9]*"):
+        try:
+            if int(one.name) != os.getpid() and descends(one.name):
+                ticks += sum(map(int, (one / "stat").read_text().rpartition(")")[2].split()[11:13]))
+        except OSError:
+            continue
+    return ticks / TICK
 
 
 def page_megabytes() -> float:
@@ -91,38 +132,48 @@ def descends(process: str) -> bool:
     return False
 
 
-def tried(browser: Any, address: str, files: list[Path], *, loop: bool = True) -> dict[str, float]:
-    """Drop a recording into a fresh page, fit, add; times in s, memory in MB."""
+def opened(browser: Any, address: str) -> Any:
+    """A fresh page of the workbench."""
     page = browser.new_page(viewport={"width": 1280, "height": 900})
     page.goto(address)
     page.get_by_text("Drop a recording here").wait_for(timeout=PATIENCE)
     page.evaluate(LONGEST)
+    return page
+
+
+def dropped(page: Any, files: list[Path]) -> Cost:
+    """Drop files, and wait for the first picture."""
     drop = page.locator("input[type=file]").first
-    found = {"drop": seconds(page, lambda: drop.set_input_files([str(f) for f in files]), DRAWN)}
+    return cost(lambda: drop.set_input_files([str(f) for f in files]), until(page, DRAWN))
+
+
+def tried(browser: Any, address: str, files: list[Path]) -> tuple[dict[str, Cost], float, float]:
+    """Drop, fit, add, report; the costs, the memory of the page in MB, the longest time without an answer in s."""
+    page = opened(browser, address)
+    found = {"drop": dropped(page, files)}
     fit = page.get_by_role("button", name="Fit the linear model")
-    begin = time.perf_counter()
     fit.wait_for(timeout=PATIENCE)
-    found["check"] = found["drop"] + time.perf_counter() - begin
-    begin = time.perf_counter()
-    fit.click()
-    page.locator("[data-number=error]").wait_for(timeout=PATIENCE)
-    found["fit"] = time.perf_counter() - begin
+    found["fit"] = cost(fit.click, until_seen(page.locator("[data-number=error]")))
     page.locator("[data-verdict]").wait_for(timeout=PATIENCE)
-    found["verdict"] = time.perf_counter() - begin
-    if loop:
-        add = page.get_by_role("button", name="Add cubic", exact=True)
-        found["add"] = seconds(page, add.click, GROWN)
-        page.locator("[data-verdict=adequate]").wait_for(timeout=PATIENCE)
-    found["megabytes"] = page_megabytes()
-    found["still"] = page.evaluate("window.longest") / 1e3
+    add = page.get_by_role("button", name="Add cubic", exact=True)
+    found["add"] = cost(add.click, until(page, GROWN))
+    page.locator("[data-verdict=adequate]").wait_for(timeout=PATIENCE)
+    page.get_by_role("tab", name="Export").click()
+    report = page.get_by_role("button", name="Report (.html)")
+    with page.expect_download(timeout=PATIENCE) as download:
+        begin, busy = time.perf_counter(), processor_time()
+        report.click()
+    download.value.path()
+    found["report"] = Cost(time.perf_counter() - begin, processor_time() - busy)
+    memory, still = page_megabytes(), page.evaluate("window.longest") / 1e3
     page.close()
-    return found
+    return found, memory, still
 
 
 def main() -> int:
     """Measure, print figure and threshold."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--hour", action="store_true", help="also one hour at 1667 Hz, once")
+    parser.add_argument("--hour", action="store_true", help="also the first picture of one hour at 1667 Hz")
     wanted = parser.parse_args()
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
@@ -137,21 +188,33 @@ def main() -> int:
         made = simulate("interleaved", seconds=240.0, rig=CXL02_RIG, parameters=truth, rng=np.random.default_rng(5))
         io.write_sidecar(made.recording.rig, io.write_csv(made.recording, run), io.sidecar_of(run))
         tries = [tried(browser, address, [run, io.sidecar_of(run)]) for _ in range(TRIES)]
-        least = {name: min(one[name] for one in tries) for name in tries[0]}
-        most = max(one["megabytes"] for one in tries)
+        least = {name: min((one[0][name] for one in tries), key=lambda c: c.seconds) for name in tries[0][0]}
+        most = max(memory for _, memory, _ in tries)
         print(f"{len(made.recording.accel)} samples, least of {TRIES}; {os.getloadavg()[0]:.1f} processes at work")
-        print(f"drop to first picture: {least['drop']:.2f} s (threshold {SECONDS} s); checked {least['check']:.2f} s")
-        print(f"fit to numbers: {least['fit']:.2f} s; to the verdict {least['verdict']:.2f} s")
-        print(f"Add to new picture: {least['add']:.2f} s (threshold {SECONDS} s)")
-        print(f"memory of the page: {most:.0f} MB at most (threshold {MEGABYTES:.0f} MB)")
+        for name, took in least.items():
+            print(f"{name}: {took}" + (f", threshold {MOST[name]} s" if name in MOST else ""))
+        print(f"memory of the page: {most:.0f} MB at most, threshold {MEGABYTES:.0f} MB")
+        print(f"longest time for which the page did not answer: {max(still for _, _, still in tries):.2f} s")
+        held = most <= MEGABYTES and all(least[name].seconds <= limit for name, limit in MOST.items())
         if wanted.hour:
-            long = Path(place, "hour.parquet")
-            hour = record(6_001_200)
-            io.write_sidecar(hour.rig, io.write_parquet(hour, long), io.sidecar_of(long))
-            found = tried(browser, address, [long, io.sidecar_of(long)], loop=False)
-            print(f"{len(hour.accel)} samples: " + ", ".join(f"{name} {value:.1f}" for name, value in found.items()))
+            held &= hour(browser, address, Path(place, "hour.parquet"))
         browser.close()
-    return 0 if least["drop"] <= SECONDS and least["add"] <= SECONDS and most < MEGABYTES else 1
+    return 0 if held else 1
+
+
+def hour(browser: Any, address: str, path: Path) -> bool:
+    """Whether the first picture of one hour comes in time."""
+    made = record(6_001_200)
+    io.write_sidecar(made.rig, io.write_parquet(made, path), io.sidecar_of(path))
+    tries = []
+    for _ in range(TRIES):
+        page = opened(browser, address)
+        tries.append((dropped(page, [path, io.sidecar_of(path)]), page_megabytes()))
+        page.close()
+    least = min((took for took, _ in tries), key=lambda c: c.seconds)
+    memory = max(megabytes for _, megabytes in tries)
+    print(f"{len(made.accel)} samples, drop to first picture: {least}, threshold {HOUR} s; {memory:.0f} MB")
+    return least.seconds <= HOUR
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from accelcal._support.arguments import checked
 from accelcal._support.listing import listing
+from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
@@ -27,7 +28,7 @@ from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by
 from accelcal.diagnosis.search.hypotheses import may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
-from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on, within
+from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
     DWELLS_ALONE,
@@ -158,6 +159,7 @@ def formulas(
     *,
     holdout: Recording | None = None,
     alpha: float = FAMILYWISE_ALPHA,
+    report: Callable[[float], None] = lambda share: None,
 ) -> FormulaSet:
     """Short formulas for what a nonparametric curve shows, and which of them a recording does not separate.
 
@@ -168,6 +170,7 @@ def formulas(
     curve : nonparametric function of one variable, such as "shape_of_velocity".
     holdout : a recording that takes no part in the choice; each formula is scored on it.
     alpha : probability by chance below which there is something to describe.
+    report : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -208,7 +211,10 @@ def formulas(
         return clean_fit([clear], solve).solution.states[0]
 
     other = None if holdout is None else (fitted(holdout), model)
-    return formulas_of(fitted(recording), model, effect, holdout=other, alpha=alpha)
+    report(0.0 if holdout is None else 0.3)
+    own = fitted(recording)
+    report(0.6)
+    return formulas_of(own, model, effect, holdout=other, alpha=alpha)
 
 
 @checked
@@ -479,13 +485,16 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
 
 
 @checked
-def history(fits: Sequence[Fit], recording: Recording) -> History:
+def history(
+    fits: Sequence[Fit], recording: Recording, *, report: Callable[[float], None] = lambda share: None
+) -> History:
     """Compare several models with one recording: how the error falls from model to model.
 
     Parameters
     ----------
     fits : models in the order in which they were made.
     recording : one that none of them was fitted to.
+    report : called with the share of the work that is done, 0 to 1.
 
     Notes
     -----
@@ -511,9 +520,10 @@ def history(fits: Sequence[Fit], recording: Recording) -> History:
     """
     if not fits:
         raise ValueError("a history needs at least one model; give the fits in the order in which they were made")
-    return History(tuple(fits), compare_models(fits, recording, Ruler.of(fits)))
+    return History(tuple(fits), compare_models(fits, recording, Ruler.of(fits), report))
 
 
+@one_thread
 def compare_models(
     fits: Sequence[Fit],
     recording: Recording,
@@ -536,13 +546,18 @@ def compare_models(
     band, horizons, start, end : as of `compare`.
     """
     found = []
-    for number, fit in enumerate(fits, start=1):
-        found.append(compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler))
-        report(number / (len(fits) + 1))
+    broken: list[Remark] = []
     if start is None and end is None:
-        recording, start, end, _ = whole_part(recording)
+        recording, start, end, broken = whole_part(recording)
     else:
         recording = with_position_steps(recording)
+    for number, fit in enumerate(fits):
+        part = within(report, (number + 0.2) / (len(fits) + 1), (number + 1.0) / (len(fits) + 1))
+        seen = evaluation.compare(
+            fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
+        )
+        scores = noise_scores(fit, recording, start=start, end=end)
+        found.append(replace(seen, noise_scores=scores, breaks=breaks_of(broken)))
     floor = noise_floor(ruler, base or fits[0], recording, horizons=horizons, start=start, end=end)
     return tuple(replace(seen, noise_floor=floor) for seen in found)
 
@@ -559,6 +574,7 @@ def improve(
     start: float | None = None,
     end: float | None = None,
     report: Callable[[float], None] = lambda share: None,
+    on_step: Callable[[Fit], None] = lambda fit: None,
 ) -> Improvement:
     """Fit the base model, diagnose, add the effect that is missing, refit, until nothing is missing.
 
@@ -573,6 +589,7 @@ def improve(
     alpha : family-wise false-alarm rate.
     start, end : s, optional; only this part of the recordings is used.
     report : called with the share of the work that is done.
+    on_step : called with each model as soon as it is fitted, so that what there is can be kept where the work is ended.
 
     Returns
     -------
@@ -605,10 +622,12 @@ def improve(
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     report(0.3)
+    on_step(selection.fits[-1][1])
     for number in range(2 * most):
         room = len(selection.history.effects) < most
         if not (room and selection.add_next()) and not selection.replace_by_family():
             break
+        on_step(selection.fits[-1][1])
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     selection.finish()
     room = len(selection.current.model.added) < most
@@ -666,6 +685,7 @@ def clean_holdout(
 
 
 @checked
+@one_thread
 def compare(
     fit: Fit,
     recording: Recording,
@@ -675,6 +695,7 @@ def compare(
     start: float | None = None,
     end: float | None = None,
     ruler: Ruler | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Comparison:
     """Compare a fitted model with a recording, simulation first; behind a jump of the position it starts anew.
 
@@ -688,6 +709,7 @@ def compare(
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
     ruler : filter under which several models are compared; by default that of the fit itself.
+    report : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -711,13 +733,22 @@ def compare(
         recording, start, end, broken = whole_part(recording)
     else:
         recording = with_position_steps(recording)
-    seen = evaluation.compare(fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler)
+    report(0.15)
+    part = within(report, 0.15, 0.7)
+    seen = evaluation.compare(
+        fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
+    )
     seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end))
     if ruler is None:
         alone = Ruler.of([fit])
         floor = noise_floor(alone, fit, recording, horizons=horizons, start=start, end=end)
         seen = replace(seen, noise_floor=floor)
-    return replace(seen, breaks=tuple(float(note.values["time"]) for note in broken)) if broken else seen
+    return replace(seen, breaks=breaks_of(broken))
+
+
+def breaks_of(broken: Sequence[Remark]) -> tuple[float, ...]:
+    """Times of the breaks that remarks tell of, s."""
+    return tuple(float(note.values["time"]) for note in broken)
 
 
 @checked

@@ -7,7 +7,17 @@ import sys
 
 import pytest
 
-HEAVY = ("scipy.stats", "scipy.special", "scipy.linalg", "matplotlib", "plotly", "pint", "pydantic")
+HEAVY = (
+    "numpy",
+    "concurrent.futures.process",
+    "scipy.stats",
+    "scipy.special",
+    "scipy.linalg",
+    "matplotlib",
+    "plotly",
+    "pint",
+    "pydantic",
+)
 
 
 def loaded_by(*command: str) -> set[str]:

@@ -16,6 +16,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.estimation.parameter_tracks import track
 from accelcal.estimation.shape_functions import shapes
 from accelcal.experiment import power
+from accelcal.live.moments import LiveHistory
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.drawing import logarithmic, thin
 from accelcal.plots.interactive.regions import ordered
@@ -32,6 +33,7 @@ from accelcal.validation.worst import worst_stretches
 from accelcal.workflow import diagnose
 
 THEMES = ("light", "dark")
+LIVE = (("bias", "m/s^2"), ("scale_factor", "1"))
 LINE = NoiseTest("tone", 50.0, 1e-9, 2e-3, "m/s²", 1e-4, "a line", {"frequency": 12.5})
 
 
@@ -82,8 +84,22 @@ class Example:
             "drift_limits": interactive.drift_limits(self.power.drift, theme=theme),
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
             "overlay": interactive.overlay(nested_comparisons(self.nested), theme=theme),
+            "live_tracks": interactive.live_tracks(followed(), theme=theme),
             "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }
+
+
+def followed():
+    """A live view over ten moments, with an alarm at the seventh."""
+    history = LiveHistory()
+    for i in range(10):
+        std = 1e-3 / (i + 1)
+        parameters = [{"name": name, "unit": unit, "value": 0.01, "std": std} for name, unit in LIVE]
+        moment = {"event": "state", "t_s": 0.5 * i, "parameters": parameters}
+        innovation = {"t_s": 0.5 * i, "e_m": 1e-7, "std_m": 2e-7}
+        history.add(moment | {"innovation": innovation, "nis": {"value": 1.0, "low": 0.9, "high": 1.1}})
+    history.add({"event": "alarm", "alarm": {"t_s": 4.0, "since_s": 3.0}})
+    return history
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.units import instant
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
+from accelcal.live.moments import LiveHistory
 from accelcal.plots import interactive, style
 from accelcal.plots.interactive.linked import CHOSEN
 from accelcal.plots.numbers import share_text
@@ -195,6 +196,11 @@ def coasting(state: State, theme: ThemeName) -> Picture:
     """Unaided drift on held-out data."""
     assert state.step is not None
     return picture(interactive.coasting(state.step.heldouts[state.looked_at], theme=theme))
+
+
+def live(history: LiveHistory, theme: ThemeName) -> Picture:
+    """A running measurement so far."""
+    return picture(interactive.live_tracks(history, theme=theme))
 
 
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import asyncio
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from nicegui import background_tasks, ui
 
 from accelcal._support import internal_error
-from accelcal.app import background, widgets
+from accelcal.app import background, look, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.sessions import Workbenches
@@ -21,29 +20,22 @@ from accelcal.plots.style import ThemeName
 
 TICK = 0.25
 """Interval at which the page polls the workbench, s."""
-NARROW = 700
-"""Widest window on which figures are drawn one panel a line, px; page.css stacks its columns below it."""
 Screen: TypeAlias = "tuple[str, str, Callable[[Page], None]]"
 """Title, icon and builder of a screen."""
-
-
-def dress() -> None:
-    """Give a page the look and the manners of the workbench."""
-    ui.colors(primary="#0072B2", positive="#009E73", negative="#B3261E", warning="#8A5A00")
-    files = resources.files("accelcal.app")
-    ui.add_css(files.joinpath("page.css").read_text(encoding="utf-8"))
-    ui.add_head_html(f"<script>{files.joinpath('page.js').read_text(encoding='utf-8')}</script>")
 
 
 class Page:
     """One browser tab on a workbench."""
 
-    def __init__(self, bench: Workbench, screens: Mapping[str, Screen], workbenches: Workbenches) -> None:
+    def __init__(
+        self, bench: Workbench, screens: Mapping[str, Screen], workbenches: Workbenches, name: str = ""
+    ) -> None:
         self.bench = bench
+        self.name = name
+        """Of the session, in its address."""
         self.workbenches = workbenches
         self.screens = screens
         """By name, in the order of the tabs."""
-        self.theme: ThemeName = "light"
         self.is_narrow = False
         """Whether the window is as narrow as that of a phone."""
         self.tab = "data" if bench.state.step is None else "improve"
@@ -63,8 +55,7 @@ class Page:
 
     def lay_out(self) -> None:
         """Lay out the frame."""
-        dress()
-        self.dark = ui.dark_mode()
+        look.dress()
         with ui.header().classes("bar"):
             skip = ui.link("Skip to content").classes("skip")
             ui.label("accelcal").classes("brand")
@@ -73,10 +64,11 @@ class Page:
             with ui.row().classes("tools"):
                 self.undo = widgets.button("Undo", "undo", lambda: self.change(self.bench.undo), flat=True)
                 self.redo = widgets.button("Redo", "redo", lambda: self.change(self.bench.redo), flat=True)
-                self.look = widgets.button("Dark theme", "dark_mode", self.toggle_theme, flat=True)
+                self.themes = look.ThemeSwitch(self.rebuild)
         with ui.row().classes("job").props("role=status aria-live=polite") as self.working:
             self.doing = ui.label()
             self.progress = ui.linear_progress(0.0, show_value=False).props("aria-label=Progress instant-feedback")
+            self.left = ui.label().classes("note").props("aria-hidden=true")
             widgets.button("Cancel", "close", lambda: self.change(self.bench.cancel), flat=True)
         with ui.row().classes("sentence").props("role=alert") as self.alert:
             ui.icon("error_outline").props("aria-hidden=true")
@@ -96,12 +88,8 @@ class Page:
 
     async def fill(self) -> None:
         """Show the first screen in the theme of the browser, and follow the workbench from now on."""
-        asked = f"[matchMedia('(prefers-color-scheme: dark)').matches, innerWidth <= {NARROW}]"
-        try:
-            dark, self.is_narrow = await ui.run_javascript(asked, timeout=30.0)
-        except TimeoutError:
-            dark = False  # a browser that is busy gets its page all the same
-        self._set_theme("dark" if dark else "light")
+        dark, self.is_narrow = await look.asked()
+        self.themes.set("dark" if dark else "light")
         ui.on_exception(self.failed)
         self.rebuild()
         ui.timer(TICK, self._tick)
@@ -167,18 +155,6 @@ class Page:
             self.tab = tab
             self.rebuild()
 
-    def toggle_theme(self) -> None:
-        """Switch between the light and the dark theme."""
-        self._set_theme("light" if self.theme == "dark" else "dark")
-        self.rebuild()
-
-    def _set_theme(self, theme: ThemeName) -> None:
-        self.theme = theme
-        self.dark.set_value(theme == "dark")
-        other = "Light theme" if theme == "dark" else "Dark theme"
-        self.look.set_text(other)
-        self.look.props(f"icon={'light_mode' if theme == 'dark' else 'dark_mode'}")
-
     def _key(self, event: Any) -> None:
         if event.action.keydown and not event.action.repeat and event.modifiers.ctrl and event.key.name.lower() == "z":
             self.change(self.bench.redo if event.modifiers.shift else self.bench.undo)
@@ -195,6 +171,7 @@ class Page:
         if job is not None and titled:
             self.doing.set_text(f"{job.title[:1].upper()}{job.title[1:]} …")
             self.progress.set_value(round(max(job.share, 0.02), 3))
+            self.left.set_text(job.left)
         if self._seen != self.bench.version:
             self.rebuild()
 
@@ -237,8 +214,8 @@ class Page:
         `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces
         its figure.
         """
-        key = (*key, self.theme)
-        theme, build = self.theme, self._build_count
+        theme, build = self.themes.theme, self._build_count
+        key = (*key, theme)
         box = ui.element("div").classes("pictures").style(f"min-height: {height}px")
 
         def fill(several: Sequence[Picture]) -> None:

@@ -7,6 +7,8 @@ from pathlib import Path
 from nicegui import ui
 
 from accelcal.app import session_file, widgets
+from accelcal.app.follower import Followers
+from accelcal.app.live_page import LivePage
 from accelcal.app.page import Page, Screen
 from accelcal.app.screens import data, export, improvement, model, residuals
 from accelcal.app.sessions import Full, Workbenches
@@ -21,7 +23,7 @@ SCREENS: dict[str, Screen] = {
 """Title, icon and builder of each screen, in the order of the tabs."""
 
 
-def install(workbenches: Workbenches) -> None:
+def install(workbenches: Workbenches, followers: Followers) -> None:
     """Register the pages of the workbench with the server."""
 
     @ui.page("/")
@@ -44,7 +46,7 @@ def install(workbenches: Workbenches) -> None:
         if found is None:
             await absent(workbenches, name)
             return
-        client, page = ui.context.client, Page(found, SCREENS, workbenches)
+        client, page = ui.context.client, Page(found, SCREENS, workbenches, name)
         page.lay_out()
         if not await connected():
             return
@@ -52,6 +54,19 @@ def install(workbenches: Workbenches) -> None:
         workbenches.show(name, lambda: not client.is_deleted)
         if found.version == 0 and found.job is None:
             await first(page, workbenches.keeper.path(name) or workbenches.recording)
+
+    @ui.page("/bench/{name}/live")
+    async def live(name: str) -> None:
+        found = workbenches.find(name)
+        if found is None:
+            await absent(workbenches, name)
+            return
+        client, page = ui.context.client, LivePage(found, name, followers)
+        page.lay_out()
+        if not await connected():
+            return
+        await page.fill()
+        workbenches.show(name, lambda: not client.is_deleted)
 
 
 async def connected() -> bool:

@@ -16,6 +16,7 @@ from typing import Any
 
 from accelcal._support import locks
 from accelcal._support.stopping import Stopped
+from accelcal.app.follower import Followers
 from accelcal.app.kept import Keeper, state_folder
 from accelcal.app.reading import MOST_BYTES
 from accelcal.app.sessions import Workbenches
@@ -87,9 +88,10 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
     workers = Workers(folder)
     keeper = Keeper(state_folder())
     workbenches = Workbenches(folder, keeper, recording, workers)
+    followers = Followers(folder)
     try:
         workers.start_one()
-        install(workbenches)
+        install(workbenches, followers)
         core.sio.eio.cors_allowed_origins = None  # the server's own origin alone
         core.sio.eio.cors_credentials = False
         app.add_middleware(Guard, folder=folder, most=MOST_UPLOAD)
@@ -110,6 +112,7 @@ def serve(recording: Path | None = None, *, port: int | None = None, show: bool 
             timeout_graceful_shutdown=GRACE,
         )
     finally:
+        followers.close()
         workers.close()
         keeper.close()
         tempfile.tempdir = None

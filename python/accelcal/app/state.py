@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import shlex
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from accelcal._support.progress import time_left
 from accelcal.app.opened_session import OpenedSession
 from accelcal.app.run import Run
 from accelcal.data.dwells import Dwells
@@ -204,7 +206,14 @@ class Job:
 
     title: str
     share: float = 0.0
+    began: float = field(default_factory=time.monotonic)
+    """On the monotonic clock, s."""
     cancelled: bool = field(default=False)
+
+    @property
+    def left(self) -> str:
+        """The time that is left, for people."""
+        return time_left(time.monotonic() - self.began, self.share)
 
     def report(self, share: float) -> None:
         """Record progress, 0 to 1.

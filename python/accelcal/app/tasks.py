@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from accelcal import io
+from accelcal._support.progress import within
 from accelcal.app import mapping
 from accelcal.app.examples import EXAMPLES
 from accelcal.app.own_formula import OwnFormula
@@ -80,7 +81,7 @@ def dropped(before: Fit, train: Data, name: str, *, report: Report) -> Fit:
 
 def compared(found: Fit, data: Recording, *, report: Report) -> Comparison:
     """Compare one model with data, with its own filter."""
-    return compare(found, data)
+    return compare(found, data, report=report)
 
 
 def judged(
@@ -104,15 +105,19 @@ def values_of_runs(found: Fit, train: Data, *, report: Report) -> RunValues:
     return run_values(found, list(train))
 
 
-def reported(found: Fit, train: Recording, holdout: Recording, own: Sequence[str], *, report: Report) -> str:
-    """The report of a model on one recording, and on one that is held out, as a page of HTML."""
+def reported(
+    found: Fit, train: Recording, holdout: Recording, own: Sequence[str], known: Diagnosis | None, *, report: Report
+) -> str:
+    """The report of a model on one recording, and on one that is held out, as a page of HTML; `known` is the
+    diagnosis, where there is one."""
     content = gather(
         found,
         train,
         holdout=holdout,
         extra=effects(own),
         command="accelcal app",
-        report=lambda share: report(0.9 * share),
+        diagnosis=known,
+        report=within(report, 0.0, 0.9),
     )
     return html(content)
 

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from accelcal import io
 from accelcal._support import internal_error
+from accelcal._support.progress import within
 from accelcal.app import mapping, roles, session_file, tasks
 from accelcal.app.examples import PREFIX
 from accelcal.app.known import Known
@@ -285,13 +286,13 @@ class Workbench:
         """The same, with every recording at hand."""
         content = opened.content
         formulas = [OwnFormula.of_stored(formula) for formula in content.own]
-        self._done(tasks.tried, formulas, report=share_of(report, 0.0, 0.1), state=State())
+        self._done(tasks.tried, formulas, report=within(report, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
         runs = self._runs_of(opened, share_of(report, 0.1, 0.7))
         state = State(runs=runs, shown=content.shown, own=own)
         require_one_sensor(state)
         require_both_parts(state)
-        return self._with_models(state, opened, share_of(report, 0.7, 0.98))
+        return self._with_models(state, opened, within(report, 0.7, 0.98))
 
     def _runs_of(self, opened: OpenedSession, report: Report) -> tuple[Run, ...]:
         """The files of a session, those with a sidecar first: others have the rig of the first of them."""
@@ -440,7 +441,7 @@ class Workbench:
         again = state.steps if before and Ruler.of(before) != ruler else ()
         fits = [*(step.fit for step in again), found]
         base = before[0] if before else found
-        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=share_of(report, 0.8, 1.0))
+        judged = self._done(tasks.judged, fits, state.unseen, ruler, base, report=within(report, 0.8, 1.0))
         *others, last = judged
         compared = tuple(replace(step, heldouts=heldouts) for step, heldouts in zip(again, others, strict=True))
         step = Step(next(self._keys), state.current, change, found, last)
@@ -478,7 +479,7 @@ class Workbench:
             return
         with self._working("searching for missing effects", silent=True) as job:
             step = fitted(state)
-            own, report = names_of(state), share_of(job.report, 0.0, 0.98)
+            own, report = names_of(state), within(job.report, 0.0, 0.98)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
             several = sum(isinstance(part, Recording) for part in state.train) > 1
             values = self._done(tasks.values_of_runs, step.fit, state.train) if several else None
@@ -614,8 +615,8 @@ class Workbench:
         path = self.upload_folder() / f"{PREFIX}{name}.csv"
 
         def work(state: State, report: Report) -> State:
-            self._done(tasks.simulated, path, name, report=share_of(report, 0.0, 0.3))
-            return self._load(path, None, share_of(report, 0.3, 1.0))
+            self._done(tasks.simulated, path, name, report=within(report, 0.0, 0.3))
+            return self._load(path, None, within(report, 0.3, 1.0))
 
         self._perform("simulating a recording", work)
 
@@ -628,8 +629,9 @@ class Workbench:
         """Write the report of the current model; None where that failed or was cancelled."""
         with self._working("writing the report") as job:
             state = self.state
-            found, own, report = fitted(state).fit, names_of(state), share_of(job.report, 0.0, 0.99)
-            page = self._done(tasks.reported, found, first_recording(state), state.unseen[0], own, report=report)
+            found, own, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
+            first, unseen = first_recording(state), state.unseen[0]
+            page = self._done(tasks.reported, found, first, unseen, own, self.diagnosis, report=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -854,4 +856,4 @@ def question(state: State) -> tuple[int, int] | None:
 
 def first_part(report: Report) -> Report:
     """Progress of a fit that is then compared with held-out data."""
-    return share_of(report, 0.0, 0.8)
+    return within(report, 0.0, 0.8)

@@ -76,7 +76,7 @@ class Zoom:
 
     async def _show(self, window: Stretch | None, chosen: Stretch | None) -> None:
         self.window, self.chosen = window, chosen
-        state, theme = self.page.bench.state, self.page.theme
+        state, theme = self.page.bench.state, self.page.themes.theme
         fresh = await self.page.drawn(lambda: self.draw(theme, window, chosen))
         latest = (window, chosen) == (self.window, self.chosen)
         if latest and state is self.page.bench.state and self._plot is not None and not self._plot.is_deleted:

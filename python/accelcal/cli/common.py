@@ -226,18 +226,17 @@ def parse_quantity(text: str | None, kind: str, option: str) -> float | None:
 
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[float], None]]:
-    """A progress bar with the remaining time on stderr; nothing when stderr is not a terminal."""
+    """A progress bar with the time that is left on stderr; nothing when stderr is not a terminal."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     console = Console(stderr=True)
     if not console.is_terminal:
         yield lambda share: None
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task(title, total=1.0)
-        yield lambda share: bar.update(task, completed=share)
+    from accelcal.cli.progress_bar import bar
+
+    with bar(title, console) as report:
+        yield report
 
 
 def time_range(text: str, option: str) -> tuple[float, float]:

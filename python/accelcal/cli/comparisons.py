@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from accelcal._support.progress import within
 from accelcal.cli.common import (
     Band,
     EffectsFile,
@@ -27,7 +28,7 @@ from accelcal.cli.common import (
     writable_folder,
 )
 from accelcal.cli.hints import suggest
-from accelcal.cli.models import load_like
+from accelcal.cli.models import LOADED, load_like
 from accelcal.cli.printing import show_comparison, show_paired, show_steps
 
 
@@ -105,7 +106,8 @@ def compare_one(
     from accelcal.workflow import compare as compare_with
 
     fitted = model_file.load(model)
-    seen = compare_with(fitted, load_like(fitted, run, rig), **part)
+    with progress("compare") as report:
+        seen = compare_with(fitted, load_like(fitted, run, rig), report=within(report, LOADED, 1.0), **part)
     content = model_file.comparison_to_dict(seen)
 
     def draw(folder: Path) -> list[Path]:
@@ -138,9 +140,10 @@ def compare_several(
     if twice is not None:
         raise UsageError(f"{twice} is given twice; a model does not differ from itself: name another model file")
     fits = [model_file.load(path) for path in models]
-    recordings = [load_like(fits[0], path, rig) for path in runs]
     with progress("compare") as report:
-        found = compare_paired(fits, recordings, names=[str(path) for path in models], report=report, **part)
+        recordings = [load_like(fits[0], path, rig) for path in runs]
+        share = within(report, LOADED, 1.0)
+        found = compare_paired(fits, recordings, names=[str(path) for path in models], report=share, **part)
     content = diagnosis_json.paired_to_dict(found)
 
     def draw(folder: Path) -> list[Path]:
@@ -204,7 +207,9 @@ def history(
 
     load_own_effects(effects_file)
     fits = [model_file.load(path) for path in models]
-    content = diagnosis_json.history_to_dict([str(m) for m in models], history_of(fits, load_like(fits[0], on, rig)))
+    with progress("history") as report:
+        seen = history_of(fits, load_like(fits[0], on, rig), report=within(report, LOADED, 1.0))
+    content = diagnosis_json.history_to_dict([str(m) for m in models], seen)
     if json:
         print_json(content)
     else:

@@ -16,6 +16,7 @@ from accelcal.cli.common import (
     app,
     print_json,
     print_status,
+    progress,
     time_range,
     with_exit_codes,
 )
@@ -51,15 +52,20 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
 
-    recording = io.load(run, rig)
-    try:
-        breaks = list(usable(recording).breaks)
-    except RecordingError:  # too short to look for one: the summary says how long it is
-        breaks = []
+    with progress("check") as report:
+        recording = io.load(run, rig)
+        report(0.6)
+        try:
+            breaks = list(usable(recording).breaks)
+        except RecordingError:  # too short to look for one: the summary says how long it is
+            breaks = []
+        report(0.9)
+        content = {**summary.describe(recording), "breaks_s": breaks} if json else {}
+        text = "" if json else summary.summarise(recording)
     if json:
-        print_json({**summary.describe(recording), "breaks_s": breaks})
+        print_json(content)
         return
-    say_line(summary.summarise(recording))
+    say_line(text)
     for text in broken_lines({"breaks": breaks}):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
@@ -80,13 +86,16 @@ def cut(
     """
     from accelcal import io
 
-    recording = io.load(run, rig)
-    for text in only or ():
-        recording = recording.part(*time_range(text, "--only"))
-    recording = recording.without(*(time_range(text, "--without") for text in without or ()))
+    with progress("cut") as report:
+        recording = io.load(run, rig)
+        report(0.5)
+        for text in only or ():
+            recording = recording.part(*time_range(text, "--only"))
+        recording = recording.without(*(time_range(text, "--without") for text in without or ()))
+        sidecar = write_recording(recording, output)
     if recording.dwells is not None:
         print_status(f"{recording.dwells.name} is not written: name it in the new sidecar, [dwell] table = ...")
-    print_status(f"wrote {output} and {write_recording(recording, output)}")
+    print_status(f"wrote {output} and {sidecar}")
     suggest("check", output)
 
 
@@ -128,16 +137,18 @@ def simulate(
         "quadratic": quadratic,
         "cubic": cubic,
     }
-    made = simulate_rig(
-        motion,
-        seconds=seconds,
-        rig=rigs[sensor],
-        parameters=truth,
-        rng=np.random.default_rng(seed),
-        a_rms=a_rms,
-        missing=missing,
-    )
-    sidecar = write_recording(made.recording, output)
+    with progress("simulate") as report:
+        made = simulate_rig(
+            motion,
+            seconds=seconds,
+            rig=rigs[sensor],
+            parameters=truth,
+            rng=np.random.default_rng(seed),
+            a_rms=a_rms,
+            missing=missing,
+        )
+        report(0.3)
+        sidecar = write_recording(made.recording, output)
     if json:
         print_json({"file": str(output), "sidecar": str(sidecar), "truth": truth, "seed": seed})
     else:

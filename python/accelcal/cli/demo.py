@@ -11,7 +11,6 @@ import typer
 from accelcal.cli.common import Json, app, print_json, print_status, progress, with_exit_codes, writable_folder
 from accelcal.cli.data import truth_text, write_recording
 from accelcal.cli.hints import suggest
-from accelcal.cli.printing import show_comparison, show_fit, show_improvement
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -35,6 +34,8 @@ def demo(
 
     Example: [bold]accelcal demo --effect random --seed 3 -o demo[/bold]
     """
+    from accelcal.cli.printing import show_comparison, show_fit
+
     if effect is not None:
         demo_hidden(effect, output, seed)
         return
@@ -61,11 +62,13 @@ def demo(
         say_line(f"simulated {path}: 60 s, {count} output samples; true values: {truth_text(truth)}")
     say_line(f"\n$ accelcal fit {paths[0]} -o {output / 'm.json'}")
     first = io.load(paths[0])
-    found = fit_replay(Model.linear(), first)
+    with progress("fit") as report:
+        found = fit_replay(Model.linear(), first, report=report)
     model_file.save(found, output / "m.json", seed=seed)
     show_fit(found, first)
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
-    seen = compare_with(found, io.load(paths[1]))
+    with progress("compare") as report:
+        seen = compare_with(found, io.load(paths[1]), report=report)
     show_comparison(model_file.comparison_to_dict(seen))
     for path in write(found, seen, output):
         say_line(f"wrote {path}")
@@ -75,6 +78,7 @@ def demo(
 
 def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
+    from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import improve as improve_with

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from accelcal._support.progress import within
+from accelcal._support.stopping import Stopped
 from accelcal.cli.common import (
     EffectsFile,
     From,
@@ -26,22 +30,13 @@ from accelcal.cli.common import (
     with_exit_codes,
 )
 from accelcal.cli.hints import after_diagnosis, suggest
-from accelcal.cli.models import load_any, load_like, load_run
-from accelcal.cli.printing import (
-    limit,
-    show_diagnosis,
-    show_dwell_diagnosis,
-    show_formulas,
-    show_improvement,
-    show_plan,
-    show_power,
-    show_steps,
-)
+from accelcal.cli.models import LOADED, load_any, load_like, load_run
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
     from accelcal.data.rig import Rig as RigOf
     from accelcal.diagnosis.dwells import DwellDiagnosis
+    from accelcal.estimation.estimate import Fit
     from accelcal.experiment import Plan
 
 
@@ -63,6 +58,7 @@ def diagnose(
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
+    from accelcal.cli.printing import show_diagnosis, show_steps
     from accelcal.data.dwell_sets import with_dwells
     from accelcal.data.dwells import Dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
@@ -73,21 +69,23 @@ def diagnose(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
+    with progress("diagnose") as report:
+        recordings = with_dwells([load_any(fitted, run, rig) for run in runs])
+        if not isinstance(recordings, Dwells):
+            found = diagnose_with(fitted, recordings, report=within(report, LOADED, 0.8 if holdout else 1.0))
+            seen = None if holdout is None else compare_with(found.fit, load_like(fitted, holdout, rig))
     if isinstance(recordings, Dwells):
         if holdout is not None:
             raise UsageError("--holdout needs a recording of a motion; these are dwells alone")
         report_on_dwells(diagnose_dwells(fitted, recordings), output, json)
         return
-    found = diagnose_with(fitted, recordings)
     content = diagnosis_json.diagnosis_to_dict(found)
     others = [r.name for r in recordings if r.digest not in {fitted_run.digest for fitted_run in fitted.runs}]
     if others:
         print_status(
             f"{', '.join(others)} is not what {model} was fitted to: all coefficients were estimated again on it"
         )
-    if holdout is not None:
-        seen = compare_with(found.fit, load_like(fitted, holdout, rig))
+    if seen is not None:
         content["heldout"] = model_file.comparison_to_dict(seen)
     if output is not None:
         atomic_write(output, model_file.dumps(content))
@@ -103,6 +101,7 @@ def diagnose(
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
     """Print and write a diagnosis of dwells."""
+    from accelcal.cli.printing import show_dwell_diagnosis
     from accelcal.io import atomic_write
     from accelcal.serialization import diagnosis_json, model_file
 
@@ -136,6 +135,7 @@ def improve(
     Example: [bold]accelcal improve run12.csv --holdout run13.csv -o best.json[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import show_improvement
     from accelcal.data.recording import Recording
     from accelcal.estimation.estimate import require_distinct
     from accelcal.serialization import diagnosis_json, model_file
@@ -146,7 +146,8 @@ def improve(
     unseen = None if holdout is None else io.load(holdout, rig)
     if unseen is not None:
         require_distinct([*(one for one in recordings if isinstance(one, Recording)), unseen])
-    with progress("improve") as report:
+    steps: list[Fit] = []
+    with kept_on_the_way(steps, output), progress("improve") as report:
         found = improve_with(
             recordings,
             holdout=unseen,
@@ -154,6 +155,7 @@ def improve(
             start=parse_quantity(start, "time", "--from"),
             end=parse_quantity(end, "time", "--to"),
             report=report,
+            on_step=steps.append,
         )
     if output is not None:
         model_file.save(found.diagnosis.fit, output)
@@ -164,6 +166,21 @@ def improve(
     else:
         show_improvement(found, content)
         suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
+
+
+@contextmanager
+def kept_on_the_way(steps: Sequence[Fit], output: Path | None) -> Iterator[None]:
+    """Where a signal ends the search, write the newest of its models to the file that was asked for."""
+    from accelcal.serialization import model_file
+
+    try:
+        yield
+    except (Stopped, KeyboardInterrupt):
+        if steps and output is not None:
+            model_file.save(steps[-1], output)
+            added = ", ".join(steps[-1].model.added) or "no effect yet"
+            print_status(f"wrote {output}, the model so far ({added}); the search was not finished")
+        raise
 
 
 @app.command()
@@ -185,6 +202,7 @@ def formula(
 
     Example: [bold]accelcal formula m.json run12.csv --curve shape_of_velocity -o drag.py[/bold]
     """
+    from accelcal.cli.printing import show_formulas
     from accelcal.data.recording import RecordingError
     from accelcal.effects import ExpressionError, find
     from accelcal.io import atomic_write
@@ -197,10 +215,11 @@ def formula(
     except ValueError as error:
         raise UsageError(f"--curve: {error}") from None
     fitted = model_file.load(model)
-    recording = load_like(fitted, run, rig)
-    unseen = None if holdout is None else load_like(fitted, holdout, rig)
     try:
-        found = formulas(fitted, recording, curve, holdout=unseen)
+        with progress("formula") as report:
+            recording = load_like(fitted, run, rig)
+            unseen = None if holdout is None else load_like(fitted, holdout, rig)
+            found = formulas(fitted, recording, curve, holdout=unseen, report=within(report, LOADED, 1.0))
     except RecordingError:
         raise
     except ValueError as error:
@@ -262,18 +281,20 @@ def power(
     Example: [bold]accelcal power run12.csv[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import show_power
     from accelcal.experiment import power as power_of
     from accelcal.experiment import power_of_set_points
 
     load_own_effects(effects_file)
-    recording = io.load(run, rig, need_accel=False)
-    if len(recording.accel):
-        begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
-        seen = power_of(recording, start=begin, end=stop)
-    elif start is not None or end is not None:
-        raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
-    else:
-        seen = power_of_set_points(recording)
+    with progress("power") as report:
+        recording = io.load(run, rig, need_accel=False)
+        if len(recording.accel):
+            begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
+            seen = power_of(recording, start=begin, end=stop, report=within(report, LOADED, 1.0))
+        elif start is not None or end is not None:
+            raise UsageError("--from and --to are for recordings; a planned motion is always used as a whole")
+        else:
+            seen = power_of_set_points(recording)
     if json:
         print_json(seen.to_dict())
     else:
@@ -299,6 +320,7 @@ def plan(
     Example: [bold]accelcal plan --effects quadratic,cubic --stroke "0.2 m" --vmax "0.1 m/s" --amax "20 m/s^2"[/bold]
     """
     from accelcal import io
+    from accelcal.cli.printing import limit, show_plan
     from accelcal.experiment import plan as plan_for
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
 
@@ -306,14 +328,16 @@ def plan(
     if rig is None and sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
     used = rigs[sensor] if rig is None else io.read_sidecar(rig).rig
-    found = plan_for(
-        [name.strip() for name in effects.split(",") if name.strip()],
-        stroke=limit(stroke, "length", "--stroke"),
-        v_max=limit(vmax, "speed", "--vmax"),
-        a_max=limit(amax, "acceleration", "--amax"),
-        seconds=seconds,
-        rig=used,
-    )
+    with progress("plan") as report:
+        found = plan_for(
+            [name.strip() for name in effects.split(",") if name.strip()],
+            stroke=limit(stroke, "length", "--stroke"),
+            v_max=limit(vmax, "speed", "--vmax"),
+            a_max=limit(amax, "acceleration", "--amax"),
+            seconds=seconds,
+            rig=used,
+            report=report,
+        )
     if output is not None:
         for path in write_set_points(found, used, output):
             print_status(f"wrote {path}")

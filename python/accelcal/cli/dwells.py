@@ -19,6 +19,7 @@ from accelcal.cli.common import (
     parse_quantity,
     print_json,
     print_status,
+    progress,
     with_exit_codes,
     writable_file,
 )
@@ -58,7 +59,9 @@ def dwells(
     from accelcal.estimation.triad import fit_triad
     from accelcal.io.rests import load_rests, table_of, write_table
 
-    found = load_rests(run, rig, parse_quantity(least, "time", "--least") or 0.0)
+    shortest = parse_quantity(least, "time", "--least") or 0.0
+    with progress("dwells"):
+        found = load_rests(run, rig, shortest)
     degrees = angles(attitudes, len(found.rests))
     if figure is not None:
         from accelcal.plots.static.rests import draw_rests

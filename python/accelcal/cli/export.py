@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from accelcal._support.progress import within
 from accelcal.cli.common import (
     EffectsFile,
     Holdout,
@@ -28,7 +29,6 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import suggest
 from accelcal.cli.models import load_like
-from accelcal.cli.printing import show_export
 
 
 @app.command()
@@ -58,16 +58,15 @@ def report(
         raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    with progress("report") as share:
+    written = [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
+    with progress("report") as share, together():
         content = page.gather(
             fitted,
             load_like(fitted, run, rig),
             holdout=None if holdout is None else load_like(fitted, holdout, rig),
             command=shlex.join(["accelcal", *sys.argv[1:]]),
-            report=share,
+            report=within(share, 0.0, 0.8),
         )
-    written = [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
-    with together():
         for path in written:
             if path.suffix == ".pdf":
                 page.pdf(content, path)
@@ -102,6 +101,7 @@ def export(
     Example: [bold]accelcal export m.json --c sensor.h --rust sensor.rs --dcc draft.xml[/bold]
     """
     from accelcal.calibration import export as exports
+    from accelcal.cli.printing import show_export
     from accelcal.io import atomic_write, together
     from accelcal.serialization import model_file
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from accelcal._support.workers import processes
 from accelcal.cli.common import Json, Output, UsageError, app, print_json, print_status, progress, with_exit_codes
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 MOST_WORKERS = 256
 READABLE = (".csv", ".txt", ".tsv", ".parquet", ".npz", ".mat", ".h5", ".hdf5")
@@ -120,4 +121,6 @@ def executor(workers: int, dask: str | None) -> AbstractContextManager[Executor 
             raise UsageError('--dask needs dask; install it with: pip install "accelcal[dask]"') from error
         client: Any = Client
         return nullcontext(client(dask).get_executor())
+    from accelcal._support.workers import processes
+
     return processes(workers)

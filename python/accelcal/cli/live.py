@@ -40,6 +40,7 @@ def live(
     baud: Annotated[int | None, typer.Option("--baud", help="Rate of the serial port.", min=1, max=MOST_BAUD)] = None,
     tcp: Annotated[str | None, typer.Option("--tcp", help="HOST:PORT of a server that sends lines.")] = None,
     file: Annotated[Path | None, typer.Option("--file", help="File of lines.")] = None,
+    follow: Annotated[bool, typer.Option("--follow", help="Wait for further lines at the end of --file.")] = False,
     model: Annotated[Path | None, typer.Option("--model", help="Model file to start from.")] = None,
     output: Output = None,
     save: Annotated[
@@ -68,7 +69,7 @@ def live(
         refuse_replacing(output)
     if save is not None and model is None:
         raise UsageError("--save: needs --model, whose noise, rig and range the new file keeps; or fit the recording")
-    opener = source_of(serial, baud, tcp, file)
+    opener = source_of(serial, baud, tcp, file, follow=follow)
     declared = read_sidecar(rig)
     fit = None if model is None else model_file.load(model)
     settings = settings_of(declared.rig, fit)
@@ -90,7 +91,9 @@ def live(
             print_status(f"wrote {save}")
 
 
-def source_of(serial: str | None, baud: int | None, tcp: str | None, file: Path | None) -> Callable[[], ByteSource]:
+def source_of(
+    serial: str | None, baud: int | None, tcp: str | None, file: Path | None, *, follow: bool
+) -> Callable[[], ByteSource]:
     """What opens the one source that is asked for.
 
     Raises
@@ -106,8 +109,10 @@ def source_of(serial: str | None, baud: int | None, tcp: str | None, file: Path 
         raise UsageError("--serial and --baud belong together, such as --serial /dev/ttyUSB0 --baud 921600")
     if serial is not None and baud is not None:
         return functools.partial(stream_source.open_serial, serial, baud)
+    if follow and file is None:
+        raise UsageError("--follow belongs to --file; a serial port and a TCP server are followed anyway")
     if file is not None:
-        return functools.partial(stream_source.open_file, file)
+        return functools.partial(stream_source.open_growing if follow else stream_source.open_file, file)
     host, colon, port = (tcp or "").rpartition(":")
     if not (host and colon and port.isascii() and port.isdecimal() and 0 < int(port[:9]) < 1 << 16):
         raise UsageError(f"--tcp {tcp!r}: expected HOST:PORT, such as 192.168.1.7:5025")

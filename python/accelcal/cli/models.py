@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from accelcal._support.progress import within
 from accelcal.cli.common import (
     Band,
     EffectsFile,
@@ -28,7 +29,6 @@ from accelcal.cli.common import (
     with_exit_codes,
 )
 from accelcal.cli.hints import UNSEEN, after_fit, suggest
-from accelcal.cli.printing import show_fit
 
 if TYPE_CHECKING:
     from accelcal.data.dwells import Dwells
@@ -43,6 +43,8 @@ FittedRuns = Annotated[
         help="Recordings that it is fitted to again, tables of dwells among them: those of the model.", metavar="RUN..."
     ),
 ]
+LOADED = 0.2
+"""Share of the work of a command that is done when its recordings are read."""
 MOST_HELD = 1e6
 """Largest value at which a parameter is held, SI."""
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
@@ -84,6 +86,7 @@ def fit(
 
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
+    from accelcal.cli.printing import show_fit
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Recording
     from accelcal.model import Model
@@ -95,7 +98,6 @@ def fit(
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
-    recordings = [load_run(path, rig) for path in runs]
     if method in ("replay", "weak"):
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
@@ -104,24 +106,21 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            found = fit_runs(
-                varying(chosen(), vary or []),
-                recordings,
-                start=begin,
-                end=stop,
-                band=width,
-                method="weak" if method == "weak" else "replay",
-                report=report,
-            )
+            recordings = [load_run(path, rig) for path in runs]
+            wanted, part = varying(chosen(), vary or []), within(report, LOADED, 1.0)
+            engine: Literal["weak", "replay"] = "weak" if method == "weak" else "replay"
+            found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, report=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method replay; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
+        recordings = [load_run(path, rig) for path in runs]
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
             raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
         from accelcal.estimation.recursive import fit_recursive
 
-        found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
+        with progress("fit"):
+            found, _ = fit_recursive(choice, recordings[0], start=begin, end=stop)
     if output is not None:
         model_file.save(found, output, seed=seed)
     if json:
@@ -191,8 +190,10 @@ def add(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recordings = [load_any(fitted, run, rig) for run in runs]
-    finish_fit(add_to(fitted, recordings, *effects), recordings, output, json)
+    with progress("add") as report:
+        recordings = [load_any(fitted, run, rig) for run in runs]
+        found = add_to(fitted, recordings, *effects, report=within(report, LOADED, 1.0))
+    finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("history", model, output, "--on", UNSEEN)
 
@@ -217,8 +218,10 @@ def drop(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recordings = [load_any(fitted, run, rig) for run in runs]
-    finish_fit(drop_from(fitted, recordings, *effects), recordings, output, json)
+    with progress("drop") as report:
+        recordings = [load_any(fitted, run, rig) for run in runs]
+        found = drop_from(fitted, recordings, *effects, report=within(report, LOADED, 1.0))
+    finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("history", output, model, "--on", UNSEEN)
 
@@ -244,7 +247,6 @@ def freeze(
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    recordings = [load_any(fitted, run, rig) for run in runs]
     if not at and not release:
         raise UsageError("name the parameters to hold or to estimate again: --at bias=0.05 or --release bias")
     held: dict[str, float] = {}
@@ -259,13 +261,17 @@ def freeze(
                 f"--at {text!r}: expected NAME=VALUE with a number in SI of at most {MOST_HELD:g}, such as bias=0.05"
             ) from None
     chosen = fitted.model.release(*(release or ())).freeze(**held)
-    finish_fit(fit_replay(chosen, recordings, origins=fitted.origins), recordings, output, json)
+    with progress("freeze") as report:
+        recordings = [load_any(fitted, run, rig) for run in runs]
+        found = fit_replay(chosen, recordings, origins=fitted.origins, report=within(report, LOADED, 1.0))
+    finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("diagnose", output, *runs)
 
 
 def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Path | None, json: bool) -> None:
     """Write and print a fit."""
+    from accelcal.cli.printing import show_fit
     from accelcal.data.recording import Recording
     from accelcal.serialization import model_file
 

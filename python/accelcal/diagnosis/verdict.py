@@ -12,6 +12,7 @@ import numpy as np
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.progress import within
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
@@ -160,11 +161,6 @@ class Diagnosis:
     def importance(self) -> Importance | None:
         """Effects divided by the declared tolerance; None where none is declared."""
         return split(self.effects, self.sizes, self.fit.rig.tolerance)
-
-
-def within(report: Callable[[float], None], low: float, high: float) -> Callable[[float], None]:
-    """Report progress of one part of the work as progress of the whole."""
-    return lambda share: report(low + share * (high - low))
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ separate powers of acceleration, moves and rests everything that depends on posi
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import combinations, product
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
 from accelcal.diagnosis.policy import CONFOUNDED_CORRELATION, FAMILYWISE_ALPHA, PLAN_CORRELATION
@@ -112,6 +113,7 @@ class Plan:
 
 
 @checked
+@one_thread
 def plan(
     effects: Sequence[str],
     *,
@@ -122,6 +124,7 @@ def plan(
     rig: Rig,
     encoder_noise: float | None = None,
     alpha: float = FAMILYWISE_ALPHA,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Plan:
     """Search for a motion that separates effects within the limits of a stage.
 
@@ -133,6 +136,7 @@ def plan(
     rig : noise density of the sensor, resolution of the encoder.
     encoder_noise : standard deviation of a reading before it is rounded, m; one step of the encoder by default.
     alpha : family-wise false-alarm rate of `diagnose`.
+    report : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -167,12 +171,17 @@ def plan(
                 f"{name} {value:g}: expected {LEAST_LIMIT:g} to {1.0 / LEAST_LIMIT:g} in SI; give that of the stage"
             )
 
-    def trial_of(recipe: Recipe) -> Trial:
-        return Trial.of(recipe, limits, seconds, rig, noise, wanted)
+    first = [Recipe(*choice) for choice in product(PATTERNS, SHARES, (False, True))]
+    trials: list[Trial] = []
 
-    trials = [trial_of(Recipe(*choice)) for choice in product(PATTERNS, SHARES, (False, True))]
+    def try_all(recipes: Sequence[Recipe]) -> None:
+        for recipe in recipes:
+            trials.append(Trial.of(recipe, limits, seconds, rig, noise, wanted))
+            report(0.9 * len(trials) / (len(first) + SEEDS))
+
+    try_all(first)
     best = max(trials, key=lambda trial: trial.score)
-    trials += [trial_of(replace(best.recipe, seed=seed)) for seed in range(1, SEEDS + 1)]
+    try_all([replace(best.recipe, seed=seed) for seed in range(1, SEEDS + 1)])
     best = max(trials, key=lambda trial: trial.score)
     state = planned_state(best.motion, rig, seconds, noise, Model.linear())
     return Plan(

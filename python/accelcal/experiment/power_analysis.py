@@ -7,12 +7,14 @@ The distance of an effect from zero is d = |theta| sqrt(A), A = its information 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.progress import within
+from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
@@ -38,6 +40,7 @@ RANDOM_PROCESS_PATHS = 40
 
 
 @checked
+@one_thread
 def power(
     source: Recording | RunState,
     model: Model | None = None,
@@ -46,6 +49,7 @@ def power(
     alpha: float = FAMILYWISE_ALPHA,
     start: float | None = None,
     end: float | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Power:
     """What a record can detect: the smallest detectable size of every effect, and the effects that it confounds.
 
@@ -56,6 +60,7 @@ def power(
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     alpha : family-wise false-alarm rate of `diagnose`.
     start, end : s, optional; only this part of a recording is used.
+    report : called with the share of the work that is done, 0 to 1.
 
     Raises
     ------
@@ -77,8 +82,11 @@ def power(
     if start is None and end is None:
         whole = usable(source)
         start, end = whole.start, whole.end
-    solution = solve_runs(model, [source], start=start, end=end)
-    return with_drift(detectability_of(solution.states[0], model, extra, alpha))
+    report(0.1)
+    solution = solve_runs(model, [source], start=start, end=end, report=within(report, 0.1, 0.4))
+    found = detectability_of(solution.states[0], model, extra, alpha)
+    report(0.9)
+    return with_drift(found)
 
 
 def with_drift(found: Power) -> Power:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from accelcal._support.extras import MissingExtra
 from accelcal.data.recording import RecordingError
@@ -51,11 +53,51 @@ def open_file(path: Path) -> ByteSource:
     RecordingError
         If there is no such file, or it is none.
     """
+    file = _opened(path)
+    return ByteSource(str(path), lambda: file.read(CHUNK), file.close, waits=True, from_its_start=True, ends_lines=True)
+
+
+def open_growing(path: Path) -> ByteSource:
+    """A file that another program appends lines to; it has no end, but breaks off where it is cut or replaced.
+
+    Raises
+    ------
+    RecordingError
+        If there is no such file, or it is none.
+    """
+    file = _opened(path)
+
+    def read() -> bytes | None:
+        chunk = file.read(CHUNK)
+        if chunk:
+            return chunk
+        require_growing(path, file)
+        time.sleep(PATIENCE)
+        return None
+
+    return ByteSource(str(path), read, file.close, waits=True, from_its_start=True, ends_lines=False)
+
+
+def _opened(path: Path) -> IO[bytes]:
     try:
-        file = open_regular(path, "a file of lines t,accel,position")
+        return open_regular(path, "a file of lines t,accel,position")
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file; check the path.") from None
-    return ByteSource(str(path), lambda: file.read(CHUNK), file.close, waits=True, from_its_start=True, ends_lines=True)
+
+
+def require_growing(path: Path, file: IO[bytes]) -> None:
+    """Refuse a file that has become shorter than what was read of it, or has another under its name now.
+
+    Raises
+    ------
+    RecordingError
+        Saying which.
+    """
+    own = os.fstat(file.fileno())
+    if own.st_size < file.tell():
+        raise RecordingError(f"{path} has become shorter")
+    if not path.exists() or not os.path.samestat(own, path.stat()):
+        raise RecordingError(f"{path} was removed or replaced")
 
 
 def open_tcp(host: str, port: int) -> ByteSource:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from accelcal._support.progress import within
+from accelcal._support.threads import one_thread
 from accelcal.calibration.apply import Application, example
 from accelcal.calibration.budget import Budget, budget
 from accelcal.data.recording import Recording
@@ -52,6 +54,7 @@ class Content:
     command: str = ""
 
 
+@one_thread
 def gather(
     fit: Fit,
     recording: Recording,
@@ -59,6 +62,7 @@ def gather(
     holdout: Recording | None = None,
     extra: Sequence[Effect] | None = None,
     command: str = "",
+    diagnosis: Diagnosis | None = None,
     report: Callable[[float], None] = lambda share: None,
 ) -> Content:
     """Compute everything that a report contains.
@@ -70,6 +74,7 @@ def gather(
     holdout : unseen recording for the error reduction; by default the last 30 % of `recording`.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
     command : that made the report; printed under provenance.
+    diagnosis : of `fit` on `recording`, where there is one already.
     report : called with the share of the work that is done, 0 to 1.
 
     Raises
@@ -86,14 +91,17 @@ def gather(
             remarks.append(f"{what} could not be computed: {error}")
             return None
 
-    found = diagnose(fit, recording, extra=extra)
+    found = diagnosis or diagnose(fit, recording, extra=extra, report=within(report, 0.0, 0.35))
     report(0.35)
     start, end = found.used[0]
     judged = compare(fit, recording, start=start, end=end) if holdout is None else compare(fit, holdout)
     report(0.5)
     nested = attempt("the error reduction", lambda: nested_models(fit, recording, found, holdout=holdout))
     report(0.7)
-    seen = attempt("the detection limits", lambda: power(recording, fit.model, extra=extra, start=start, end=end))
+    part = within(report, 0.7, 0.85)
+    seen = attempt(
+        "the detection limits", lambda: power(recording, fit.model, extra=extra, start=start, end=end, report=part)
+    )
     report(0.85)
     followed = attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
     named = shapes(fit) or (shapes(nested.models[-1].fit) if nested is not None else ())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import scipy
@@ -42,6 +42,7 @@ def compare(
     start: float | None = None,
     end: float | None = None,
     ruler: Ruler | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Comparison:
     """Compare a fitted model with a recording, simulation first.
 
@@ -54,6 +55,7 @@ def compare(
     horizons : s; when to take the coasting error after position is withheld.
     start, end : s, optional; only readings in [start, end] are used.
     ruler : filter under which several models are compared; by default that of the fit itself.
+    report : called with the share of the work that is done, 0 to 1.
 
     Returns
     -------
@@ -72,7 +74,9 @@ def compare(
     ahead = Prediction.of(fit if ruler is None else ruler.held_by(fit), recording, start=start, end=end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts = ahead.counts
+    report(0.3)
     coasting = {horizon: ahead.at_horizon(horizon) for horizon in horizons}
+    report(0.5)
     require_band(run, band)
     seen_band = band if band is not None else min(ahead.crossover, 0.2 / run.reading_step)
     t_res, residual, motion = accel_residual(ahead, seen_band)
@@ -84,7 +88,9 @@ def compare(
     regions = worst_regions(bins, accel_rms)
     delta, delta_std = (float(y[0]) for y in ahead.constants(np.array([len(run.t) - 1])))
     gain = abs(fit.values().scale)
+    report(0.8)
     simulated = ahead.simulate()
+    report(1.0)
     return Comparison(
         recording=recording.name,
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),

@@ -36,6 +36,9 @@ def show(page: Page) -> None:
             uploads.drop(page, "Drop a recording here, or click to choose a file")
             with ui.row().classes("line"):
                 widgets.button("One-minute tour", "explore", tour.open_tour, flat=True)
+                widgets.button(
+                    "Live measurement", "sensors", lambda: ui.navigate.to(f"/bench/{page.name}/live"), flat=True
+                )
         with widgets.card("Find it yourself: three recordings with a hidden effect"):
             for name, example in EXAMPLES.items():
                 offer(page, name, example)

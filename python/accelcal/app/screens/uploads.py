@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import shutil
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,22 @@ def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> 
         else:
             await used(page, kept, more)
 
+    area(page.bench, label, take, "guest" if guest else "more" if more else "recording")
+
+
+def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], mark: str) -> None:
+    """A button on which files can be dropped; `take` is told what came."""
+
+    async def accept(event: Any) -> None:
+        await take(event)
+        if not made.is_deleted:
+            made.reset()  # what was taken is told by the page, and not listed once more
+
     def rejected() -> None:
-        page.bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
+        bench.refuse(f"the file is larger than {MOST_BYTES / 1e6:.0f} MB, the limit of the workbench")
 
     def failed() -> None:
-        page.bench.refuse(
+        bench.refuse(
             f"the upload has failed: the server did not take it. The limit is {MOST_BYTES / 1e6:.0f} MB, a few uploads "
             "at a time, and room on the disk; give the file a short name, and drop it again"
         )
@@ -59,13 +70,13 @@ def drop(page: Page, label: str, *, more: bool = False, guest: bool = False) -> 
         multiple=True,
         auto_upload=True,
         max_file_size=MOST_BYTES,
-        on_multi_upload=take,
+        on_multi_upload=accept,
         on_rejected=rejected,
     )
     made.on("failed", failed, [])
     made.props("flat hide-upload-btn").classes("drop")
     made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))
-    made.mark("guest" if guest else "more" if more else "recording")
+    made.mark(mark)
 
 
 async def saved(bench: Workbench, files: Sequence[Any]) -> list[Path]:

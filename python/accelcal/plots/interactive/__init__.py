@@ -6,6 +6,7 @@ from accelcal.plots.interactive.drift import coasting
 from accelcal.plots.interactive.drift_limits import drift_limits
 from accelcal.plots.interactive.error_reduction import error_reduction
 from accelcal.plots.interactive.linked import linked
+from accelcal.plots.interactive.live_tracks import live_tracks
 from accelcal.plots.interactive.motion import simulated
 from accelcal.plots.interactive.overlay import overlay
 from accelcal.plots.interactive.ranking import ranking
@@ -28,6 +29,7 @@ __all__ = [
     "error_reduction",
     "fitted_curve",
     "linked",
+    "live_tracks",
     "marks",
     "one_step",
     "overlay",

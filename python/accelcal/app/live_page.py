@@ -1,0 +1,196 @@
+"""The page of a running measurement: what to follow, then what is known of it, several times a second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import background_tasks, ui
+
+from accelcal._support import internal_error
+from accelcal.app import background, figures, look, widgets
+from accelcal.app.figures import Picture
+from accelcal.app.follower import Follower, Followers
+from accelcal.app.live_form import Form
+from accelcal.app.live_readout import Readout
+from accelcal.app.narrow import narrowed, roomy
+from accelcal.app.workbench import Workbench
+from accelcal.plots.interactive.live_tracks import live_curves, live_ranges
+
+TICK = 0.5
+"""Time between two pictures, s."""
+ABOUT = (
+    "Follow a measurement while it runs: what the parameters are now and how sure that is, how far each position "
+    "reading lies from what the model expects, and an alarm as soon as the model no longer holds."
+)
+
+
+class LivePage:
+    """One browser tab on the running measurement of a session."""
+
+    def __init__(self, bench: Workbench, name: str, followers: Followers) -> None:
+        self.bench = bench
+        self.name = name
+        self.followers = followers
+        self.form = Form(bench)
+        self.is_narrow = False
+        self._readout: Readout | None = None
+        self._plot: ui.plotly | None = None
+        self._seen: tuple[Follower | None, int, str] | None = None
+        self._shown: tuple[Follower | None, bool] | None = None
+
+    def lay_out(self) -> None:
+        """Lay out the frame."""
+        look.dress()
+        with ui.header().classes("bar"):
+            skip = ui.link("Skip to content").classes("skip")
+            ui.label("accelcal").classes("brand")
+            ui.space()
+            with ui.row().classes("tools"):
+                widgets.button("Workbench", "arrow_back", self._leave, flat=True, label="Back to the workbench")
+                self.themes = look.ThemeSwitch(self.rebuild)
+        with ui.row().classes("sentence").props("role=alert") as self.alert:
+            ui.icon("error_outline").props("aria-hidden=true")
+            self.message = ui.label().classes("message")
+        self.alert.set_visibility(False)
+        self.body = ui.element("div").classes("body").props("tabindex=-1")
+        skip.props(f"href=#{self.body.html_id}")
+        ui.plotly({"data": [], "layout": {"width": 10, "height": 10}}).classes("unseen").props("aria-hidden=true")
+
+    async def fill(self) -> None:
+        """Show what there is, and follow it from now on."""
+        dark, self.is_narrow = await look.asked()
+        self.themes.set("dark" if dark else "light")
+        client = ui.context.client
+        ui.on_exception(lambda error: self.bench.refuse(internal_error.sentence(error)))
+        client.on_delete(lambda: self._closed(client.id))
+        self._attach(client.id)
+        self.rebuild()
+        ui.timer(TICK, self._tick)
+
+    def rebuild(self) -> None:
+        """Draw the page anew: the form, or what is followed."""
+        follower = self.follower
+        self._shown = (follower, follower is not None and follower.ended)
+        self._seen, self._readout, self._plot = None, None, None
+        self.body.clear()
+        with self.body:
+            if follower is None:
+                self._ask()
+            else:
+                self._follow(follower)
+        self._tick()
+
+    @property
+    def follower(self) -> Follower | None:
+        """What this session follows."""
+        return self.followers.find(self.name)
+
+    def _ask(self) -> None:
+        with ui.element("div").classes("halves"):
+            with ui.element("section").classes("sheet"):
+                widgets.heading("Live measurement", 1)
+                ui.label(ABOUT).classes("note")
+                self.form.source()
+                self.form.recording()
+                with ui.row().classes("line"):
+                    widgets.button("Start", "play_arrow", self._start, primary=True)
+            with widgets.card("Units, sensor and model"):
+                self.form.declared()
+
+    def _follow(self, follower: Follower) -> None:
+        widgets.heading(f"Live: {follower.asked.address}", 1).classes("unseen-text")
+        with ui.element("div").classes("two"):
+            with ui.element("div").classes("stack"):
+                with ui.row().classes("line"):
+                    if not follower.ended:
+                        widgets.button("Stop", "stop", follower.stop, primary=True)
+                    else:
+                        self._afterwards(follower)
+                self._readout = Readout(follower)
+            with widgets.card():
+                self._box = ui.element("div").classes("pictures").style("min-height: 420px")
+
+    def _afterwards(self, follower: Follower) -> None:
+        if follower.has_recording:
+            recording = follower.asked.recording
+
+            def download() -> None:
+                ui.download.file(recording, recording.name)
+
+            widgets.button("Open in the workbench", "insert_chart", self._open, primary=True)
+            widgets.button("Download recording", "download", download, flat=True)
+        widgets.button("New measurement", "restart_alt", self._again, flat=True)
+
+    def _attach(self, page: str) -> None:
+        if self.follower is not None:
+            self.follower.show(page)
+
+    def _closed(self, page: str) -> None:
+        if self.follower is not None:
+            self.follower.forget(page)
+
+    async def _start(self) -> None:
+        asked = await background.act(self.form.asked)
+        if asked is not None:
+            self.bench.refuse("")
+            self.followers.start(self.name, asked).show(ui.context.client.id)
+            self.rebuild()
+
+    def _again(self) -> None:
+        self.followers.clear(self.name)
+        self.rebuild()
+
+    def _leave(self) -> None:
+        ui.navigate.to(f"/bench/{self.name}")
+
+    def _open(self) -> None:
+        """Load the recording; the workbench shows how far that is."""
+        if self.follower is not None:
+            loading: Callable[..., Any] = self.bench.load
+            background_tasks.create(background.act(loading, self.follower.asked.recording))
+            self._leave()
+
+    def _tick(self) -> None:
+        follower = self.follower
+        if self._shown != (follower, follower is not None and follower.ended):
+            self.rebuild()
+            return
+        version = 0 if follower is None else follower.version
+        sentence = self.bench.sentence or ("" if follower is None else self.bench.plain(follower.sentence))
+        if self._seen == (follower, version, sentence):
+            return
+        self._seen = (follower, version, sentence)
+        self.alert.set_visibility(bool(sentence))
+        self.message.set_text(sentence)
+        if follower is not None and self._readout is not None:
+            with follower.lock:
+                self._readout.update()
+                self._draw(follower)
+
+    def _draw(self, follower: Follower) -> None:
+        """Draw the figure once there is something to see; from then on feed it."""
+        history = follower.history
+        if not history.parameters:
+            return
+        if self._plot is None:
+            picture = figures.live(history, self.themes.theme)
+            sized = narrowed(picture) if self.is_narrow else roomy(picture)
+            with self._box:
+                self._plot = show(sized)
+            return
+        figure: Any = self._plot.figure
+        for trace, (x, y) in zip(figure["data"], live_curves(history), strict=True):
+            trace["x"], trace["y"] = x, y
+        for i, ends in enumerate(live_ranges(history), start=1):
+            if ends is not None:
+                figure["layout"][f"yaxis{i if i > 1 else ''}"]["range"] = ends
+        self._plot.update()
+
+
+def show(picture: Picture) -> ui.plotly:
+    """A figure with its caption."""
+    with ui.element("figure"):
+        with ui.element("figcaption"):
+            ui.label(picture.headline).classes("headline")
+        return ui.plotly(picture.figure).classes("plot")

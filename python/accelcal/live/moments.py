@@ -1,0 +1,149 @@
+"""What the states of a live view said over time: a bounded number of moments, however long it runs."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from accelcal.data.arrays import Array
+
+MOST = 300
+"""Moments that are kept; then every second one goes."""
+MOST_ALARMS = 20
+"""Alarms that are kept; blocks in a row are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """One state."""
+
+    t: float
+    """s"""
+    values: tuple[float, ...]
+    """Parameters, SI."""
+    stds: tuple[float, ...]
+    e: float
+    """The newest innovation, m; NaN where there is none."""
+    std: float
+    """That the model expects, m."""
+    nis: float
+    low: float
+    high: float
+    """Interval of the running NIS."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """What the view estimates."""
+
+    name: str
+    unit: str
+
+
+class LiveHistory:
+    """Moments of a live view from the objects of schema `accelcal/live/1`, the newest among them.
+
+    Parameters
+    ----------
+    most : moments that are kept; they stay evenly spread over the whole run.
+
+    Examples
+    --------
+    >>> history = LiveHistory(most=4)
+    >>> for t in range(100):
+    ...     history.add({"event": "state", "t_s": float(t), "parameters": [], "innovation": None, "nis": None})
+    >>> len(history.moments) <= 5, history.moments[0].t, history.moments[-1].t
+    (True, 0.0, 99.0)
+    """
+
+    def __init__(self, most: int = MOST) -> None:
+        self.most = most
+        self.newest: Mapping[str, Any] | None = None
+        """The newest state as it came."""
+        self.parameters: tuple[Parameter, ...] = ()
+        self.alarms: deque[Mapping[str, Any]] = deque(maxlen=MOST_ALARMS)
+        """The newest alarms; of blocks in a row the last, whose `since_s` tells the first."""
+        self._kept: list[Moment] = []
+        self._last: Moment | None = None
+        self._stride, self._count = 1, 0
+
+    def add(self, content: Mapping[str, Any]) -> None:
+        """Take in one object: a state, an alarm or the end."""
+        if content["event"] == "alarm":
+            self._alarm(content["alarm"])
+            return
+        self.newest = content
+        t = content["t_s"]
+        if t is None or (self._last is not None and t <= self._last.t):
+            return
+        self.parameters = tuple(Parameter(e["name"], e["unit"]) for e in content["parameters"])
+        self._last = _moment(content)
+        if self._count % self._stride == 0:
+            self._kept.append(self._last)
+        self._count += 1
+        if len(self._kept) > self.most:
+            self._kept = self._kept[::2]
+            self._stride *= 2
+
+    @property
+    def moments(self) -> list[Moment]:
+        """The moments that are kept, in order of time, and the newest."""
+        kept = list(self._kept)
+        return kept if self._last is None or (kept and kept[-1] is self._last) else [*kept, self._last]
+
+    def _alarm(self, alarm: Mapping[str, Any]) -> None:
+        if self.alarms and self.alarms[-1]["since_s"] == alarm["since_s"]:
+            self.alarms.pop()
+        self.alarms.append(alarm)
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Moments as arrays, (n,) each, or (n, m) for m parameters."""
+
+    t: Array
+    values: Array
+    stds: Array
+    e: Array
+    std: Array
+    nis: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def of(cls, moments: list[Moment], parameters: int) -> Columns:
+        """From moments of so many parameters."""
+        shape = (len(moments), parameters)
+        return cls(
+            np.array([m.t for m in moments]),
+            np.array([m.values for m in moments], dtype=float).reshape(shape),
+            np.array([m.stds for m in moments], dtype=float).reshape(shape),
+            *(np.array([getattr(m, name) for m in moments]) for name in ("e", "std", "nis", "low", "high")),
+        )
+
+
+def _moment(content: Mapping[str, Any]) -> Moment:
+    innovation, nis = content["innovation"], content["nis"]
+    e, std = (math.nan, math.nan) if innovation is None else (innovation["e_m"], innovation["std_m"])
+    value, low, high = (math.nan,) * 3 if nis is None else (nis["value"], nis["low"], nis["high"])
+    parameters = content["parameters"]
+    return Moment(
+        content["t_s"],
+        tuple(p["value"] for p in parameters),
+        tuple(_number(p["std"]) for p in parameters),
+        _number(e),
+        _number(std),
+        _number(value),
+        _number(low),
+        _number(high),
+    )
+
+
+def _number(value: float | None) -> float:
+    """A number of JSON; null is one that is not finite."""
+    return math.nan if value is None else value
