@@ -133,6 +133,18 @@ def plain(unit: str, value: float, std: float) -> str:
     return with_unit(decimal(value, std), unit)
 
 
+def about(unit: str, value: float) -> str:
+    """A size to two digits as people say it: in the customary unit, else in SI, without powers of ten.
+
+    Examples
+    --------
+    >>> about("m/s²", 3.76e-4), about("1", 4.73e-4), about("(m/s²)⁻²", 1.0e-4), about("s²/m³", 18.7)
+    ('0.038 mg', '0.047 %', '9600 µg/g³', '19 s²/m³')
+    """
+    size, _, name = plain(unit, value, 0.0).replace("−", "-").partition(" ")
+    return with_unit(decimal(float(f"{float(size):.2g}"), 0.0), name)
+
+
 def decimal(value: float, std: float) -> str:
     """A value with its uncertainty to two digits of that, without powers of ten as far as twelve decimals go.
 

@@ -20,7 +20,7 @@ from accelcal.serialization.json_text import finite
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as StaticFigure
 
-SECTIONS = ("found", "apart", "falling", "where", "parameters", "data")
+SECTIONS = ("first", "found", "apart", "falling", "where", "parameters", "data")
 """Sections that hold figures."""
 DRAWN = ("x", "y", "z", "text", "customdata")
 """Data of a trace, equal in both themes."""
