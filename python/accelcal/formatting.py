@@ -157,7 +157,7 @@ def decimal(value: float, std: float) -> str:
         return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace("-", "−")
     last = 1 - math.floor(math.log10(std))
     places = min(MOST_PLACES, max(0, last))
-    return f"{round(value, last):.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
+    return f"{round(value, last) + 0.0:.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
 
 
 def with_plain(value: float, std: float, unit: str) -> str:

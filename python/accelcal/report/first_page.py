@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from accelcal.calibration.budget import COVERAGE_FACTOR
+from accelcal.calibration.budget import COVERAGE_FACTOR, expanded_uncertainty, standard_uncertainty
 from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, spelled
@@ -57,8 +57,8 @@ def first_page(content: Content) -> dict[str, Any]:
 
 def row(content: Content, e: Estimate) -> dict[str, Any]:
     """One parameter with its expanded uncertainty, that of the budget where there is one."""
-    std = standard_uncertainty(content, e)
-    expanded = max(content.fit.expanded(e, COVERAGE_FACTOR), COVERAGE_FACTOR * std)
+    std = standard_uncertainty(content.budget, e)
+    expanded = expanded_uncertainty(content.fit, content.budget, e)
     full_scale = content.fit.rig.sensor.range
     run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
     return {
@@ -70,11 +70,6 @@ def row(content: Content, e: Estimate) -> dict[str, Any]:
         "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale),
         "si": amount(e.value, std, e.unit),
     }
-
-
-def standard_uncertainty(content: Content, e: Estimate) -> float:
-    """Combined standard uncertainty of the budget, else that of the fit."""
-    return next((line.combined for line in content.budget.lines if line.estimate == e), e.std)
 
 
 def coverage(content: Content) -> str:

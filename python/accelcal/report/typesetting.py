@@ -27,7 +27,7 @@ def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
 
     Returns
     -------
-    The PDF as bytes; images as one bytes object for each page.
+    The PDF as bytes; images as a list, one bytes object for each page.
 
     Raises
     ------
@@ -39,7 +39,8 @@ def typeset(template: str, texts: Mapping[str, Any], figures: Mapping[str, bytes
     except ImportError as error:
         raise MissingExtra('a PDF needs typst; install it with: pip install "accelcal[pdf]"') from error
     with sources(template, texts, figures) as settings:
-        return typst.compile(**settings, format=form)
+        made = typst.compile(**settings, format=form)
+    return [made] if form == "png" and isinstance(made, bytes) else made
 
 
 @contextmanager
