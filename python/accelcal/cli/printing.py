@@ -552,7 +552,7 @@ def show_comparison(content: dict[str, Any]) -> None:
     nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
     say(f"one-step prediction error: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}")
     steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
-    say(f"prediction error by readings ahead: {steps}")
+    say(f"k-step-ahead prediction error, k in readings: {steps}")
     say(
         f"accelerometer residual up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
     )
