@@ -124,7 +124,11 @@ def plain(unit: str, value: float, std: float) -> str:
     --------
     >>> plain("(m/s²)⁻²", 9.99e-4, 2.0e-5), plain("1", 0.01929, 2.2e-4), plain("K⁻¹", 1.25e-5, 3.1e-6)
     ('96100 ± 1900 µg/g³', '1.929 ± 0.022 %', '0.0000125 ± 0.0000031 K⁻¹')
+    >>> plain("1", 0.01929, math.inf)
+    '1.929 % ± not known'
     """
+    if not math.isfinite(std):
+        return f"{plain(unit, value, 0.0)} ± not known"
     shown = display(unit, value, std)
     if shown:
         return typeset(shown).replace(" u", " µ")

@@ -12,6 +12,7 @@ from accelcal.calibration.characteristic import characteristic
 from accelcal.data.rig import Uncertainty
 from accelcal.data.run_labels import RunLabels
 from accelcal.estimation.estimate import estimate
+from accelcal.estimation.run_to_run import Spread
 from accelcal.report import agreement_html
 from accelcal.report.agreement_view import agreement_view
 from accelcal.serialization import model_file
@@ -164,3 +165,14 @@ def test_the_page_shows_the_numbers_and_loads_nothing(fits):
     for row in view["parameters"]:
         assert row["difference"] in page.text
         assert row["en"] in page.text
+
+
+def test_an_uncertainty_that_is_not_known_is_said_and_no_difference(fits):
+    fit = fits[0]
+    cubic = fit["cubic"]
+    spread = Spread("cubic", cubic.symbol, cubic.unit, 1e-4, 0.0, np.inf, 0.01, (cubic.value,), np.inf, np.inf)
+    found = agreement(fit, replace(moved(fit, cubic=2.0 * cubic.value), spreads=(spread,)))
+    one = next(row for row in agreement_view(found)["parameters"] if row["name"] == "cubic")
+    assert one["second"].endswith("± not known")
+    assert one["en"] == "0.00"
+    assert "cubic" not in [each.name for each in found.differing]
