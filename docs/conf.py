@@ -16,7 +16,7 @@ import accelcal
 import accelcal.plots.interactive
 import accelcal.plots.static.diagnosis
 from accelcal.cli import app as cli
-from accelcal.effects import BUILT_IN, Effect
+from accelcal.effects import BUILT_IN, Effect, spelled
 from accelcal.effects.cards import symptoms
 from accelcal.plots.static.signature import caption, signature
 from accelcal.plots.style import THEMES, save
@@ -58,6 +58,8 @@ for module in [m for name, m in sys.modules.items() if name.startswith("accelcal
 
 SYMPTOMS = "<!-- symptoms of the catalogue -->"
 """Mark of a page for the table of what every effect looks like."""
+GALLERY = "<!-- gallery -->"
+"""Mark of a page for the pictures of all effects."""
 COMMANDS = "<!-- commands -->"
 """Mark of a page for the table of all commands."""
 
@@ -84,15 +86,42 @@ def complete(app: Any, page: str, source: list[str]) -> None:
         source[0] = re.sub(
             r"^## (\w+)\n", lambda head: head[0] + pair(by_name[head[1]], folder), source[0], flags=re.MULTILINE
         )
+    if GALLERY in source[0]:
+        source[0] = source[0].replace(GALLERY, gallery(os.path.relpath(pictures(app), app.srcdir)))
     source[0] = source[0].replace(SYMPTOMS, symptoms(BUILT_IN)).replace(COMMANDS, commands())
 
 
-def pair(effect: Effect, folder: str) -> str:
+def pair(effect: Effect, folder: str, options: str = "") -> str:
     """One picture in both themes."""
     return "".join(
-        f"\n```{{image}} {folder}/{effect.name}-{theme}.png\n:alt: {caption(effect)}\n:class: only-{theme}\n```\n"
+        f"\n```{{image}} {folder}/{effect.name}-{theme}.png\n"
+        f":alt: {caption(effect)}\n:class: only-{theme}\n{options}```\n"
         for theme in THEMES
     )
+
+
+OWNERS = {
+    "sensor": "Of the sensor",
+    "mounting": "Of its mounting",
+    "timing": "Of the clocks",
+    "rig": "Of the stage and its surroundings",
+    "encoder": "Of the position reference",
+}
+"""Headings of the gallery, by the owner of an effect."""
+
+
+def gallery(folder: str) -> str:
+    """A picture of every effect with its name and first sentence, by owner; each leads to its card."""
+    parts = []
+    for owner, heading in OWNERS.items():
+        parts.append(f"\n## {heading}\n\n::::{{container}} gallery\n")
+        for effect in (e for e in BUILT_IN if e.owner == owner):
+            anchor = effect.name.replace("_", "-")
+            target = f":target: effects.html#{anchor}\n"
+            name = f"**[{spelled(effect.name)}](effects.md#{anchor})**"
+            parts.append(f":::{{container}} tile\n{pair(effect, folder, target)}\n{name}\n\n{effect.summary}\n:::\n")
+        parts.append("::::\n")
+    return "\n".join(parts)
 
 
 def commands() -> str:

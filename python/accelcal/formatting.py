@@ -124,13 +124,29 @@ def plain(unit: str, value: float, std: float) -> str:
     --------
     >>> plain("(m/s²)⁻²", 9.99e-4, 2.0e-5), plain("1", 0.01929, 2.2e-4), plain("K⁻¹", 1.25e-5, 3.1e-6)
     ('96100 ± 1900 µg/g³', '1.929 ± 0.022 %', '0.0000125 ± 0.0000031 K⁻¹')
+    >>> plain("1", 0.01929, math.inf)
+    '1.929 % ± not known'
     """
+    if not math.isfinite(std):
+        return f"{plain(unit, value, 0.0)} ± not known"
     shown = display(unit, value, std)
     if shown:
         return typeset(shown).replace(" u", " µ")
     if unit == "1":
         return f"{decimal(100.0 * value, 100.0 * std)} %"
     return with_unit(decimal(value, std), unit)
+
+
+def about(unit: str, value: float) -> str:
+    """A size to two digits as people say it: in the customary unit, else in SI, without powers of ten.
+
+    Examples
+    --------
+    >>> about("m/s²", 3.76e-4), about("1", 4.73e-4), about("(m/s²)⁻²", 1.0e-4), about("s²/m³", 18.7)
+    ('0.038 mg', '0.047 %', '9600 µg/g³', '19 s²/m³')
+    """
+    size, _, name = plain(unit, value, 0.0).replace("−", "-").partition(" ")
+    return with_unit(decimal(float(f"{float(size):.2g}"), 0.0), name)
 
 
 def decimal(value: float, std: float) -> str:
@@ -145,7 +161,7 @@ def decimal(value: float, std: float) -> str:
         return np.format_float_positional(float(f"{value:.4g}"), trim="-").replace("-", "−")
     last = 1 - math.floor(math.log10(std))
     places = min(MOST_PLACES, max(0, last))
-    return f"{round(value, last):.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
+    return f"{round(value, last) + 0.0:.{places}f} ± {round(std, last):.{places}f}".replace("-", "−")
 
 
 def with_plain(value: float, std: float, unit: str) -> str:

@@ -15,7 +15,20 @@ from accelcal.cli import write_recording
 from .pages import DOCS, examples
 
 ENVIRONMENT = os.environ | {"COLUMNS": "160"}
-PAGES = ("quick-start", "loop", "your-data", "own-effect", "campaign", "live", "python")
+PAGES = (
+    "quick-start",
+    "loop",
+    "your-data",
+    "own-effect",
+    "campaign",
+    "live",
+    "python",
+    "stage",
+    "shaker",
+    "tumble-table",
+    "structure",
+    "motion-capture",
+)
 """Pages with examples that run. Blocks of other languages are output, files, or what a person starts (`bash`)."""
 ELSEWHERE = {"export": "calibration/export/test_command.py"}
 """Pages whose examples are run by a test of what they are about."""

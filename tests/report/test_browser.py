@@ -103,3 +103,12 @@ def test_the_light_page_shows_its_pictures(browser, files):
     assert [url for url in asked if not url.startswith("data:")] == [(files / "light.html").as_uri()]
     assert said == []
     page.context.close()
+
+
+def test_the_first_page_of_a_printed_page_is_one_a4(browser, files):
+    page, *_ = opened(browser, files / "light.html")
+    page.set_viewport_size({"width": round((210 - 2 * 14) / 25.4 * 96), "height": 900})
+    page.emulate_media(media="print")
+    bottom = page.evaluate("() => document.getElementById('first').getBoundingClientRect().bottom")
+    assert 0.6 < bottom / ((297 - 2 * 12) / 25.4 * 96) <= 1.0
+    page.context.close()

@@ -52,3 +52,16 @@ def test_help_has_an_example(folder):
     done = accelcal("report", "-h", cwd=folder)
     assert done.returncode == 0
     assert "accelcal report m.json run12.csv --holdout run13.csv" in " ".join(done.stdout.replace("│", " ").split())
+
+
+def test_two_calibrations_are_compared(folder):
+    model_file.save(estimate(ac.Model.linear(), ac.load(folder / "run.csv"), end=6.0), folder / "n.json")
+    done = accelcal("report", "m.json", "n.json", "--compare", "--pdf", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "not independent" in done.stdout
+    page = Page((folder / "n.html").read_text(encoding="utf-8"))
+    assert "Comparison of two calibrations: m.json and n.json" in page.text
+    assert (folder / "n.pdf").read_bytes().startswith(b"%PDF-")
+    refused = accelcal("report", "--compare", "m.json", "n.json", "--holdout", "run.csv", cwd=folder)
+    assert refused.returncode == 2
+    assert "leave out --holdout" in refused.stderr

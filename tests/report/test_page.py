@@ -25,7 +25,7 @@ from tests.report.reading import Page
 @pytest.mark.parametrize("which", ["lacking", "complete", "light"])
 def test_a_page_loads_nothing_from_elsewhere(pages, which):
     page = Page(pages[which])
-    assert page.count("section") == 10
+    assert page.count("section") == 11
     assert page.outside() == []
     policy = next(a["content"] for tag, a in page.elements if tag == "meta" and "http-equiv" in a)
     assert policy.startswith("default-src 'none'")

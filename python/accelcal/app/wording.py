@@ -10,7 +10,7 @@ from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.formatting import amount, number, probability, readable, with_plain, with_unit
+from accelcal.formatting import about, amount, number, probability, readable, with_plain
 from accelcal.model import Estimate
 from accelcal.plots.numbers import candidate_groups
 from accelcal.report.view import VERDICTS
@@ -103,7 +103,7 @@ def limits(found: Diagnosis) -> list[list[str]]:
     for name, effect in order:
         size = found.scan.detection_limits.get(name, math.inf)
         if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
-            rows.append([spelled(name), with_unit(number(size, 3), effect.unit)])
+            rows.append([spelled(name), about(effect.unit, size)])
     return rows
 
 

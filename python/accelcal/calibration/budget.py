@@ -94,6 +94,16 @@ def budget(fit: Fit) -> Budget:
     return Budget(tuple(Line(e, _components(fit, e)) for e in mine), ())
 
 
+def standard_uncertainty(found: Budget, e: Estimate) -> float:
+    """Combined standard uncertainty of an estimate where it has a budget, else that of the fit."""
+    return next((line.combined for line in found.lines if line.estimate == e), e.std)
+
+
+def expanded_uncertainty(fit: Fit, found: Budget, e: Estimate) -> float:
+    """Expanded uncertainty of an estimate, coverage factor 2, with its budget where it has one."""
+    return max(fit.expanded(e, COVERAGE_FACTOR), COVERAGE_FACTOR * standard_uncertainty(found, e))
+
+
 def _components(fit: Fit, e: Estimate) -> tuple[Component, ...]:
     declared, separated = fit.rig.uncertainty, _separated(fit)
     level, off, ruler = declared.level or 0.0, declared.misalignment or 0.0, declared.encoder_scale or 0.0

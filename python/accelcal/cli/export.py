@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,6 @@ from accelcal.cli.common import (
     ModelFile,
     Output,
     Rig,
-    RunFile,
     UsageError,
     app,
     load_own_effects,
@@ -35,9 +35,14 @@ from accelcal.cli.models import load_like
 @with_exit_codes
 def report(
     model: ModelFile,
-    run: RunFile,
+    run: Annotated[
+        Path, typer.Argument(help="Recording; with --compare another model of the sensor.", show_default=False)
+    ],
     holdout: Holdout = None,
     rig: Rig = None,
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Compare two models of one sensor: report --compare A.json B.json.")
+    ] = False,
     light: Annotated[bool, typer.Option("--light", help="Static figures, no script: small enough to mail.")] = False,
     pdf: Annotated[bool, typer.Option("--pdf", help="Write a PDF too; only a PDF if --output ends in .pdf.")] = False,
     effects_file: EffectsFile = None,
@@ -45,7 +50,8 @@ def report(
 ) -> None:
     """Write a report on a model and a recording: diagnosis, error reduction, residuals, parameters, uncertainty budget.
 
-    One HTML page that opens offline; RUN.html by default.
+    One HTML page that opens offline; RUN.html by default. With --compare on two calibrations of one sensor: whether
+    they agree, and what changed between them.
 
     Example: [bold]accelcal report m.json run12.csv --holdout run13.csv -o run12.html[/bold]
     """
@@ -53,12 +59,15 @@ def report(
     from accelcal.io import together
     from accelcal.serialization import model_file
 
-    target = output if output is not None else run.with_suffix(".html")
-    if target.suffix not in (".html", ".pdf"):
-        raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
+    if compare:
+        if holdout or rig or light:
+            raise UsageError("--compare takes two models and no recording; leave out --holdout, --rig and --light")
+        report_agreement(model, run, pdf, effects_file, output)
+        return
+
+    written = pages_to_write(output if output is not None else run.with_suffix(".html"), pdf)
     load_own_effects(effects_file)
     fitted = model_file.load(model)
-    written = [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
     with progress("report") as share, together():
         content = page.gather(
             fitted,
@@ -75,6 +84,44 @@ def report(
     for path in written:
         print_status(f"wrote {path}")
     suggest("export", model, "--c", "sensor.h")
+
+
+def report_agreement(
+    first: Path, second: Path, pdf: bool, effects_file: Sequence[Path] | None, output: Path | None
+) -> None:
+    """Write a report on two calibrations, and print its verdict."""
+    from accelcal import report as page
+    from accelcal.cli.printing import show_agreement
+    from accelcal.io import together
+    from accelcal.report.agreement_view import agreement_view
+    from accelcal.serialization import model_file
+
+    written = pages_to_write(output if output is not None else second.with_suffix(".html"), pdf)
+    load_own_effects(effects_file)
+    names = (first.name, second.name) if first.name != second.name else (str(first), str(second))
+    found = page.agreement(model_file.load(first), model_file.load(second), names=names)
+    with together():
+        for path in written:
+            if path.suffix == ".pdf":
+                page.agreement_pdf(found, path)
+            else:
+                page.write(page.agreement_html(found), path)
+    show_agreement(agreement_view(found))
+    for path in written:
+        print_status(f"wrote {path}")
+
+
+def pages_to_write(target: Path, pdf: bool) -> list[Path]:
+    """The page, the PDF, or both.
+
+    Raises
+    ------
+    UsageError
+        If the name ends in neither .html nor .pdf.
+    """
+    if target.suffix not in (".html", ".pdf"):
+        raise UsageError(f"--output {target}: expected a name that ends in .html or .pdf")
+    return [target, target.with_suffix(".pdf")] if pdf and target.suffix == ".html" else [target]
 
 
 @app.command()

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from accelcal.cli.common import UsageError, parse_quantity
-from accelcal.cli.terminal import say, say_line, show_table
+from accelcal.cli.terminal import say, say_line, show_table, show_wrapped_table
 from accelcal.data.units import instant
 from accelcal.formatting import at_full_scale, interval, millionths, percent, plain, plus_minus, short, with_unit
 
@@ -49,6 +49,18 @@ def show_export(content: dict[str, Any]) -> None:
         say_line(f"not exported: {one['effect']} {one['why']}")
     for text in content["remarks"]:
         say_line(f"note: {text}")
+
+
+def show_agreement(shown: dict[str, Any]) -> None:
+    """Print the verdict on two calibrations, their parameters and what changed between them."""
+    say(shown["sentence"], "bold")
+    for text in shown["notes"]:
+        say(text)
+    keys = ("name", "first", "second", "difference", "en")
+    rows = [[row[key] for key in keys] for row in shown["parameters"]]
+    show_table(["parameter", *shown["names"], "difference", "En"], rows)
+    if shown["changes"]:
+        show_wrapped_table(["changed", *shown["names"]], shown["changes"])
 
 
 def limit(text: str, kind: str, option: str) -> float:
@@ -541,7 +553,7 @@ def show_comparison(content: dict[str, Any]) -> None:
     nis = "" if content["nis"] is None else f", normalised innovation squared {content['nis']:.4f} (1 when consistent)"
     say(f"one-step prediction error: {1e6 * content['one_step_rms_m']:.4g} um rms{nis}")
     steps = ", ".join(f"{k}: {1e6 * v:.4g} um" for k, v in content["k_step_rms_m"].items() if v is not None)
-    say(f"prediction error by readings ahead: {steps}")
+    say(f"k-step-ahead prediction error, k in readings: {steps}")
     say(
         f"accelerometer residual up to {content['band_hz']:.4g} Hz: {content['accel_rms_m_per_s2']:.4g} m/s² rms",
     )

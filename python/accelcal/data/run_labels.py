@@ -7,6 +7,8 @@ from datetime import UTC, date, datetime, timedelta
 
 from accelcal.data.units import shown
 
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
 
 @dataclass(frozen=True, slots=True)
 class RunLabels:
@@ -17,6 +19,20 @@ class RunLabels:
     mounting: str = ""
     """Name of the mounting; runs between which the sensor stayed in place share it."""
     operator: str = ""
+
+    @property
+    def day(self) -> str:
+        """The date as ISO 8601, with the time where one was declared; empty where nothing was.
+
+        Examples
+        --------
+        >>> RunLabels(date=20760.0).day, RunLabels(date=20760.5).day
+        ('2026-11-03', '2026-11-03 12:00 UTC')
+        """
+        if self.date is None:
+            return ""
+        at = EPOCH + timedelta(days=self.date)
+        return f"{at:%Y-%m-%d}" if self.date == int(self.date) else f"{at:%Y-%m-%d %H:%M} UTC"
 
 
 NO_LABELS = RunLabels()
@@ -39,7 +55,7 @@ def days_of(found: object) -> float:
             ) from None
     if isinstance(found, datetime):
         at = found if found.tzinfo else found.replace(tzinfo=UTC)
-        return (at - datetime(1970, 1, 1, tzinfo=UTC)) / timedelta(days=1)
+        return (at - EPOCH) / timedelta(days=1)
     if isinstance(found, date):
         return float((found - date(1970, 1, 1)).days)
     raise ValueError(f"found {shown(found)}, expected a date such as 2026-11-03 or 2026-11-03T14:30:00")

@@ -387,7 +387,7 @@ def display(unit: str, value: float, std: float) -> str | None:
     spread = std / size
     last = 1 - math.floor(math.log10(spread))
     decimals = min(12, max(0, last))
-    return f"{round(value / size, last):.{decimals}f} ± {round(spread, last):.{decimals}f} {name}"
+    return f"{round(value / size, last) + 0.0:.{decimals}f} ± {round(spread, last):.{decimals}f} {name}"
 
 
 __dir__ = listing(globals())

@@ -132,7 +132,7 @@ KINDS: dict[str, Kind] = {
     "runs_disagree": Kind(
         "beside",
         "The recordings disagree (p = {p:.2g}): {parameter} is {value} on {recording} and {others} on the others; "
-        "sensor and reference cannot be told apart there",
+        "sensor and reference cannot be distinguished there",
     ),
     "engines_disagree": Kind(
         "verdict",

@@ -54,7 +54,7 @@ def bias(s: Signals) -> Array:
     ),
 )
 def scale_factor(s: Signals) -> Array:
-    """Scale error: output = (1 + k) a + K0 (paper, eq. 3).
+    """Scale error: output = (1 + k) a + K0.
 
     Equation: e = k a.
     Looks like: a residual proportional to acceleration.
@@ -140,7 +140,7 @@ def misalignment(s: Signals) -> Array:
     ),
 )
 def cross_axis_gravity(s: Signals) -> Array:
-    """Product of acceleration and gravity on the vertical axis (paper, eq. 7): Kin g0 a.
+    """Product of acceleration and gravity on the vertical axis: Kin g0 a.
 
     Equation: e = Kin g0 a, with the sign of the roll.
     Looks like: a scale error.

@@ -51,7 +51,7 @@ def card(effect: Effect) -> str:
     lines += [f"- {label}: {text}" for label in CARD if (text := effect.line(label))]
     lines.append(f"- Unit of {effect.symbol}: {effect.unit}; owner: {effect.owner}; {PORTS[effect.port]}.")
     lines.append(f"- Typical size: {effect.scale:g} ({effect.source}).")
-    for label, refined in (("Refined by likelihood", True), ("Set by the record, kept by the model", False)):
+    for label, refined in (("Refined by likelihood", True), ("Range fixed at fit time", False)):
         each = [f"{name} ({shape.unit})" for name, shape in effect.shapes.items() if shape.refined is refined]
         if each:
             lines.append(f"- {label}: {', '.join(each)}.")
@@ -65,7 +65,7 @@ def card(effect: Effect) -> str:
         lines.append("- Only a positive coefficient is physical.")
     if effect.search.prior:
         mean, std = effect.search.prior
-        lines.append(f"- Prior: {mean:g} ± {std:g}.")
+        lines.append(f"- Prior: {mean:g} ± {std:g} (1 sigma).")
     if not effect.traits.visible:
         lines.append("- No motion of a level, untouched rig can show it.")
     return "\n".join(lines) + "\n"

@@ -60,7 +60,7 @@ def cross_axis_quadratic(s: Signals) -> Array:
     search=Search(includes=("scale_factor",)),
 )
 def cross_coupling(s: Signals) -> Array:
-    """Product of both accelerations: k changes with the transverse one (IEEE 1293 Kio; paper, eq. 7).
+    """Product of both accelerations: k changes with the transverse one (IEEE 1293 Kio).
 
     Equation: e = Kio a a_y.
     Looks like: a residual proportional to acceleration, its size following the transverse acceleration.

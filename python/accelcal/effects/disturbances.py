@@ -27,7 +27,7 @@ def _lines(s: Signals) -> tuple[float, float]:
     traits=Traits(noise=NoiseSource("line", amplitude)),
 )
 def tone(s: Signals, frequency: float) -> Array:
-    """A line at a fixed frequency: mains, a fan, an alias of either.
+    """Narrow-band interference at a fixed frequency: mains, a fan, an alias of either.
 
     Equation: e = c sin(2 pi f t) + d cos(2 pi f t). The line is as narrow as 1/record, so f is first read off the
     spectrum of the output; the trials only bracket it.
@@ -88,7 +88,7 @@ def vibration_rectification(s: Signals) -> Array:
     traits=Traits(positive=True, noise=NoiseSource("output outliers", largest, rejects="accel")),
 )
 def accelerometer_outliers(s: Signals) -> Array:
-    """Single samples of the output are wrong: bits lost, knocks on the cable.
+    """Outliers of the output: bits lost, knocks on the cable.
 
     Equation: variance of the output = ro, their rate times their mean square height.
     Looks like: few samples far outside the distribution of the rest.
@@ -108,7 +108,7 @@ def accelerometer_outliers(s: Signals) -> Array:
     traits=Traits(positive=True, noise=NoiseSource("output steps", half_a_step, raises=("tone", "whiteness"))),
 )
 def quantisation(s: Signals) -> Array:
-    """The output is rounded to steps D.
+    """Quantisation of the output in steps D.
 
     Equation: variance of the output = D²/12, white only while the output moves by more than D per sample.
     Looks like: few distinct values; runs of equal samples at rest.

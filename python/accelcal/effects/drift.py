@@ -42,7 +42,7 @@ def stationary(t: Array, start: float, length: float, tau: float) -> Array:
     search=Search(includes=("bias",)),
 )
 def bias_drift(s: Signals) -> Array:
-    """Bias grows at a steady rate.
+    """Linear drift of the bias.
 
     Equation: e = K0t t.
     Looks like: a residual that is a straight line over time.
@@ -63,7 +63,7 @@ def bias_drift(s: Signals) -> Array:
     search=Search(includes=("bias",)),
 )
 def bias_step(s: Signals, instant: float) -> Array:
-    """Bias jumps once, after a shock or a change of the mount.
+    """Step of the bias, after a shock or a change of the mount.
 
     Equation: e = dK0 [t >= instant].
     Looks like: two levels of the residual.
@@ -133,7 +133,7 @@ def bias_gauss_markov(s: Signals, start: float, length: float, tau: float) -> Ar
     search=Search(includes=("scale_factor",)),
 )
 def scale_drift(s: Signals) -> Array:
-    """Scale factor grows at a steady rate.
+    """Linear drift of the scale factor.
 
     Equation: e = kt t a.
     Looks like: a residual proportional to acceleration whose size is a straight line over time.
@@ -154,7 +154,7 @@ def scale_drift(s: Signals) -> Array:
     search=Search(includes=("scale_factor",)),
 )
 def scale_step(s: Signals, instant: float) -> Array:
-    """Scale factor jumps once: a supply, a gain range, a mount that slipped.
+    """Step of the scale factor: a supply, a gain range, a mount that slipped.
 
     Equation: e = dk a [t >= instant].
     Looks like: a residual proportional to acceleration before or after an instant only.

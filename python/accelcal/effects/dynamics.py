@@ -22,7 +22,7 @@ from accelcal.signals.signals import Signals
     search=Search(includes=("time_offset",)),
 )
 def time_offset_step(s: Signals, instant: float) -> Array:
-    """The delay of the output jumps once: a sample was dropped or stored twice.
+    """Step of the delay of the output: a sample was dropped or stored twice.
 
     Equation: e = -(1 + k) dt0 jerk [t >= instant].
     Looks like: a residual proportional to jerk before or after an instant only.
@@ -42,7 +42,7 @@ def time_offset_step(s: Signals, instant: float) -> Array:
     search=Search(includes=("time_offset",)),
 )
 def clock_skew(s: Signals) -> Array:
-    """The accelerometer's clock gains: its delay grows at a steady rate.
+    """Rate difference of the two clocks: the delay of the output grows linearly.
 
     Equation: e = -(1 + k) alpha t jerk.
     Looks like: a residual proportional to jerk whose size is a straight line over time.
@@ -63,7 +63,7 @@ def clock_skew(s: Signals) -> Array:
     traits=Traits(positive=True, noise=NoiseSource("noise over jerk", jitter_at_top_jerk)),
 )
 def timing_jitter(s: Signals) -> Array:
-    """Time stamps scatter with variance sigma_t².
+    """Jitter of the time stamps, of variance sigma_t².
 
     Equation: variance of the output = sigma_t² ((1 + k) jerk)².
     Looks like: noise that grows with |jerk|, without a mean.
@@ -192,7 +192,7 @@ def sensor_resonance(s: Signals) -> Array:
     traits=Traits(memory=True),
 )
 def creep(s: Signals, tau: float, start: float) -> Array:
-    """The element relaxes: part of its response comes late.
+    """Viscoelastic creep of the sensing element: part of its response is delayed.
 
     Equation: e = cc x, tau x' = a - x. What x carries over from before the record is a share of the largest
     acceleration: 0 where the stage had long been at rest.

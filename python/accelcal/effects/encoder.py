@@ -24,7 +24,7 @@ from accelcal.signals.signals import Signals
     ),
 )
 def encoder_outliers(s: Signals) -> Array:
-    """Single readings are wrong: dirt on the scale, a bit lost.
+    """Outliers of the position readings: dirt on the scale, a bit lost.
 
     Equation: variance of the reading = rp, their rate times their mean square height.
     Looks like: single innovations far outside the distribution of the rest, followed by one of opposite sign.
@@ -70,7 +70,7 @@ def encoder_cyclic(s: Signals, period: float) -> Array:
     traits=Traits(memory=True),
 )
 def encoder_backlash(s: Signals, width: float) -> Array:
-    """Slack between carriage and reading head: the reading depends on the direction of the last move.
+    """Backlash between carriage and reading head: the reading depends on the direction of the last move.
 
     Equation: b = (d/2) sgn v, kept through rests and straight across a reversal: d (p - play(p, w))/w; a head that
     hangs in a plain gap has w = |d|.
@@ -114,7 +114,7 @@ def encoder_nonlinearity(s: Signals) -> Array:
     traits=Traits(noise=NoiseSource("position jumps", amplitude)),
 )
 def encoder_step(s: Signals, instant: float) -> Array:
-    """Counts were missed: the position jumps once and stays.
+    """Missed counts: a step of the position that stays.
 
     Equation: b = ds [t >= instant].
     Looks like: one innovation far outside the rest, with a decay behind it.
@@ -135,7 +135,7 @@ def encoder_step(s: Signals, instant: float) -> Array:
     traits=Traits(visible=False, summand="encoder scale", uncertainty="encoder_scale"),
 )
 def encoder_scale(s: Signals) -> Array:
-    """The scale of the encoder is too long or too short.
+    """Scale error of the encoder.
 
     Equation: b = eps p.
     Looks like: a scale error of the accelerometer, k = -eps.

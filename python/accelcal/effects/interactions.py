@@ -32,7 +32,7 @@ def profile(x: Array, low: float, high: float) -> Array:
     parts=PROFILE,
 )
 def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array:
-    """A drag that changes along the rail.
+    """Viscous friction that varies along the rail.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
     Looks like: a residual that grows with velocity, here more than there.
@@ -55,7 +55,7 @@ def shape_of_position_and_velocity(s: Signals, low: float, high: float) -> Array
     search=Search(includes=("scale_factor",)),
 )
 def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> Array:
-    """A scale factor that changes along the rail.
+    """Scale factor that varies along the rail.
 
     Equation: e = a (c1 u + c2 (3 u^2 - 1)/2), u = p over its range, -1 to 1.
     Looks like: a residual that follows acceleration, here more than there.
@@ -78,7 +78,7 @@ def shape_of_position_and_acceleration(s: Signals, low: float, high: float) -> A
     parts=PROFILE,
 )
 def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Array:
-    """A drag that changes with temperature, as grease does.
+    """Viscous friction that varies with temperature, as that of grease.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = T over its range, -1 to 1.
     Looks like: a residual that grows with velocity, warm less than cold.
@@ -100,7 +100,7 @@ def shape_of_temperature_and_velocity(s: Signals, low: float, high: float) -> Ar
     parts=PROFILE,
 )
 def shape_of_time_and_velocity(s: Signals, start: float, length: float) -> Array:
-    """A drag that changes during the record, as while running in.
+    """Viscous friction that varies with time, as during run-in.
 
     Equation: e = v (c0 + c1 u + c2 (3 u^2 - 1)/2), u = t over the record, -1 to 1.
     Looks like: a residual that grows with velocity, at first more than later.

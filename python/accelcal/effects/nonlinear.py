@@ -135,7 +135,7 @@ def _levels(s: Signals) -> tuple[float, float]:
     search=Search(prior=(1.0, 0.3)),
 )
 def saturation(s: Signals, level: float) -> Array:
-    """The output stops at a level; a coefficient of 1 is a hard clip, less a soft one.
+    """Saturation of the output at a level; a coefficient of 1 is a hard clip, less a soft one.
 
     Most clips are hard; where few readings reach one, its level and its softness trade places, and the prior decides.
 
@@ -163,7 +163,7 @@ def _slacks(s: Signals) -> tuple[float, float]:
     traits=Traits(memory=True),
 )
 def hysteresis(s: Signals, width: float) -> Array:
-    """Play of full `width` between acceleration and output, at any rate and kept through rests.
+    """Hysteresis: play (backlash) operator of full `width` between acceleration and output, independent of rate.
 
     Equation: e = h play(a, width); the scale factor takes the part in proportion to a, the loop remains.
     Looks like: a loop of the residual over acceleration that does not depend on how fast it is run through.

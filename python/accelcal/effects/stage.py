@@ -15,7 +15,7 @@ from accelcal.signals.signals import Signals
 
 @effect("velocity", unit="s⁻¹", owner="rig", symbol="cv", scale=1e-3, source="1e-4 m/s² at 0.1 m/s")
 def velocity(s: Signals) -> Array:
-    """In proportion to velocity: eddy currents, cable drag, an amplifier's high-pass.
+    """Viscous damping, in proportion to velocity: eddy currents, cable drag, an amplifier's high-pass.
 
     Equation: e = cv v.
     Looks like: a residual proportional to velocity.
@@ -27,7 +27,7 @@ def velocity(s: Signals) -> Array:
 
 @effect("velocity_squared", unit="m⁻¹", owner="rig", symbol="cvv", scale=1e-3, source="1e-5 m/s² at 0.1 m/s")
 def velocity_squared(s: Signals) -> Array:
-    """In proportion to v²: centripetal acceleration on a curved rail, pitch of the carriage.
+    """Even quadratic dependence on velocity, v²: centripetal acceleration on a curved rail, pitch of the carriage.
 
     Equation: e = cvv v².
     Looks like: a shift of the mean that grows with speed, equal in both directions.
@@ -39,7 +39,7 @@ def velocity_squared(s: Signals) -> Array:
 
 @effect("velocity_odd", unit="m⁻¹", owner="rig", symbol="cvo", scale=1e-2, source="1e-4 m/s² at 0.1 m/s")
 def velocity_odd(s: Signals) -> Array:
-    """In proportion to v|v|: drag of air or fluid.
+    """Quadratic drag, v|v|: resistance of air or fluid.
 
     Equation: e = cvo v|v|.
     Looks like: a residual that changes sign with direction and grows with the square of speed.
@@ -51,7 +51,7 @@ def velocity_odd(s: Signals) -> Array:
 
 @effect("coulomb", unit="m/s²", owner="rig", symbol="cf", scale=1e-3, source="no published figure; 0.1 mg")
 def coulomb(s: Signals) -> Array:
-    """Changes sign with the direction of travel: dry friction that tips the carriage, drive current picked up.
+    """Coulomb friction, with the sign of the velocity: dry friction that tips the carriage, drive current picked up.
 
     Equation: e = cf sgn v, the corner rounded: tanh(v/w).
     Looks like: two levels of the residual, one for either direction.
@@ -83,7 +83,7 @@ def acceleration_velocity(s: Signals) -> Array:
     search=Search(includes=("bias",)),
 )
 def rail_slope(s: Signals) -> Array:
-    """The rail sags: its angle to level, and with it gravity along the stage, changes in proportion to place.
+    """Sag of the rail: its angle to level, and with it gravity along the stage, is linear in position.
 
     Equation: e = c1 p.
     Looks like: a residual proportional to position, at any speed.
@@ -103,7 +103,7 @@ def rail_slope(s: Signals) -> Array:
     search=Search(includes=("rail_slope", "bias")),
 )
 def rail_curve(s: Signals) -> Array:
-    """The bow of the rail is not even: second power of place.
+    """Uneven sag of the rail: gravity along the stage is quadratic in position.
 
     Equation: e = c2 p².
     Looks like: a residual that is a parabola over position, at any speed.
@@ -124,7 +124,7 @@ def rail_curve(s: Signals) -> Array:
     parts=("sin", "cos"),
 )
 def rail_wave(s: Signals, period: float, low: float = 0.0, high: float = 0.0) -> Array:
-    """The rail is wavy: gravity along the stage changes periodically with place.
+    """Periodic waviness of the rail: gravity along the stage changes periodically with position.
 
     Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period), less its mean over the stroke, which is bias.
     Looks like: a residual periodic in position, the same in both directions and at any speed.
@@ -146,7 +146,7 @@ def rail_wave(s: Signals, period: float, low: float = 0.0, high: float = 0.0) ->
     search=Search(beside="rail_wave"),
 )
 def rail_second_wave(s: Signals, period: float, low: float = 0.0, high: float = 0.0) -> Array:
-    """A second wave of the rail with a period of its own: cogging of poles beside that of slots.
+    """Second periodic waviness of the rail, of another period: cogging of poles beside that of slots.
 
     Equation: e = c sin(2 pi p/period) + d cos(2 pi p/period), less its mean over the stroke, which is bias.
     Looks like: a residual periodic in position once a wave of the rail is in the model.

@@ -744,7 +744,7 @@ def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
 def mostly_prior(layout: Layout, covariance: Array, model: Model) -> list[str]:
     """A sentence for each coefficient that the prior determines more than the record."""
     return [
-        f"{term.name} is mostly what was believed before, {belief.mean:g} ± {belief.std:g}: the record says little"
+        f"{term.name} is dominated by its prior, {belief.mean:g} ± {belief.std:g}: the record says little"
         for k, (term, _) in enumerate(layout.slots)
         if term.effect.search.prior
         and (belief := model.priors.get(term.name))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Flags
+from accelcal.data.run_labels import NO_LABELS, RunLabels
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
 from accelcal.estimation.normal_equations import NormalEquations, block_length, normal_equations
 from accelcal.estimation.run import PreparedRun
@@ -35,6 +36,8 @@ class RunFit:
     """Mean normalised innovation squared, 1 when noise and innovations agree; None when a band was imposed."""
     session: str = ""
     """Digest of the whole recording that the run is a part of."""
+    labels: RunLabels = NO_LABELS
+    """When, how mounted, by whom."""
 
 
 def run_fit(state: RunState, model: Model) -> RunFit:
@@ -52,6 +55,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         log_likelihood=state.log_likelihood,
         nis=float(np.mean(y**2)) if state.band is None else None,
         session=run.recording.session,
+        labels=run.recording.labels,
     )
 
 

@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from accelcal._support.extras import MissingExtra
 from accelcal.fleet.figures import draw_charts, draw_sensors
 from accelcal.fleet.summary import OUTLYING, Fleet
 from accelcal.fleet.task import STD
 from accelcal.formatting import number, plain, short
-from accelcal.report.page import svg
+from accelcal.report.page import environment, svg
 
 MOST_CHARTS = 12
 """Control charts that are drawn: those that age first, then those with runs outside."""
@@ -33,14 +32,7 @@ def html(fleet: Fleet, folder: Path) -> str:
     MissingExtra
         If matplotlib or jinja2 is not installed.
     """
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingExtra('the page needs jinja2; install it with: pip install "accelcal[report]"') from error
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(resources.files("accelcal.fleet").joinpath("page.html").read_text("utf-8"))
+    template = environment().from_string(resources.files("accelcal.fleet").joinpath("page.html").read_text("utf-8"))
     style = resources.files("accelcal.report").joinpath("page.css").read_text(encoding="utf-8")
     charts = sorted(fleet.charts, key=lambda one: (not one.ages, -len(one.outside), one.p_value))[:MOST_CHARTS]
     figures = [("Sensors", draw_sensors(fleet))] if fleet.populations else []

@@ -1,11 +1,24 @@
-"""The report: one page that opens offline and evaluates a model on a recording, with the origin of every number."""
+"""Reports: one page that opens offline, or a PDF, on a model and a recording, or on two calibrations of one sensor."""
 
 from accelcal._support.listing import listing
+from accelcal.calibration.agreement import Agreement, agreement
+from accelcal.report.agreement_page import agreement_html, agreement_pdf
 from accelcal.report.content import Content, gather
 from accelcal.report.page import html, light, write
 from accelcal.report.pdf import pdf
 
-__all__ = ["Content", "gather", "html", "light", "pdf", "write"]
+__all__ = [
+    "Agreement",
+    "Content",
+    "agreement",
+    "agreement_html",
+    "agreement_pdf",
+    "gather",
+    "html",
+    "light",
+    "pdf",
+    "write",
+]
 
 
 __dir__ = listing(globals())

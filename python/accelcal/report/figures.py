@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from accelcal.plots import interactive
 from accelcal.plots.numbers import nested_comparisons
+from accelcal.plots.static import closely, diagnosis
 from accelcal.plots.static import comparison as static
-from accelcal.plots.static import diagnosis
 from accelcal.plots.style import ThemeName
 from accelcal.report.content import Content
 
@@ -33,12 +33,26 @@ class Entry:
 def entries(content: Content) -> list[Entry]:
     """Every figure that the content allows, in the order of the page."""
     return [
+        _overlay(content),
         *_findings(content),
         *_error_reduction(content),
         *_residuals(content),
         *_parameters(content),
         *_data(content),
     ]
+
+
+def _overlay(c: Content) -> Entry:
+    """The first figure: what was measured and what this calibration says."""
+    model = [("this calibration", c.judged)]
+    used = "not used in the fit" if c.unseen else "the fitted recording"
+    return Entry(
+        "overlay",
+        "first",
+        f"{c.judged.recording or 'Recording'}, {used}. Residual: measured − simulated.",
+        lambda theme: interactive.overlay(model, theme=theme),
+        lambda theme: closely.overlay(model, theme=theme),
+    )
 
 
 def _findings(c: Content) -> Iterator[Entry]:
@@ -74,9 +88,9 @@ def _error_reduction(c: Content) -> Iterator[Entry]:
         )
     compared = nested_comparisons(nested) if nested is not None else [("model", c.judged)]
     yield Entry(
-        "overlay",
+        "overlays",
         "falling",
-        f"{caption} Shaded: stretches of the largest residual.",
+        f"{caption} Every model of the table; shaded: stretches of the largest residual.",
         lambda theme: interactive.overlay(compared, theme=theme),
     )
     yield Entry(

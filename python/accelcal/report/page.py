@@ -18,9 +18,10 @@ from accelcal.report.view import view
 from accelcal.serialization.json_text import finite
 
 if TYPE_CHECKING:
+    from jinja2 import Environment
     from matplotlib.figure import Figure as StaticFigure
 
-SECTIONS = ("found", "apart", "falling", "where", "parameters", "data")
+SECTIONS = ("first", "found", "apart", "falling", "where", "parameters", "data")
 """Sections that hold figures."""
 DRAWN = ("x", "y", "z", "text", "customdata")
 """Data of a trace, equal in both themes."""
@@ -79,15 +80,8 @@ def write(text: str, path: str | Path) -> None:
 
 def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
     """Fill the template; everything but plotly.js and figure data is escaped."""
-    try:
-        import jinja2
-    except ImportError as error:
-        raise MissingExtra('the report needs jinja2; install it with: pip install "accelcal[report]"') from error
     folder = resources.files("accelcal.report")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
+    template = environment().from_string(folder.joinpath("page.html").read_text(encoding="utf-8"))
     by_section = {name: [f for f in figures if f["section"] == name] for name in SECTIONS}
     return template.render(
         v=view(content),
@@ -96,6 +90,21 @@ def render(content: Content, figures: list[dict[str, Any]], plotly: str) -> str:
         style=folder.joinpath("page.css").read_text(encoding="utf-8"),
         script=folder.joinpath("page.js").read_text(encoding="utf-8") if plotly else "",
     )
+
+
+def environment() -> Environment:
+    """What fills templates: everything is escaped, and nothing may be missing.
+
+    Raises
+    ------
+    MissingExtra
+        If jinja2 is not installed.
+    """
+    try:
+        import jinja2
+    except ImportError as error:
+        raise MissingExtra('the report needs jinja2; install it with: pip install "accelcal[report]"') from error
+    return jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
 
 
 def both_themes(entry: Entry) -> dict[str, Any]:

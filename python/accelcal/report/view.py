@@ -37,6 +37,7 @@ from accelcal.plots.numbers import (
     share_text,
 )
 from accelcal.report.content import Content
+from accelcal.report.first_page import detection_limits, first_page
 from accelcal.serialization.diagnosis_json import sizes
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import headline_horizon, quoted_error
@@ -61,8 +62,6 @@ VERDICTS = {
     "unexplained": "unexplained residual",
     "too_short": "too short for a verdict",
 }
-LIMITS = 8
-"""Detection limits that are printed when no effect is missing."""
 
 
 def view(content: Content) -> dict[str, Any]:
@@ -76,9 +75,11 @@ def view(content: Content) -> dict[str, Any]:
         "first": not d.nameable,
         "suspect": list(d.suspect),
         "notes": [readable(text) for text in d.notes],
-        "summary": summary(content),
+        "summary": [readable(text) for text in summary(content)],
+        "page": first_page(content),
+        "version": f"accelcal {__version__}",
         "found": found(content),
-        "limits": limits(content),
+        "limits": detection_limits(content),
         "importance": importance(content),
         "apart": apart(content),
         "falling": falling(content),
@@ -193,17 +194,6 @@ def importance(content: Content) -> list[str]:
     )
     limit = f"Declared tolerance {number(found.tolerance)} m/s²"
     return [f"{limit}, {relation} {', '.join(names)}." for relation, names in parts if names]
-
-
-def limits(content: Content) -> list[str]:
-    """Detection limits, only where no effect is missing."""
-    if content.diagnosis.verdict != "adequate" or content.power is None:
-        return []
-    detectabilities = [
-        s for s in content.power.detectabilities if s.seen and len(s.smallest) == 1 and find(s.effect).port == "output"
-    ]
-    mine = [s for s in detectabilities if find(s.effect).owner == "sensor"]
-    return [f"{spelled(s.effect)} {with_unit(number(s.smallest[0], 3), s.unit)}" for s in mine[:LIMITS]]
 
 
 def apart(content: Content) -> list[dict[str, str]]:

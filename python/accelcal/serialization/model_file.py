@@ -17,6 +17,7 @@ from accelcal.calibration.electrical import electrical
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
+from accelcal.data.run_labels import RunLabels
 from accelcal.effects import CATALOGUE, find, side_channel
 from accelcal.effects.side_channels import follows_output, side_channel_scale
 from accelcal.estimation.dwell_fit import DwellFit
@@ -103,6 +104,7 @@ def to_dict(fit: Fit, *, rig: Rig | None = None, seed: int | None = None) -> dic
                 "samples": run.samples,
                 "log_likelihood": run.log_likelihood,
                 "nis": run.nis,
+                "labels": asdict(run.labels),
             }
             for run in fit.runs
         ],
@@ -246,6 +248,7 @@ def fit_of(content: Mapping[str, Any]) -> Fit:
                 log_likelihood=data["log_likelihood"],
                 nis=data["nis"],
                 session=data["session_sha256"],
+                labels=RunLabels(**data.get("labels", {})),
             )
             for data, noise in zip(content["data"], noises, strict=False)
         ),

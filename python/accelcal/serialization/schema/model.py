@@ -235,6 +235,14 @@ class RigPart(Part):
     assumptions: Texts
 
 
+class RunLabelsPart(Part):
+    """When, how mounted and by whom a recording was made, as far as declared; the date in days since 1970-01-01."""
+
+    date: Number | None = None
+    mounting: Text = ""
+    operator: Text = ""
+
+
 class DataPart(Part):
     """One recording of the fit."""
 
@@ -246,6 +254,7 @@ class DataPart(Part):
     samples: Count
     log_likelihood: Number
     nis: NotNegative | None
+    labels: RunLabelsPart = Field(default_factory=RunLabelsPart)
 
 
 class DwellsPart(Part):
