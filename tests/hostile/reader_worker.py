@@ -35,6 +35,8 @@ SECONDS = 10.0
 """Processor time of one case."""
 MEMORY = 1_000_000_000
 """Bytes that one case may take beyond what the libraries take."""
+SMALL = 10_000_000
+"""Bytes of a file up to which that must do."""
 FRESH = 500
 """Every so many cases of containers the fresh interpreter of the product is used, not the fork."""
 
@@ -139,11 +141,15 @@ def answer(section: str, number: int) -> dict[str, Any]:
     if number % FRESH or section != "containers":
         reader_process.start = Forked  # type: ignore[assignment]
     with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
+        path = Path(folder)
         try:
             misbehave(section)
             path = case_files(section, number, Path(folder))
             outcome, text = "read", read(path, number % 5 == 0)
             outcome = "refused" if text else "read"
+        except MemoryError as error:  # a file that has grown to hundreds of megabytes, or could not even be made
+            large = not path.is_file() or path.stat().st_size > SMALL
+            outcome, text = "large" if large else "failed", f"MemoryError: {error}"
         except BaseException as error:
             outcome, text = "failed", f"{type(error).__name__}: {error}"[:500]
         finally:
