@@ -133,6 +133,14 @@ def misbehave(section: str) -> None:
         bytes(3 * MEMORY)
 
 
+def made(section: str, number: int, folder: Path) -> Path | None:
+    """The file of a case; None where a mutation has made it larger than memory."""
+    try:
+        return case_files(section, number, folder)
+    except MemoryError:
+        return None
+
+
 def answer(section: str, number: int) -> dict[str, Any]:
     """Run one case."""
     signal.setitimer(signal.ITIMER_PROF, SECONDS)  # SIGPROF ends the process: no library can miss it
@@ -141,14 +149,14 @@ def answer(section: str, number: int) -> dict[str, Any]:
     if number % FRESH or section != "containers":
         reader_process.start = Forked  # type: ignore[assignment]
     with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
-        path = Path(folder)
+        path: Path | None = None
         try:
             misbehave(section)
-            path = case_files(section, number, Path(folder))
-            outcome, text = "read", read(path, number % 5 == 0)
-            outcome = "refused" if text else "read"
-        except MemoryError as error:  # a file that has grown to hundreds of megabytes, or could not even be made
-            large = not path.is_file() or path.stat().st_size > SMALL
+            path = made(section, number, Path(folder))
+            text = "" if path is None else read(path, number % 5 == 0)
+            outcome = "large" if path is None else "refused" if text else "read"
+        except MemoryError as error:
+            large = path is not None and path.stat().st_size > SMALL
             outcome, text = "large" if large else "failed", f"MemoryError: {error}"
         except BaseException as error:
             outcome, text = "failed", f"{type(error).__name__}: {error}"[:500]

@@ -101,7 +101,7 @@ def test_a_worker_that_dies_is_replaced_and_counted(worker: Worker) -> None:
     before = worker.deaths
     assert worker.run("crash", 1)["outcome"] == "died"
     assert worker.run("hang", 1)["outcome"] == "died"
-    assert worker.run("memory", 1)["text"].startswith("MemoryError")
+    assert worker.run("memory", 1)["outcome"] == "failed"
     assert worker.run("text", 1)["outcome"] in ("read", "refused")
     assert worker.deaths == before + 2
 
