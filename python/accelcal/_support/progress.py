@@ -27,8 +27,8 @@ def time_left(elapsed: float, share: float) -> str:
 
     Examples
     --------
-    >>> time_left(3.2, 0.0), time_left(3.0, 0.4), time_left(60.0, 0.1), time_left(60.0, 1.0)
-    ('3 s so far', 'about 5 s left', 'about 9 min left', 'about 1 s left')
+    >>> time_left(3.2, 0.0), time_left(4.0, 0.4), time_left(60.0, 0.1), time_left(60.0, 1.0)
+    ('3 s so far', 'about 6 s left', 'about 9 min left', 'about 1 s left')
     """
     if share < LEAST_SHARE or elapsed < LEAST_TIME:
         return f"{elapsed:.0f} s so far"

@@ -29,7 +29,6 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import suggest
 from accelcal.cli.models import LOADED, load_like
-from accelcal.cli.printing import show_comparison, show_paired, show_steps
 
 
 @app.command()
@@ -102,6 +101,7 @@ def compare_one(
     model: Path, run: Path, rig: Path | None, part: dict[str, Any], plots: Path | None, output: Path | None, json: bool
 ) -> None:
     """One model on one recording."""
+    from accelcal.cli.printing import show_comparison
     from accelcal.serialization import model_file
     from accelcal.workflow import compare as compare_with
 
@@ -133,6 +133,7 @@ def compare_several(
     json: bool,
 ) -> None:
     """Each model against the first, on the same recordings."""
+    from accelcal.cli.printing import show_paired
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import compare_paired
 
@@ -202,6 +203,7 @@ def history(
 
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
+    from accelcal.cli.printing import show_steps
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import history as history_of
 

@@ -10,7 +10,7 @@ from accelcal import _core
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
 from accelcal.estimation.channel_filters import HOLE, ChannelFilters, uniform
-from accelcal.signals.processing import motion_low_pass, resample
+from accelcal.signals.processing import low_pass, resample
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class AxisGravity:
         """At uniform times `step` s apart, up to a bandwidth in Hz, (n,) m/s²."""
         if self.channel is None:
             return self.constant
-        return motion_low_pass(resample(self.channel, t), 1.0 / step, cutoff)
+        return low_pass(resample(self.channel, t), 1.0 / step, cutoff)
 
     def behind_high_passes(self, t: Array, step: float, cutoff: float) -> Array | float:
         """The same as the output shows it, behind its high-passes."""

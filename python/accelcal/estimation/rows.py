@@ -26,9 +26,10 @@ def sums_of(state: RunState) -> ColumnFilter | WeakRows:
     """What makes innovations and columns of a run at a rate that its motion needs."""
     if state.run.engine == "replay":
         return ColumnFilter(state)
-    if state.weak is None:
-        state.weak = WeakRows(state)
-    return state.weak
+    if isinstance(state.weak, WeakRows):
+        return state.weak
+    state.weak = made = WeakRows(state)
+    return made
 
 
 def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
@@ -66,8 +67,8 @@ def measure_noise(state: RunState, model: Model) -> None:
     zeros of its dwells, a step on, with the scatter between them. The weak form has a likelihood of its own for q and
     R."""
     if state.run.engine == "weak":
-        state.weak = with_noise(WeakRows(state)) if state.band is None else WeakRows(state)
-        state.noise = state.weak.noise
+        state.weak = made = with_noise(WeakRows(state)) if state.band is None else WeakRows(state)
+        state.noise = made.noise
         state.search = NoiseSearch(state.noise) if state.band is None else state.search
     state.spectrum = spectrum_of(state, model.free)
     settle_dwells(state, model)

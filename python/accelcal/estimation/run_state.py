@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,9 +22,6 @@ from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.model import Model
 from accelcal.signals.processing import spectral_density
 from accelcal.signals.signals import Signals
-
-if TYPE_CHECKING:
-    from accelcal.estimation.weak_form.rows import WeakRows
 
 COLOURED = 0.15
 """Autocorrelation of innovations beyond which the noise is not the white noise of the model."""
@@ -62,8 +58,8 @@ class RunState:
     """Noise by likelihood, before a band is imposed."""
     spectrum: MeasuredSpectrum | None = None
     """Measured spectrum of what the model leaves; None where it is white, or before a fit has measured it."""
-    weak: WeakRows | None = None
-    """Rows of the weak form, where the run is fitted by it; made when they are asked for."""
+    weak: object | None = None
+    """Rows of the weak form, where the run is fitted by it; `estimation.rows.sums_of` makes them."""
     of_dwells: Nuisances | None = None
     """What was estimated of the dwells of the recording beside the coefficients; None before a fit has."""
     counts: Flags = field(init=False)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-import scipy
 
 from accelcal import _core
 from accelcal.data.arrays import Array
@@ -18,15 +17,24 @@ from accelcal.estimation.shrinkage import Shrinkage, left_density
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.processing import (
     GRID_PER_CUTOFF,
-    PASSED,
+    cubic,
     derivative,
     integral,
+    low_pass,
     motion_bandwidth,
-    motion_low_pass,
-    quintic,
     resample,
 )
 from accelcal.signals.signals import Signals
+
+PASSED = 1.25
+"""Corner of the low-pass of motion over its bandwidth, 1.4 times the highest frequency in it, where the model has
+effects: it then passes that to 1e-4, of which a cubic makes three times as much. Without effects only columns are
+evaluated on the motion, and harmonics that the model lacks lie above it."""
+
+
+def corner_of(values: Values, cutoff: float) -> float:
+    """Corner of the low-pass of a motion of a bandwidth, Hz, for a model at some values."""
+    return cutoff if values.constant else PASSED * cutoff
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +75,7 @@ def smoothed_signals(
     values: Values,
     before: Signals | None,
     cutoff: float | None = None,
-    taken_off: Array | None = None,
+    subtracted: Array | None = None,
 ) -> Signals:
     """Smoothed motion: corrected output plus the smoothed process noise.
 
@@ -80,18 +88,18 @@ def smoothed_signals(
     noise, values : those that the filter was run with.
     before : motion that non-constant effects are evaluated on; None while there is none yet.
     cutoff : bandwidth, Hz; by default that of the motion itself.
-    taken_off : smoothed noise of the output at `uniform_times`, with the sign and scale of the stage, m/s²; by default
+    subtracted : smoothed noise of the output at `uniform_times`, with the sign and scale of the stage, m/s²; by default
         that of the track.
     """
     p_smooth, v_smooth, wanted = track.smooth(*integrals.arrays)
     rate = 1.0 / run.accel_step
     t = uniform_times(run)
-    output = quintic(run.undone.t, run.undone.y, values.stamps(t, run.origins.t))
+    output = cubic(run.undone.t, run.undone.y, values.stamps(t, run.origins.t))
     added = effects_at(run, t, values, before)
-    if taken_off is None:
+    if subtracted is None:
         wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
     else:
-        wanted = -taken_off
+        wanted = -subtracted
     gain, filters = run.rig.polarity / values.scale, run.filters
     crossover = run.crossover(noise)
     if cutoff is None:
@@ -102,12 +110,13 @@ def smoothed_signals(
         del rough
     else:
         reach = cutoff
-    gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
+    corner = corner_of(values, cutoff)
+    gravity = run.gravity.behind_high_passes(t, run.accel_step, corner)
     tau = run.tau(values)
     if tau > 0.0:  # the effects act before the low-pass of the output
         output += tau * derivative(output, run.accel_step)
-    output = motion_low_pass(output - added, rate, cutoff)
-    a = gain * output - gravity + filters.before_position(motion_low_pass(wanted, rate, cutoff), run.accel_step)
+    output = low_pass(output - added, rate, corner)
+    a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, corner), run.accel_step)
     del output, added, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
     grid = Thinning.of(t, run.accel_step, cutoff)
@@ -120,7 +129,7 @@ def smoothed_signals(
     for begin, end in unbroken_spans(run, integrals, t):
         if end - begin > 2 * edge:
             inner = slice(edge, end - begin - edge)
-            wanting[begin:end][inner] = motion_low_pass(wanting[begin:end], rate, cutoff)[inner]
+            wanting[begin:end][inner] = low_pass(wanting[begin:end], rate, corner)[inner]
     v += filters.before_position(wanting, run.accel_step)
     del wanting
     for hole in unread:
@@ -135,7 +144,7 @@ def smoothed_signals(
     if shrinkage is not None:
         v, a = shrinkage(v), shrinkage(a)
         jerk = derivative(a, grid.every * run.accel_step)
-    p_std, v_std, a_std = smoothed_std(run, noise, cutoff, shrinkage)
+    p_std, v_std, a_std = smoothed_std(run, noise, corner, shrinkage)
     motion = (grid.thin(p), v, a, jerk)
     if filters.blocking:
         motion = filters.recoupled(motion, np.interp(grid.t, run.t, run.blocked), float(grid.t[1] - grid.t[0]))
@@ -169,8 +178,7 @@ def smoothed_std(
     run: PreparedRun, noise: Noise, cutoff: float, shrinkage: Shrinkage | None = None
 ) -> tuple[float, float, float]:
     """Standard deviations of what smoothing leaves in p, v and a up to a bandwidth; v and a may be shrunk."""
-    corner = PASSED * cutoff
-    f: Array = np.linspace(corner / 400.0, corner, 400)
+    f: Array = np.linspace(cutoff / 400.0, cutoff, 400)
     w, density = 2.0 * np.pi * f, left_density(run, noise, f)
     kept = density if shrinkage is None else density * shrinkage.at(f) ** 2
     p_std, v_std, a_std = (
@@ -191,13 +199,14 @@ def effects_at(run: PreparedRun, t: Array, values: Values, signals: Signals | No
     if signals is None or total is None:
         return bias
     blocked = run.filters.behind_high_passes(total, signals.step)
-    return bias + np.asarray(scipy.interpolate.CubicSpline(signals.t + run.origins.t, blocked)(t))
+    return bias + cubic(signals.t + run.origins.t, blocked, t)
 
 
-def output_at(run: PreparedRun, t: Array, cutoff: float, tau: float) -> Array:
-    """Output at times `t` of its own clock, low-passed without phase, an RC filter of `tau` s undone, m/s²."""
+def output_at(run: PreparedRun, t: Array, corner: float, tau: float) -> Array:
+    """Output at times `t` of its own clock, low-passed without phase at a corner, Hz, an RC filter of `tau` s undone,
+    m/s²."""
     own = np.arange(run.undone.t[0], run.undone.t[-1], run.accel_step)
-    output = motion_low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, cutoff)
+    output = low_pass(np.interp(own, run.undone.t, run.undone.y), 1.0 / run.accel_step, corner)
     if tau > 0.0:
         output = output + tau * derivative(output, run.accel_step)
     return np.asarray(np.interp(t, own, output))
@@ -214,7 +223,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     motion : position (m) and velocity (m/s) at `uniform_times`.
     """
     t = uniform_times(run)
-    plain = output_at(run, values.stamps(t, run.origins.t), cutoff, run.tau(values))
+    plain = output_at(run, values.stamps(t, run.origins.t), corner_of(values, cutoff), run.tau(values))
     grid = Thinning.of(t, run.accel_step, cutoff)
     p, v = (grid.thin(y) for y in motion)
     gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)

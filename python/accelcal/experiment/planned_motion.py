@@ -25,7 +25,7 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.experiment.detectability import Power
 from accelcal.experiment.power_analysis import detectability_of, with_drift
 from accelcal.model import Model
-from accelcal.signals.processing import motion_bandwidth, motion_low_pass
+from accelcal.signals.processing import low_pass, motion_bandwidth
 from accelcal.simulation.motion import Motion
 
 ACCEL_RATE = 1667.0
@@ -197,6 +197,6 @@ def planned_state(
     density, crossover = noise.r * run.reading_step, run.crossover(noise)
     cutoff, _ = motion_bandwidth(a, accel_rate, q=noise.q, reading_density=density, crossover=crossover)
     grid = Thinning.of(t, run.accel_step, cutoff)
-    a, jerk = (motion_low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
+    a, jerk = (low_pass(y, accel_rate, cutoff) for y in (a, jerk))  # as the signals of a real run are
     signals = sensor_signals(run, grid.t, Sampled(*(grid.thin(y) for y in (p, v, a, jerk))), values, cutoff)
     return RunState(run, values, noise, integrals, track, signals, None, NoiseSearch(noise))

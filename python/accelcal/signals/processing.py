@@ -11,21 +11,13 @@ import scipy
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
+from accelcal.signals.series import lagrange_weights
 
 ORDER = 8
 """Order of the zero-phase low-pass of motion: flat to 0.5 % at 0.7 of the corner."""
 GRID_PER_CUTOFF = 32.0
 """Grid samples per period of the bandwidth; four-point interpolation then errs by less than 1e-4 there, and by less
 than 1e-2 at the third harmonic, which a cubic makes."""
-
-PASSED = 1.25
-"""Corner of the low-pass of motion over its bandwidth, which lies 1.4 above the highest frequency in it: that passes to
-1e-4, of which a cubic makes three times as much."""
-
-
-def motion_low_pass(y: Array, rate: float, cutoff: float) -> Array:
-    """Low-pass for motion of a bandwidth `cutoff`, Hz, that leaves the motion as it is."""
-    return low_pass(y, rate, PASSED * cutoff)
 
 
 def low_pass(y: Array, rate: float, cutoff: float) -> Array:
@@ -184,6 +176,30 @@ def continued(f: Array, ratio: Array, edge: float) -> float:
 def resample(channel: Channel, t: Array) -> Array:
     """Values of a side channel at times `t`, straight lines between its samples, held beyond its ends."""
     return np.asarray(np.interp(t, channel.t, channel.y), dtype=np.float64)
+
+
+CUBIC_STRETCH = 1 << 16
+"""Times at which a cubic is worked out at once."""
+EVEN = 1.5
+"""Mean spacing of the four samples of a cubic over the usual one, from which on a straight line is safer."""
+
+
+def cubic(t: Array, y: Array, at: Array) -> Array:
+    """Values at times `at` (n,), by the cubic through four samples, straight lines beside a gap and next to the ends,
+    held beyond them."""
+    found = np.interp(at, t, y)
+    if len(t) < 4:
+        return np.asarray(found)
+    most = 3.0 * EVEN * float(np.median(np.diff(t[:4096])))
+    for begin in range(0, len(at), CUBIC_STRETCH):
+        times = at[begin : begin + CUBIC_STRETCH]
+        first = np.searchsorted(t, times, side="right") - 2
+        inside = np.flatnonzero((first >= 0) & (first < len(t) - 3))
+        inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
+        four = [first[inside] + k for k in range(4)]
+        weights = lagrange_weights([t[k] - times[inside] for k in four])
+        found[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))
+    return np.asarray(found)
 
 
 SPLINE_STRETCH, SPLINE_MARGIN = 1 << 17, 32

@@ -15,7 +15,7 @@ from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.estimate import Fit, require_band, settled_state
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import output_at, side_channels_at
-from accelcal.signals.processing import derivative, motion_low_pass
+from accelcal.signals.processing import derivative, low_pass
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import HORIZONS, Bins, Coast, Comparison
 from accelcal.validation.other_record import left_out
@@ -162,7 +162,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     rig = run.rig
 
     def smoothed(y: Array) -> Array:
-        return motion_low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
+        return low_pass(np.asarray(scipy.interpolate.CubicSpline(run.t, y)(t)), rate, band)
 
     # one spline at a time: each holds six arrays of its own
     driven = smoothed_drive(ahead)

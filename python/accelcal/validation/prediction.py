@@ -13,7 +13,7 @@ from accelcal.data.recording import Recording
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.estimate import Fit, require_channels
 from accelcal.estimation.run import PreparedRun, prepare
-from accelcal.estimation.smoothing import output_at, output_signals, uniform_times
+from accelcal.estimation.smoothing import corner_of, output_at, output_signals, uniform_times
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.signals.processing import integral
@@ -118,7 +118,10 @@ class Prediction:
         """What the effects do to simulated motion; between readings the output drives it as it drives the filter."""
         run = self.run
         stamps = self.values.stamps(known.t + run.origins.t, run.origins.t)
-        output = output_at(run, stamps, cutoff, run.tau(self.values)) - self.values.bias * run.filters.at_rest
+        output = (
+            output_at(run, stamps, corner_of(self.values, cutoff), run.tau(self.values))
+            - self.values.bias * run.filters.at_rest
+        )
         t, full = known.t + run.origins.t, uniform_times(run)
         gravity = run.gravity.behind_high_passes(full, run.accel_step, cutoff)
         bare = run.rig.polarity / self.values.scale * output

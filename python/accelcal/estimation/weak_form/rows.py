@@ -215,9 +215,9 @@ class WeakRows:
             noise[samples] -= weights.T @ weight[part]
         noise *= (self.noise.q + held_after(state.drive, self._output.t)) / step
         t = uniform_times(run)
-        taken_off = np.interp(t, self._output.t, noise, left=0.0, right=0.0)
+        subtracted = np.interp(t, self._output.t, noise, left=0.0, right=0.0)
         found = smoothed_signals(
-            run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, taken_off
+            run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, subtracted
         )
         return replace(found, reach=self.signals.reach)
 
