@@ -201,12 +201,12 @@ def formulas(
         (clear,), part, _ = judged_recordings([one])
 
         def solve(these: Sequence[Recording]) -> Solution:
-            plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins)
+            plain = solve_runs(model, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
             entered = scan(plain.states, model, only=(effect,)).entered
             if not entered:
                 return plain
             grown = entered[0].enter(model)
-            return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins)
+            return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
 
         return clean_fit([clear], solve).solution.states[0]
 
@@ -477,7 +477,7 @@ def run_values(fit: Fit, recordings: Sequence[Recording | Dwells]) -> RunValues:
     several, _ = usable_recordings(runs_of(recordings))
     states = restored_states(fit, several)
     if states is None:
-        states = solve_runs(model_in_motion(fit), several, origins=fit.origins).states
+        states = solve_runs(model_in_motion(fit), several, origins=fit.origins, engine=engine_of(fit)).states
     found = values_by_run(states, fit.model, [one.instead for one in fit.seen_by_runs])
     if found is None:
         raise ValueError("run_values needs two recordings or more, and a model with parameters that they share")

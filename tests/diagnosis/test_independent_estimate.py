@@ -63,6 +63,8 @@ def test_a_fault_of_the_replay_alone_is_the_first_thing_that_is_said(tmp_path, m
     after = ac.diagnose(fit, recording)
     assert after.verdict != "adequate"
     assert after.sentence.startswith("Two independent estimates of this record disagree in scale_factor: ")
+    assert "othing is missing" not in after.sentence
+    assert "othing else is missing" not in after.sentence
     moved = abs(after.fit["scale_factor"].value - fit["scale_factor"].value) / fit["scale_factor"].std
     said = next(one for one in after.remarks if one.code == "engines_disagree")
     print(f"moved by {moved:.1f} standard deviations, seen at {said.values['sigma']:.1f}")

@@ -112,11 +112,11 @@ def fit(
             found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, report=part)
     else:
         if vary:
-            raise UsageError(f"--vary needs --method replay; {method} accepts one recording")
+            raise UsageError(f"--vary needs --method replay or weak; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         recordings = [load_run(path, rig) for path in runs]
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
-            raise UsageError(f"--method {method} accepts one recording and no --band; replay accepts several")
+            raise UsageError(f"--method {method} accepts one recording and no --band; replay and weak accept several")
         from accelcal.estimation.recursive import fit_recursive
 
         with progress("fit"):

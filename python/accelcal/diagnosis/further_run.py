@@ -116,6 +116,7 @@ def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[st
 def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     """The run as it would have been with another axis or mount."""
     one, old = copy.copy(state), state.run.rig
+    one.weak = None
     rig = replace(old, axis=axis, mount=mount, gravity_along_axis=None if axis != old.axis else old.gravity_along_axis)
     one.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
     sign, s = rig.polarity * old.polarity, state.signals

@@ -14,9 +14,8 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.noise_spectrum import whitener
 from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number
-from accelcal.estimation.rows import Rows, rows_of_dwells, rows_of_run
+from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_weak_form
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import penalty
 from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows
@@ -63,54 +62,68 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
 
     Parameters
     ----------
-    solution : of the replay, with the states of its runs.
+    solution : by either engine, with the states of its runs.
 
     Notes
     -----
-    The weak form is one Gauss-Newton step from the estimates of the replay, with its noise. Each block of the record
-    adds to the difference; how much these parts scatter about what the information in each would give it is its
+    The second estimate is one Gauss-Newton step of the other engine from the first, with its noise. Each block of the
+    record adds to the difference; how much these parts scatter about what the information in each would give it is its
     variance, no less than the difference of both variances and a hundredth of that of the estimate. A coefficient that
     fewer than eight blocks determine is not compared.
     """
     layout, model, x = solution.layout, solution.model, solution.x
-    information = np.diag(layout.prior_information(model))
-    score = layout.prior_information(model) * (layout.prior_mean(model) - x)
     try:
-        weak = [WeakRows(state) for state in solution.states]
+        runs = [ByBoth.of(state, model.free) for state in solution.states]
     except NoWeakForm:
         return ()
-    runs = [ByBoth.of(state, rows, model.free) for state, rows in zip(solution.states, weak, strict=True)]
+    belief = layout.prior_information(model)
+    own, other = np.diag(belief), np.diag(belief)
+    score = belief * (layout.prior_mean(model) - x)
     for index, run in enumerate(runs):
         slots = layout.rows(index)
-        information[np.ix_(slots, slots)] += run.X.T @ run.X
+        own[np.ix_(slots, slots)] += run.gram
+        other[np.ix_(slots, slots)] += run.X.T @ run.X
         score[slots] += run.scores.sum(axis=0)
     for name, between in solution.between.items():
         places = layout.rows_of(name)
         drawn = penalty(len(places), between.variance)
-        information[np.ix_(places, places)] += drawn
+        own[np.ix_(places, places)] += drawn
+        other[np.ix_(places, places)] += drawn
         score[places] -= drawn @ x[places]
-    size = np.sqrt(np.diag(information))
-    if not (np.all(np.isfinite(information)) and np.all(np.isfinite(score)) and np.all(size > 0.0)):
+    if not (np.all(np.isfinite(other)) and np.all(np.isfinite(score)) and min(*np.diag(own), *np.diag(other)) > 0.0):
         return ()
-    covariance = np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    before, covariance = inverse(own), inverse(other)
     moved = covariance @ score
     added, shares = [], []
     for index, run in enumerate(runs):
         slots = layout.rows(index)
-        added.append(run.scores @ covariance[slots] - run.of_replay @ solution.covariance[slots])
+        added.append(run.scores @ covariance[slots] - run.of_fit @ before[slots])
         shares.append(run.shares(covariance[slots]))
     parts, share = np.concatenate(added), np.concatenate(shares)
     share /= np.maximum(share.sum(axis=0), 1e-300)
     scatter, blocks = np.sqrt(np.sum((parts - share * parts.sum(axis=0)) ** 2, axis=0)), effective_number(share)
-    variance = np.diag(solution.covariance)
-    least = np.sqrt(np.maximum(np.abs(np.diag(covariance) - variance), ENGINES_LEAST_STD**2 * variance))
+    stated = np.diag(solution.covariance)
+    lost = np.abs(np.diag(covariance) - np.diag(before))
+    least = np.sqrt(np.maximum(lost, ENGINES_LEAST_STD**2 * stated))
     sigma = as_normal(moved, scatter, blocks, least)
     std = np.maximum(scatter, least)
     return tuple(
-        Difference(term.name, run, float(x[i]), float(x[i] + moved[i]), float(std[i]), float(sigma[i]))
+        Difference(term.name, run, *both(x[i], x[i] + moved[i], solution), float(std[i]), float(sigma[i]))
         for i, (term, run) in enumerate(layout.slots)
         if math.isfinite(moved[i]) and blocks[i] >= LEAST_BLOCKS
     )
+
+
+def both(fitted: float, other: float, solution: Solution) -> tuple[float, float]:
+    """The estimate of the replay and that of the weak form, whichever of them was fitted."""
+    first = solution.states[0].run.engine == "replay"
+    return (float(fitted), float(other)) if first else (float(other), float(fitted))
+
+
+def inverse(information: Array) -> Array:
+    """Inverse of an information matrix, (m, m), scaled to a unit diagonal."""
+    size = np.sqrt(np.diag(information))
+    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
 
 
 def as_normal(difference: Array, scatter: Array, blocks: Array, least: Array) -> Array:
@@ -124,29 +137,41 @@ def as_normal(difference: Array, scatter: Array, blocks: Array, least: Array) ->
 
 @dataclass(frozen=True, slots=True)
 class ByBoth:
-    """Rows of the weak form of one run, and the scores of its blocks by both."""
+    """Rows of one run by the engine that it was not fitted with, and the scores of its blocks by both."""
 
     X: Array
-    """Whitened columns of the weak form, (rows, m)."""
+    """Whitened columns, (rows, m)."""
     block: NDArray[np.intp]
     """Of each row, (rows,)."""
     scores: Array
-    """Of the weak form, (blocks, m)."""
-    of_replay: Array
     """(blocks, m)"""
+    of_fit: Array
+    """By the engine that it was fitted with, (blocks, m)."""
+    gram: Array
+    """By the same, (m, m)."""
 
     @classmethod
-    def of(cls, state: RunState, weak: WeakRows, terms: Sequence[Term]) -> ByBoth:
-        """Both for the terms of a model."""
+    def of(cls, state: RunState, terms: Sequence[Term]) -> ByBoth:
+        """Both for the terms of a model.
+
+        Raises
+        ------
+        NoWeakForm
+            If the run has none.
+        """
+        fitted, other = rows_of_replay(state, terms), rows_of_weak_form(state, WeakRows(state), terms)
+        if state.run.engine == "weak":
+            fitted, other = other, fitted
         length = block_length(state)
-        count = int(block_of(state, state.run.t[-1:], length)[0]) + 1
-        t, X, y = joined(weak_rows(state, weak, terms))
-        block = block_of(state, t, length)
-        scores, of_replay = np.zeros((count, X.shape[1])), np.zeros((count, X.shape[1]))
+        last = int(block_of(state, state.run.t[-1:], length)[0])
+        t, X, y = joined(other)
+        block, m = np.minimum(block_of(state, t, length), last), X.shape[1]
+        scores, of_fit, gram = np.zeros((last + 1, m)), np.zeros((last + 1, m)), np.zeros((m, m))
         np.add.at(scores, block, X * y[:, None])
-        for t, columns, innovations in rows_of_run(state, terms):
-            np.add.at(of_replay, block_of(state, t, length), columns * innovations[:, None])
-        return cls(X, block, scores, of_replay)
+        for t, columns, innovations in fitted:
+            np.add.at(of_fit, np.minimum(block_of(state, t, length), last), columns * innovations[:, None])
+            gram += columns.T @ columns
+        return cls(X, block, scores, of_fit, gram)
 
     def shares(self, covariance: Array) -> Array:
         """Information of the blocks on each coefficient, all others unknown, (blocks, p), up to a factor.
@@ -162,12 +187,3 @@ def joined(rows: Iterable[Rows]) -> Rows:
     """All rows as one."""
     t, columns, y = zip(*rows, strict=True)
     return np.concatenate(t), np.concatenate(columns), np.concatenate(y)
-
-
-def weak_rows(state: RunState, rows: WeakRows, terms: Sequence[Term]) -> Iterable[Rows]:
-    """Rows of the weak form of one run as `rows_of_run` gives those of the replay."""
-    whiten = whitener(state.spectrum, rows.rate)
-    yield rows.times, whiten(rows.whole(terms)).T, whiten(rows.whitened)
-    rest = rows_of_dwells(state, terms)
-    if rest is not None:
-        yield np.full(len(rest.y), state.run.t[-1]), rest.columns, rest.y

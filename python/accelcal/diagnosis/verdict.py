@@ -288,9 +288,9 @@ def verdict_on(
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
         groups.insert(0, delay)
         inside = (in_model(profiled, delay, sizes), *inside)
-    sentence = with_findings(inside, left, profiled.rig.tolerance)
     if apart is not None and verdict == "adequate":
-        verdict = "unexplained"
+        verdict, left = "unexplained", f"No effect explains that ({found.examined} candidates examined)."
+    sentence = with_findings(inside, left, profiled.rig.tolerance)
     return Diagnosis(
         verdict=verdict,
         sentence=f"{apart.sentence}. {sentence}" if apart else sentence,

@@ -430,7 +430,7 @@ def settled_state(run: PreparedRun, values: Values, noise: Noise, band: float | 
 def state_at(fit: Fit, index: int, run: PreparedRun) -> RunState:
     """State of a run at the values and the noise that a fit has for its run `index`."""
     state = settled_state(run, fit.values(index), fit.noise(index), fit.runs[index].noise.band)
-    measure_noise(state, fit.model)
+    measure_noise(state, fit.model, search=False)
     settle_dwells(state, fit.model, DWELL_STEPS)
     return state
 

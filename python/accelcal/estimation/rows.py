@@ -9,13 +9,14 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array
+from accelcal.data.recording import RecordingError
 from accelcal.estimation.columns import ColumnFilter, whitened_columns
 from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, stepped, with_scatter
 from accelcal.estimation.noise import NoiseSearch
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.weak_form.noise import with_noise
-from accelcal.estimation.weak_form.rows import WeakRows
+from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows
 from accelcal.model import Model, Term
 
 Rows = tuple[Array, Array, Array]
@@ -23,13 +24,34 @@ Rows = tuple[Array, Array, Array]
 
 
 def sums_of(state: RunState) -> ColumnFilter | WeakRows:
-    """What makes innovations and columns of a run at a rate that its motion needs."""
+    """What makes innovations and columns of a run at a rate that its motion needs.
+
+    Raises
+    ------
+    RecordingError
+        If it is to be the weak form, and the run has none.
+    """
     if state.run.engine == "replay":
         return ColumnFilter(state)
     if isinstance(state.weak, WeakRows):
         return state.weak
-    state.weak = made = WeakRows(state)
+    state.weak = made = weak_form(state)
     return made
+
+
+def weak_form(state: RunState) -> WeakRows:
+    """The weak form of a run that is to be fitted by it.
+
+    Raises
+    ------
+    RecordingError
+        If the run has none; the text names it.
+    """
+    try:
+        return WeakRows(state)
+    except NoWeakForm as error:
+        name = state.run.recording.name or "recording"
+        raise RecordingError(f"{name}: no weak form: {error}; fit it by the replay, --method replay") from error
 
 
 def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
@@ -37,18 +59,40 @@ def rows_of_run(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
 
     A run whose noise is not white is one stretch of sums.
     """
-    if state.spectrum is None and state.run.engine == "weak":
-        rows = sums_of(state)
-        for part, columns in rows.stretches(terms):
-            yield rows.times[part], columns.T, rows.whitened[part]
-    elif state.spectrum is None:
+    sums = sums_of(state)
+    yield from rows_of_weak_form(state, sums, terms) if isinstance(sums, WeakRows) else rows_of_replay(state, terms)
+
+
+def rows_of_replay(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
+    """Those of the replay."""
+    if state.spectrum is None:
         for readings, columns in whitened_columns(state, terms):
             kept = state.counts[readings]
             yield state.run.t[readings][kept], columns, state.whitened[readings][kept]
     else:
-        sums = sums_of(state)
-        whiten = whitener(state.spectrum, sums.rate)
-        yield sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
+        yield coloured_rows(state.spectrum, ColumnFilter(state), terms)
+    yield from last_rows(state, terms)
+
+
+def rows_of_weak_form(state: RunState, weak: WeakRows, terms: Sequence[Term]) -> Iterator[Rows]:
+    """Those of the weak form of the run."""
+    if state.spectrum is None:
+        times, y = weak.times, weak.whitened
+        for part, columns in weak.stretches(terms):
+            yield times[part], columns.T, y[part]
+    else:
+        yield coloured_rows(state.spectrum, weak, terms)
+    yield from last_rows(state, terms)
+
+
+def coloured_rows(spectrum: MeasuredSpectrum, sums: ColumnFilter | WeakRows, terms: Sequence[Term]) -> Rows:
+    """Sums of the whole run, whitened by a spectrum."""
+    whiten = whitener(spectrum, sums.rate)
+    return sums.times, whiten(sums.whole(terms)).T, whiten(sums.whitened)
+
+
+def last_rows(state: RunState, terms: Sequence[Term]) -> Iterator[Rows]:
+    """Those of the dwells of a run, at the time of its last reading."""
     rest = rows_of_dwells(state, terms)
     if rest is not None:
         yield np.full(len(rest.y), state.run.t[-1]), rest.columns, rest.y
@@ -62,14 +106,17 @@ def rows_of_dwells(state: RunState, terms: Sequence[Term]) -> DwellRows | None:
     return dwell_rows(dwells, terms, state.values, state.run.origins, state.of_dwells)
 
 
-def measure_noise(state: RunState, model: Model) -> None:
+def measure_noise(state: RunState, model: Model, *, search: bool = True) -> None:
     """Measure what is no white noise in what a model leaves of a run: the spectrum of its innovations, and the angle
-    zeros of its dwells, a step on, with the scatter between them. The weak form has a likelihood of its own for q and
-    R."""
-    if state.run.engine == "weak":
-        state.weak = made = with_noise(WeakRows(state)) if state.band is None else WeakRows(state)
+    zeros of its dwells, a step on, with the scatter between them.
+
+    Where noise is to be searched for, the weak form takes that of its own likelihood, but beside a band, or effects on
+    noise.
+    """
+    if state.run.engine == "weak" and search and state.band is None and not state.noise.growth:
+        state.weak = made = with_noise(weak_form(state))
         state.noise = made.noise
-        state.search = NoiseSearch(state.noise) if state.band is None else state.search
+        state.search = NoiseSearch(state.noise)
     state.spectrum = spectrum_of(state, model.free)
     settle_dwells(state, model)
 

@@ -195,9 +195,13 @@ class PreparedRun:
         rounding = self.least_step**2 / 12.0
         return max(min(rounding, self.third_difference_variance), rounding / 20.0, 1e-30)
 
-    def reading_variance_floor(self, q: float) -> float:
-        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other."""
-        return max(self.least_reading_variance, q * self.reading_step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
+    def reading_variance_floor(self, q: float, step: float | None = None) -> float:
+        """Least variance of a reading at a process density, m²: of a smooth reference the likelihood knows no other.
+
+        `step` is the spacing of the readings, s; by default of those that are used.
+        """
+        step = self.reading_step if step is None else step
+        return max(self.least_reading_variance, q * step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
 
     def prior(self, r: float) -> tuple[float, float, float, float]:
         """Mean of v and covariance (pp, pv, vv) before the first reading."""
@@ -302,7 +306,7 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     if t is run.t or len(t) < MIN_READINGS:
         return run
     step = float(np.median(np.diff(t)))
-    return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=run.all_readings)
+    return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None)
 
 
 def reading_stride(t: Array, z: Array, accel: Channel, step: float, resolution: float) -> int:

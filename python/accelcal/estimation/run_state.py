@@ -93,7 +93,7 @@ class RunState:
         self.drive = without_transients(run, drive(run, values, self.signals), self.noise)
         functions = variance_functions(run, self.noise, self.signals)
         self.weak = None
-        if search_noise and run.engine == "replay":
+        if search_noise and (run.engine == "replay" or functions):
             self.search = self.search.again(run, self.drive, functions)
         self.noise = self.search.within(self.band, run)
         self.drive = with_growth(self.drive, self.noise, functions)

@@ -15,6 +15,8 @@ from accelcal.signals.processing import low_pass
 
 CARRIER_CUTOFF = 0.3
 """Bandwidth of the smooth carrier of an uneven channel over the rate of the test functions."""
+RINGS = 10.0
+"""Steps of the test functions over which what the carrier makes of a break dies away."""
 CARRIER_DEGREE = 5
 """Of the splines that lead from uneven stamps to even ones and back."""
 
@@ -40,17 +42,24 @@ class SampledChannel:
     """(m,)"""
 
     @classmethod
-    def of(cls, t: Array, y: Array, step: float, rate: float) -> SampledChannel:
-        """A channel with samples every `step` s, for test functions at a rate in Hz."""
+    def of(cls, t: Array, y: Array, step: float, rate: float, rounded: float = 0.0) -> SampledChannel:
+        """A channel with samples every `step` s, whose stamps are rounded to some s, for test functions at a rate in
+        Hz."""
         none = np.empty(0)
         even = float(t[-1] - t[0]) / max(1, len(t) - 1)
-        if float(np.max(np.abs(t - t[0] - even * np.arange(len(t))), initial=0.0)) < GRID_ERROR**2 * step:
-            return cls(t, y, np.full(len(t), even), none, none)
+        clock = t[0] + even * np.arange(len(t))
+        if float(np.max(np.abs(t - clock), initial=0.0)) < max(GRID_ERROR**2 * step, rounded):
+            return cls(clock, y, np.full(len(t), even), none, none)
         weight = np.gradient(t)
         at = np.arange(t[0], t[-1] + 0.5 * step, step)
         at = at[at <= t[-1]]
         carrier = low_pass(through(t, y)(at), 1.0 / step, CARRIER_CUTOFF * rate)
         return cls(t, y - through(at, carrier)(np.clip(t, at[0], at[-1])), weight, at, carrier)
+
+    def around(self, begin: Array, end: Array, rate: float) -> Array:
+        """Breaks (n, 2), s, wide enough that the carrier has died away behind them."""
+        reach = RINGS / rate if len(self.carrier_t) else 0.0
+        return np.column_stack([begin - reach, end + reach])
 
     def sums(self, splines: Splines, order: int, weights: Sparse, rows: slice, tau: float = 0.0) -> Array:
         """Integrals of the channel against the derivatives of the test functions, a low-pass undone, (count,).

@@ -25,13 +25,13 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
 
 def most_likely(rows: WeakRows, start: Noise, width: float) -> Noise:
     """Most likely q and R given the nominal motion; what varies along the record stays as it is."""
-    run = rows.state.run
+    run, step = rows.state.run, rows.reading_step
     spread = blocks(rows.rows, BLOCK_ROWS)
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in spread]
 
     def cost(x: Array) -> float:
         q = math.exp(x[0])
-        least = math.log(run.reading_variance_floor(q))
+        least = math.log(run.reading_variance_floor(q, step))
         r = math.exp(max(x[1], least))
         total = 1e3 * max(0.0, least - float(x[1]))
         for covariance, y in parts:
@@ -43,7 +43,7 @@ def most_likely(rows: WeakRows, start: Noise, width: float) -> Noise:
             total += 0.5 * float(np.sum(white**2)) + float(np.sum(np.log(L[0])))
         return total
 
-    x0 = np.log([start.q, max(start.r, run.reading_variance_floor(start.q) * 1.01)])
+    x0 = np.log([start.q, max(start.r, run.reading_variance_floor(start.q, step) * 1.01)])
     simplex = x0 + width * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     best = scipy.optimize.minimize(
         cost,
@@ -52,4 +52,4 @@ def most_likely(rows: WeakRows, start: Noise, width: float) -> Noise:
         options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
     )
     q = float(np.exp(best.x[0]))
-    return replace(start, q=q, r=max(float(np.exp(best.x[1])), run.reading_variance_floor(q)))
+    return replace(start, q=q, r=max(float(np.exp(best.x[1])), run.reading_variance_floor(q, step)))

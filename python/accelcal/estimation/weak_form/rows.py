@@ -22,6 +22,7 @@ from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.channel import SampledChannel, covering
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
 from accelcal.model import Term
+from accelcal.signals.processing import derivative
 from accelcal.signals.signals import Signals
 
 TOGETHER = 4096
@@ -44,7 +45,7 @@ class NoWeakForm(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Covariance:
-    """Covariance of the rows, q of_output + r of_readings + extra, by diagonals (DEGREE + 1, rows), lowest first."""
+    """Covariance of the rows, q of_output + r of_readings + extra, by diagonals (DEGREE + 1, rows), main one first."""
 
     of_output: Array
     of_readings: Array
@@ -86,26 +87,30 @@ class WeakRows:
             raise NoWeakForm("the output has passed a high-pass, whose state at the start is not known")
         if run.filters.acts and run.read is not None:
             raise NoWeakForm("the position is filtered, and only some of its readings are used")
-        stamps = values.instants(run.driving.t, run.origins.t)
+        self._clock = float(run.t[0])  # a small offset would be lost in the last digits of a clock from 1970
+        stamps = values.instants(run.driving.t - self._clock, run.origins.t - self._clock)
         if len(stamps) <= DEGREE:
             raise NoWeakForm("the record is too short")
         self._tau = run.tau(values)
         t, z = self._read()
-        self._reading_step = float(np.median(np.diff(t)))
-        begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1])
+        self.reading_step = float(np.median(np.diff(t)))
+        begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1], run.t[-1] - self._clock)
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
-        self._readings = SampledChannel.of(t, z - np.mean(z), self._reading_step, self.full_rate)
+        rounded = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
+        self._readings = SampledChannel.of(t, z - np.mean(z), self.reading_step, self.full_rate, rounded)
         output = run.driving.y - values.bias * run.filters.at_rest
-        self._output = SampledChannel.of(stamps, output, run.accel_step, self.full_rate)
+        self._output = SampledChannel.of(stamps, output, run.accel_step, self.full_rate, rounded)
         self._kept = self._whole_ones(stamps)
         if int(np.count_nonzero(self._kept)) < FEWEST_ROWS:
             raise NoWeakForm("the record is too short, or breaks off too often")
         self.raw, self.covariance = self._summed()
         self.noise = state.noise
-        self._last: tuple[slice, slice, slice, Sparse, Sparse] | None = None
+        if state.band is not None:  # the band of the noise is that of fewer readings
+            self.noise = self.noise.scaled(1.0, run.reading_step / self.reading_step)
         if run.read is not None:  # the smoothed motion of fewer readings has noise that these rows would regress on
             self.signals = self._smoothed()
+            self.__dict__.pop("at_readings", None)
 
     def at_noise(self, noise: Noise) -> WeakRows:
         """The same rows, whitened at another noise."""
@@ -116,26 +121,26 @@ class WeakRows:
         return one
 
     def _read(self) -> tuple[Array, Array]:
-        """Times and positions of all readings, what the model adds to them taken off, as `drive` does; no noise that
-        two readings share has to be thinned out here."""
+        """Times, from the first that is used on, and positions of all readings, what the model adds to them taken off,
+        as `drive` does; readings that are too good for the replay need not be thinned out here."""
         run, values = self.state.run, self.state.values
         if run.read is None:
-            return run.t, self.state.drive.z
+            return run.t - self._clock, self.state.drive.z
         t, z = run.read
         added = values.total("position", self.at_readings) if any(values.additive("position")) else None
-        return t, z if added is None else z - run.filters.behind_at(t, added)
+        return t - self._clock, z if added is None else z - run.filters.behind_at(t, added)
 
     def _step(self, span: float) -> float:
         """Spacing of the test functions over a span, s: as narrow as the motion and the crossover ask for, and the
         channels allow."""
         run, noise = self.state.run, self.state.noise.usual
-        crossover = (noise.q / (noise.r * self._reading_step)) ** 0.25 / (2.0 * np.pi)
+        crossover = (noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi)
         highest = max(self.signals.cutoff, crossover)
         widest = min(1.0 / (OVERSAMPLING * highest), span / LEAST_STEPS)
-        every = max(1, int(widest / self._reading_step))
-        while not resolved(every * self._reading_step / run.accel_step):
+        every = max(1, int(widest / self.reading_step))
+        while not resolved(every * self.reading_step / run.accel_step):
             every += 1
-        return every * self._reading_step
+        return every * self.reading_step
 
     @property
     def full_rate(self) -> float:
@@ -155,7 +160,7 @@ class WeakRows:
     @property
     def times(self) -> Array:
         """Middle of the test function of each row, (rows,) s."""
-        return (self.splines.begins + 0.5 * self.splines.support)[self._kept]
+        return (self._clock + self.splines.begins + 0.5 * self.splines.support)[self._kept]
 
     @cached_property
     def factor(self) -> Array:
@@ -181,10 +186,12 @@ class WeakRows:
         """
         copies = multiples(terms, self.signals)
         whiten, begin = Whitening(self.factor, len(terms)), 0
-        for part in self._parts(max(DEGREE + 1, MOST_SUMS // max(1, len(terms)))):
+        reads = any(term.port != "output" for term in terms)
+        for part in self._parts(max(DEGREE + 1, min(TOGETHER, MOST_SUMS // max(1, len(terms))))):
             kept = self._kept[part]
             columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
-            grid, readings, of_grid, of_readings = self._weights(part)
+            grid, of_grid = self._of_grid(part)
+            readings, of_readings = self._of_readings(part) if reads else (slice(0), of_grid)
             for first, found, port in column_parts(
                 self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
             ):
@@ -213,9 +220,10 @@ class WeakRows:
         for part in self._parts(TOGETHER):
             samples, weights = self._of_output(part)
             noise[samples] -= weights.T @ weight[part]
-        noise *= (self.noise.q + held_after(state.drive, self._output.t)) / step
+        noise *= (self.noise.q + held_after(state.drive, self._clock + self._output.t)) / step
         t = uniform_times(run)
-        subtracted = np.interp(t, self._output.t, noise, left=0.0, right=0.0)
+        subtracted = np.interp(t - self._clock, self._output.t, noise, left=0.0, right=0.0)
+        subtracted += self._tau * derivative(subtracted, step)  # as the low-pass of the output is undone
         found = smoothed_signals(
             run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, subtracted
         )
@@ -230,12 +238,13 @@ class WeakRows:
         """Test functions that no break of a channel and no new zero of the position lies in, (count,)."""
         run, begins = self.state.run, self.splines.begins
         lost = np.flatnonzero(np.diff(stamps) > LOST * run.accel_step)
-        spans = [np.column_stack([stamps[lost], stamps[lost + 1]])]
-        t, step = self._readings.t, self._reading_step
+        spans = [self._output.around(stamps[lost], stamps[lost + 1], self.full_rate)]
+        t, step = self._readings.t, self.reading_step
         lost = np.flatnonzero(np.diff(t) > min(max(self.splines.step, LOST * step), HOLE * step))
-        spans.append(np.column_stack([t[lost], t[lost + 1]]))
+        spans.append(self._readings.around(t[lost], t[lost + 1], self.full_rate))
         again = np.flatnonzero(self.state.drive.restart[1:])
-        spans.append(np.column_stack([run.t[again], run.t[again + 1]]))
+        used = run.t - self._clock
+        spans.append(self._readings.around(used[again], used[again + 1], self.full_rate))
         kept = np.ones(self.splines.count, dtype=np.bool_)
         for begin, end in np.concatenate(spans):
             kept[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
@@ -251,10 +260,10 @@ class WeakRows:
         else:
             at = np.asarray(run.gravity.at(s.t + run.origins.t))
             added += run.filters.behind(at, s.step) / self._gain
-        extra_q = held_after(self.state.drive, self._output.t)
+        extra_q = held_after(self.state.drive, self._clock + self._output.t)
         extra_r = self.state.drive.extra_r
         if len(extra_r):
-            extra_r = np.interp(self._readings.t, run.t, extra_r)
+            extra_r = np.interp(self._clock + self._readings.t, run.t, extra_r)
         rows, covariances = [], []
         for part in self._parts(TOGETHER):
             # The covariance reaches DEGREE rows beyond the part.
@@ -303,7 +312,7 @@ class WeakRows:
     def _of_grid(self, part: slice) -> tuple[slice, Sparse]:
         """Rows of the signals within some test functions, and their weights; refined where the grid is coarse."""
         splines, s = self.splines.part(part.start, part.stop), self.signals
-        t = s.t + self.state.run.origins.t
+        t = s.t + (self.state.run.origins.t - self._clock)
         near = covering(t, splines)
         grid = slice(max(0, near.start - 2), min(len(t), near.stop + 2))
         between = math.ceil(RESOLVED * s.step / splines.step)
@@ -311,14 +320,6 @@ class WeakRows:
             return grid, splines.weights(t[grid], 0, np.full(grid.stop - grid.start, s.step))
         fine, filled = refined(t[grid], between)
         return grid, (splines.weights(fine, 0, np.full(len(fine), s.step / between)) @ filled).tocsr()
-
-    def _weights(self, part: slice) -> tuple[slice, slice, Sparse, Sparse]:
-        """Rows of the signals and readings of a stretch, and their weights; those of the last stretch are kept."""
-        if self._last is None or self._last[0] != part:
-            grid, of_grid = self._of_grid(part)
-            readings, of_readings = self._of_readings(part)
-            self._last = part, grid, readings, of_grid, of_readings
-        return self._last[1:]
 
 
 class Whitening:
