@@ -76,10 +76,9 @@ def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
         return figures.overlay(state, theme, window, chosen)
 
     zoom = Zoom(page, draw, stretches_of(seen))
-    ui.label(
-        "Click a model in the legend to switch it on or off; drag to zoom all panels, at full resolution; click into a "
-        "shaded stretch to see it closer."
-    ).classes("note")
+    ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
+        "note"
+    )
     page.pictures(("overlay", shown), zoom.whole, prepare=zoom.follow, height=660)
     zoom.places()
     if seen.worst_regions:
