@@ -13,11 +13,14 @@ from typer.testing import CliRunner
 
 import accelcal as ac
 from accelcal.app import figures, mapping, script, side_by_side, tasks
-from accelcal.app.screens import uploads
+from accelcal.app.screens import improvement, uploads
+from accelcal.app.screens.side_by_side import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
+from accelcal.estimation.noise_effects import NoiseScore
 from accelcal.serialization import model_file
 from accelcal.validation.pooled import pooled
+from accelcal.validation.stretches import headline_horizon
 
 NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")
 
@@ -141,6 +144,23 @@ def test_curves_are_those_of_the_data_in_use(grown, tmp_path):
     bench.state = replace(grown.state, runs=(first, *others), shown=1)  # the next one is on the time line
     bench.whole()
     assert len(recorder.asked) == 3
+
+
+def test_sentences_say_what_is_held_out(grown):
+    state = grown.state
+    assert improvement.held_out(state) == "2 held-out recordings together"
+    parts = tuple(replace(run, role="fit", held_out=(8.0, 12.0)) for run in state.runs[:2])
+    assert improvement.held_out(replace(state, runs=parts)) == "2 held-out parts together"
+    assert improvement.held_out(replace(state, runs=parts[:1])) == "the held-out part of this run"
+    score = NoiseScore("vibration", "accel", 3.0, 1.0, 100, 1.0, 1.5)
+    seen = tuple(replace(one, noise_scores=(score,)) for one in state.step.heldouts)
+    scored = replace(state, steps=(*state.steps[:-1], replace(state.step, heldouts=seen)))
+    assert [text.partition(",")[0] for text in improvement.noise_scores(scored)] == [
+        "Held out (run1.csv)",
+        "Held out (run2.csv)",
+    ]
+    pool = state.step.heldout
+    assert own_error(pool).startswith(f"drift after {headline_horizon(pool):g} s ")
 
 
 def test_the_report_command_is_of_a_recording_though_dwells_come_first(grown):

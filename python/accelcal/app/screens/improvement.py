@@ -96,15 +96,19 @@ def error(page: Page) -> None:
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
         figure("noise alone", nested.floor.value, "floor")
-    held = state.unseen_runs
-    alone = "the held-out part of this run" if state.holds_out_parts else "another recording"
-    kind = "parts" if state.holds_out_parts else "recordings"
-    what = alone if len(held) == 1 else f"{len(held)} held-out {kind} together"
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {held_out(state)}.").classes("note")
     ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     per_run.errors(page)
     widgets.lines(nested.models[-1].heldout.not_carried)
     widgets.lines(noise_scores(state))
+
+
+def held_out(state: State) -> str:
+    """What is held out, in words."""
+    several = len(state.unseen_runs)
+    if several > 1:
+        return f"{several} held-out {'parts' if state.holds_out_parts else 'recordings'} together"
+    return "the held-out part of this run" if state.holds_out_parts else "another recording"
 
 
 def noise_scores(state: State) -> list[str]:
