@@ -361,6 +361,10 @@ def test_model_and_report_are_downloaded(grown, tmp_path):
     page = grown.report()
     text = page.read_text()
     assert "cubic" in text
+    assert "on a held-out part of the fitted recording" in text
+    assert "another recording" not in text
+    assert "cubic.csv (part)" in text
+    assert grown.state.run.digest in text  # what sha256sum prints of the file
     assert "src=http" not in text.replace('"', "")
 
 

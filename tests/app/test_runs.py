@@ -12,12 +12,15 @@ import pytest
 from typer.testing import CliRunner
 
 import accelcal as ac
-from accelcal.app import figures, mapping, script, side_by_side
-from accelcal.app.screens import uploads
+from accelcal.app import figures, mapping, script, side_by_side, tasks
+from accelcal.app.screens import improvement, uploads
+from accelcal.app.screens.side_by_side import own_error
 from accelcal.app.workbench import Workbench
 from accelcal.cli import app as command_line
+from accelcal.estimation.noise_effects import NoiseScore
 from accelcal.serialization import model_file
 from accelcal.validation.pooled import pooled
+from accelcal.validation.stretches import headline_horizon
 
 NAMES = ("run0.csv", "run1.csv", "run2.csv", "dwells.csv")
 
@@ -89,6 +92,82 @@ def test_models_stay_where_what_they_were_fitted_to_does(grown, tmp_path):
     assert bench.state.step.heldout.coast_rms == grown.state.step.heldouts[0].coast_rms
     bench.assign(3, "leave out")
     assert bench.state.steps == ()
+
+
+class Recorder:
+    """Stands for the workers of a workbench: keeps what it is asked for, and gives an answer to each task."""
+
+    def __init__(self, answers):
+        self.answers, self.asked = answers, []
+
+    def __call__(self, task, *args, report, known):
+        self.asked.append((task, args))
+        answer = self.answers[task]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def with_answers(state, folder, answers):
+    recorder = Recorder(answers)
+    bench = Workbench(folder, recorder)
+    bench.state = state
+    return bench, recorder
+
+
+def test_a_diagnosis_outlives_values_that_cannot_be_had_and_is_not_that_of_the_first(grown, tmp_path):
+    found = object()
+    answers = {tasks.diagnosed: found, tasks.values_of_runs: ValueError("too short alone"), tasks.reported: "<html>"}
+    state = replace(
+        grown.state, runs=(grown.state.runs[0], replace(grown.state.runs[1], role="fit"), *grown.state.runs[2:])
+    )
+    bench, recorder = with_answers(state, tmp_path, answers)
+    bench.diagnose()
+    assert [task for task, _ in recorder.asked] == [tasks.diagnosed, tasks.values_of_runs]
+    assert bench.diagnosis is found
+    assert bench.run_values is None
+    assert bench.sentence == ""
+    assert bench.report() is not None
+    *_, known = recorder.asked[-1][1]
+    assert known is None
+
+
+def test_curves_are_those_of_the_data_in_use(grown, tmp_path):
+    bench, recorder = with_answers(replace(grown.state, shown=1), tmp_path, {tasks.compared: object()})
+    bench.whole()
+    bench.whole()
+    assert len(recorder.asked) == 1
+    first, held, *others = grown.state.runs
+    bench.state = replace(bench.state, runs=(first, replace(held, excluded=((1.0, 2.0),)), *others))
+    bench.whole()
+    assert len(recorder.asked) == 2
+    bench.state = replace(grown.state, runs=(first, *others), shown=1)  # the next one is on the time line
+    bench.whole()
+    assert len(recorder.asked) == 3
+
+
+def test_sentences_say_what_is_held_out(grown):
+    state = grown.state
+    assert improvement.held_out(state) == "2 held-out recordings together"
+    parts = tuple(replace(run, role="fit", held_out=(8.0, 12.0)) for run in state.runs[:2])
+    assert improvement.held_out(replace(state, runs=parts)) == "2 held-out parts together"
+    assert improvement.held_out(replace(state, runs=parts[:1])) == "the held-out part of this run"
+    score = NoiseScore("vibration", "accel", 3.0, 1.0, 100, 1.0, 1.5)
+    seen = tuple(replace(one, noise_scores=(score,)) for one in state.step.heldouts)
+    scored = replace(state, steps=(*state.steps[:-1], replace(state.step, heldouts=seen)))
+    assert [text.partition(",")[0] for text in improvement.noise_scores(scored)] == [
+        "Held out (run1.csv)",
+        "Held out (run2.csv)",
+    ]
+    pool = state.step.heldout
+    assert own_error(pool).startswith(f"drift after {headline_horizon(pool):g} s ")
+
+
+def test_the_report_command_is_of_a_recording_though_dwells_come_first(grown):
+    *recordings, dwells = grown.state.runs
+    lines = script.command_line(replace(grown.state, runs=(dwells, *recordings))).splitlines()
+    (line,) = [line for line in lines if " report " in line]
+    assert line.startswith("accelcal report m1.json run0.csv ")
 
 
 def test_the_pool_is_the_error_over_all_start_points(grown):

@@ -70,6 +70,13 @@ def test_fit_then_compare_gives_the_documented_json(folder):
     assert seen["nis"] == pytest.approx(1.0, abs=0.06)  # 5 sigma of 16 000 innovations
 
 
+def test_a_fit_by_the_weak_form_stays_one_when_a_parameter_is_held(folder):
+    assert accelcal("fit", "one.csv", "--method", "weak", "-o", "weak.json", cwd=folder).returncode == 0
+    held = accelcal("freeze", "weak.json", "one.csv", "--at", "bias=0.05", "--json", cwd=folder)
+    assert held.returncode == 0, held.stderr
+    assert json.loads(held.stdout)["method"] == "weak"
+
+
 def test_horizons_the_record_does_not_allow_are_null(folder):
     write_recording(record(3, seconds=4.0), folder / "short.csv")
     accelcal("fit", "one.csv", "-o", "m2.json", cwd=folder)

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from accelcal import io
+from accelcal._support.progress import within
 from accelcal.app import tasks
 from accelcal.app.known import units_of
 from accelcal.app.run import Run
-from accelcal.app.tasks import share_of
 from accelcal.app.workers import Report
 from accelcal.data.dwells import Dwells
 from accelcal.data.recording import Recording, RecordingError
@@ -55,7 +55,7 @@ class Reader:
         found: dict[int, Run] = {}
         for count, number in enumerate(order):
             lender = next((run for run in (*present, *found.values()) if has_own_rig(run)), None)
-            share = share_of(report, count / len(paths), (count + 1) / len(paths))
+            share = within(report, count / len(paths), (count + 1) / len(paths))
             found[number] = self.run(paths[number], None, lender, share)
         return tuple(found[number] for number in range(len(paths)))
 
@@ -78,11 +78,11 @@ class Reader:
         borrowed = lender if lender is not None and sidecar is None and not has_sidecar(path) else None
         try:
             require_size(path)
-            columns, template = self.done(tasks.columns, path, report=share_of(report, 0.0, 0.1))
+            columns, template = self.done(tasks.columns, path, report=within(report, 0.0, 0.1))
             rig: Path | Rig | None = self.declared(path, sidecar)
             if borrowed is not None and borrowed.recording is not None:
                 rig = borrowed.recording.rig
-            known = self.read(path, rig, share_of(report, 0.1, 0.4))
+            known = self.read(path, rig, within(report, 0.1, 0.4))
         except RecordingError as error:
             if not columns:
                 raise
@@ -92,7 +92,7 @@ class Reader:
         if isinstance(known, Dwells):
             return Run(path, sidecar, columns=columns, template=template, dwells=known)
         self.arrived(known)
-        checked: tasks.Checked = self.done(tasks.check, known, report=share_of(report, 0.4, 0.98))
+        checked: tasks.Checked = self.done(tasks.check, known, report=within(report, 0.4, 0.98))
         return Run(
             file=path,
             sidecar=sidecar,

@@ -122,11 +122,12 @@ def command_line(state: State) -> str:
         return "# load a recording first\n"
     used = in_use(state)
     lines = [f"accelcal check {shlex.quote(run.name)}{rig_of(run)}" for run in used if run.recording is not None]
-    train, unseen = [], []
+    train, moving, unseen = [], [], []
     for run in used:
         made, fitted, held = cut(run, alone=len(used) == 1)
         lines += made
         train += fitted
+        moving += fitted if run.recording is not None else []
         unseen += held
     data = " ".join(train)
     names = [f"m{i}.json" for i in range(len(state.path))]
@@ -137,7 +138,7 @@ def command_line(state: State) -> str:
         option = state.own_files
         lines.append(f"accelcal diagnose {names[-1]} {data}{option}")
         lines += [f"accelcal history {' '.join(names)} --on {one}{option}" for one in unseen]
-        lines.append(f"accelcal report {names[-1]} {train[0]} --holdout {unseen[0]}{option} -o report.html")
+        lines.append(f"accelcal report {names[-1]} {moving[0]} --holdout {unseen[0]}{option} -o report.html")
     return "\n".join(lines) + "\n"
 
 

@@ -176,8 +176,17 @@ class State:
     @property
     def data(self) -> Recording:
         """Data in use of the recording on the time line, its held-out part included."""
-        found = self.run if self.run and self.run.recording else next(r for r in self.runs if r.recording is not None)
-        return found.data
+        return self.drawn.data
+
+    @property
+    def drawn(self) -> Run:
+        """The recording whose curves are over the time line: the one on it, or the first where dwells are."""
+        return self.run if self.run and self.run.recording else next(r for r in self.runs if r.recording is not None)
+
+    @property
+    def first_fitted(self) -> Run:
+        """The first recording that models are fitted to: what is said of a single one is of it."""
+        return next(run for run in self.runs if run.role == "fit" and run.recording is not None)
 
     @property
     def train(self) -> tuple[Recording | Dwells, ...]:

@@ -91,7 +91,7 @@ def judged(
     from: for each model its comparisons."""
     found, part = [], 1.0 / len(data)
     for number, one in enumerate(data):
-        found.append(compare_models(fits, one, ruler, share_of(report, number * part, (number + 1) * part), base=base))
+        found.append(compare_models(fits, one, ruler, within(report, number * part, (number + 1) * part), base=base))
     return tuple(zip(*found, strict=True))
 
 
@@ -150,8 +150,3 @@ def simulated(path: Path, name: str, *, report: Report) -> None:
 def effects(names: Sequence[str]) -> tuple[Effect, ...]:
     """Effects of the catalogue by their names."""
     return tuple(find(name) for name in names)
-
-
-def share_of(report: Report, low: float, high: float) -> Report:
-    """Progress of one part of the work as a share of the whole."""
-    return lambda share: report(low + share * (high - low))

@@ -29,7 +29,7 @@ from accelcal.app.reading import Reader
 from accelcal.app.roles import Refused
 from accelcal.app.run import Role, Run, Stretch, time_span
 from accelcal.app.state import Cancelled, Change, Guest, Job, State, Step
-from accelcal.app.tasks import Export, share_of
+from accelcal.app.tasks import Export
 from accelcal.app.workers import Compute, Report, direct
 from accelcal.data.recording import Recording, require_same_sensor
 from accelcal.diagnosis.run_agreement import RunValues
@@ -81,7 +81,7 @@ class Workbench:
         """By key of the model."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
-        self._whole: tuple[tuple[int, int], Comparison] | None = None
+        self._whole: tuple[tuple[int, int, str], Comparison] | None = None
         self._pair: tuple[State, tuple[str, str], tuple[Comparison, Comparison]] | None = None
         self.changed: Callable[[State], object] = lambda state: None
         """Called with each new state."""
@@ -170,13 +170,13 @@ class Workbench:
 
         def work(state: State, report: Report) -> State:
             loaded(state)
-            further = self._reader().several(paths, state.runs, report)
+            further = self._reader().several(paths, state.runs, within(report, 0.0, 0.5))
             runs = (*state.runs, *further)
             if role != "fit":
                 for number in range(len(state.runs), len(runs)):
                     runs = roles.with_role(runs, number, role)
             made = with_one_to_map(replace(state, runs=runs))
-            return replace(self._divided(state, made.runs, report), shown=made.shown)
+            return replace(self._divided(state, made.runs, within(report, 0.5, 0.98)), shown=made.shown)
 
         self._perform(f"reading {names_of_files(paths)}", work)
 
@@ -193,7 +193,7 @@ class Workbench:
             alike = [run for run in state.runs if run is asked or (run.problem and run.columns == asked.columns)]
             read = {}
             for number, run in enumerate(alike):
-                part = share_of(report, number / len(alike), (number + 1) / len(alike))
+                part = within(report, number / len(alike), (number + 1) / len(alike))
                 read[id(run)] = declared_anew(run, self._reader().run(run.file, sidecar, None, part))
             if read[id(asked)].problem and not asked.problem and len(state.runs) > 1:
                 raise Refused(read[id(asked)].problem)
@@ -288,7 +288,7 @@ class Workbench:
         formulas = [OwnFormula.of_stored(formula) for formula in content.own]
         self._done(tasks.tried, formulas, report=within(report, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
-        runs = self._runs_of(opened, share_of(report, 0.1, 0.7))
+        runs = self._runs_of(opened, within(report, 0.1, 0.7))
         state = State(runs=runs, shown=content.shown, own=own)
         require_one_sensor(state)
         require_both_parts(state)
@@ -299,7 +299,7 @@ class Workbench:
         stored = opened.content.runs
         found: dict[int, Run] = {}
         for count, number in enumerate(sorted(range(len(stored)), key=lambda number: stored[number].sidecar is None)):
-            one, part = stored[number], share_of(report, count / len(stored), (count + 1) / len(stored))
+            one, part = stored[number], within(report, count / len(stored), (count + 1) / len(stored))
             path = opened.path(one.source)
             beside = one.sidecar == (mapping.text_of(path, None, "") or None)
             lender = next((found[n] for n in sorted(found) if found[n].recording is not None), None)
@@ -479,15 +479,25 @@ class Workbench:
             return
         with self._working("searching for missing effects", silent=True) as job:
             step = fitted(state)
-            own, report = names_of(state), within(job.report, 0.0, 0.98)
+            own, report = names_of(state), within(job.report, 0.0, 0.9)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
-            several = sum(isinstance(part, Recording) for part in state.train) > 1
-            values = self._done(tasks.values_of_runs, step.fit, state.train) if several else None
             with self._lock:
-                job.report(1.0)
+                job.report(0.9)  # last chance to be cancelled
                 self.diagnoses[asked] = found
-                if values is not None:
-                    self._run_values[step.key] = values
+            if sum(isinstance(part, Recording) for part in state.train) > 1:
+                values = self._values_alone(step.fit, state.train, within(job.report, 0.9, 0.98))
+                with self._lock:
+                    job.report(1.0)
+                    if values is not None:
+                        self._run_values[step.key] = values
+
+    def _values_alone(self, found: Fit, train: tasks.Data, report: Report) -> RunValues | None:
+        """Parameters of each fitted recording; None where one alone does not determine them."""
+        try:
+            values: RunValues = self._done(tasks.values_of_runs, found, train, report=report)
+        except ValueError:
+            return None
+        return values
 
     @property
     def diagnosis(self) -> Diagnosis | None:
@@ -538,11 +548,11 @@ class Workbench:
                 self.version += 1
 
     def whole(self) -> Comparison | None:
-        """The current model against all data in use, the held-out part included; cached for one model."""
+        """The current model against all data in use, the held-out part included; cached for one model and its data."""
         state = self.state
         if state.step is None:
             return None
-        kept, asked = self._whole, (state.step.key, state.shown)
+        kept, asked = self._whole, (state.step.key, state.shown, state.data.digest)
         if kept is None or kept[0] != asked:
             kept = self._whole = (asked, self._done(tasks.compared, state.step.fit, state.data))
         return kept[1]
@@ -586,7 +596,7 @@ class Workbench:
         state = self.state
         with self._working("comparing two models") as job:
             fits = [state.models[name] for name in names]
-            report = share_of(job.report, 0.0, 0.98)
+            report = within(job.report, 0.0, 0.98)
             judged = self._done(tasks.judged, fits, state.unseen, Ruler.of(fits), fits[0], report=report)
             with self._lock:
                 job.report(1.0)
@@ -630,8 +640,9 @@ class Workbench:
         with self._working("writing the report") as job:
             state = self.state
             found, own, report = fitted(state).fit, names_of(state), within(job.report, 0.0, 0.99)
-            first, unseen = first_recording(state), state.unseen[0]
-            page = self._done(tasks.reported, found, first, unseen, own, self.diagnosis, report=report)
+            first = state.first_fitted.train
+            known = self.diagnosis if len(state.train) == 1 else None  # that of several is not of the first
+            page = self._done(tasks.reported, found, first, state.unseen[0], own, known, report=report)
             job.report(1.0)
             target = self.upload_folder() / "report.html"
             io.atomic_write(target, page)
@@ -812,11 +823,6 @@ def require_both_parts(state: State) -> None:
     for parts, purpose in ((moving, "to fit"), (state.unseen, "to hold out")):
         if not parts or not all(len(part.position) and len(part.accel) for part in parts):
             raise Refused(f"no data would be left {purpose}; choose a shorter stretch")
-
-
-def first_recording(state: State) -> Recording:
-    """The first recording of those that models are fitted to."""
-    return next(part for part in state.train if isinstance(part, Recording))
 
 
 def names_of_files(paths: Sequence[Path]) -> str:

@@ -242,8 +242,9 @@ def freeze(
 
     Example: [bold]accelcal freeze m.json run12.csv --at bias=0.05 -o m2.json[/bold]
     """
+    from accelcal.estimation.estimate import engine_of
     from accelcal.serialization import model_file
-    from accelcal.workflow import fit as fit_replay
+    from accelcal.workflow import fit as fit_again
 
     load_own_effects(effects_file)
     fitted = model_file.load(model)
@@ -263,7 +264,13 @@ def freeze(
     chosen = fitted.model.release(*(release or ())).freeze(**held)
     with progress("freeze") as report:
         recordings = [load_any(fitted, run, rig) for run in runs]
-        found = fit_replay(chosen, recordings, origins=fitted.origins, report=within(report, LOADED, 1.0))
+        found = fit_again(
+            chosen,
+            recordings,
+            method=engine_of(fitted),
+            origins=fitted.origins,
+            report=within(report, LOADED, 1.0),
+        )
     finish_fit(found, recordings, output, json)
     if not json and output is not None:
         suggest("diagnose", output, *runs)

@@ -203,8 +203,8 @@ class Fit:
 
     @property
     def sources(self) -> tuple[tuple[str, str], ...]:
-        """Name and SHA-256 of every file that it was made from."""
-        runs = [(run.name or "recording", run.digest) for run in self.runs]
+        """Name and SHA-256 of every file that it was made from, of the whole file where a part of it was used."""
+        runs = [(run.name or "recording", run.session or run.digest) for run in self.runs]
         return (*runs, *([(self.dwells.name or "dwells", self.dwells.digest)] if self.dwells else []))
 
     @property

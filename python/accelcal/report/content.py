@@ -53,6 +53,12 @@ class Content:
     """What could not be computed, and why."""
     command: str = ""
 
+    @property
+    def is_part(self) -> bool:
+        """Whether `judged` is on a part of a recording that the fit has used, or on all of it."""
+        session = (self.recording if self.holdout is None else self.holdout).session
+        return bool(session) and session in {run.session for run in self.fit.runs}
+
 
 @one_thread
 def gather(

@@ -42,14 +42,20 @@ def entries(content: Content) -> list[Entry]:
     ]
 
 
+def use_of(c: Content) -> str:
+    """What the fit has used of the data that the model is judged on."""
+    if not c.unseen:
+        return "the fitted recording"
+    return "a part not used in the fit" if c.is_part else "not used in the fit"
+
+
 def _overlay(c: Content) -> Entry:
     """The first figure: what was measured and what this calibration says."""
     model = [("this calibration", c.judged)]
-    used = "not used in the fit" if c.unseen else "the fitted recording"
     return Entry(
         "overlay",
         "first",
-        f"{c.judged.recording or 'Recording'}, {used}. Residual: measured − simulated.",
+        f"{c.judged.recording or 'Recording'}, {use_of(c)}. Residual: measured − simulated.",
         lambda theme: interactive.overlay(model, theme=theme),
         lambda theme: closely.overlay(model, theme=theme),
     )
@@ -77,7 +83,7 @@ def _findings(c: Content) -> Iterator[Entry]:
 def _error_reduction(c: Content) -> Iterator[Entry]:
     """Error reduction by each effect, on unseen data where there are any."""
     nested = c.nested
-    caption = f"{c.judged.recording or 'Recording'}: {'not used in the fit' if c.unseen else 'the fitted recording'}."
+    caption = f"{c.judged.recording or 'Recording'}: {use_of(c)}."
     if nested is not None:
         yield Entry(
             "falling",

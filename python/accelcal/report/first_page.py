@@ -10,6 +10,7 @@ from accelcal.data.recording import Recording
 from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.estimation.estimate import tied_sum
+from accelcal.estimation.run_fit import RunFit
 from accelcal.formatting import about, amount, at_full_scale, grouped, number, plain, prefixed, with_unit
 from accelcal.model import Estimate
 from accelcal.report.content import Content
@@ -153,16 +154,25 @@ def span(unit: str, low: float, high: float) -> str:
 
 
 def files(content: Content) -> list[dict[str, str]]:
-    """Recordings with their SHA-256, by what they were used for."""
-    found = [{"use": "fit", "name": name, "digest": digest} for name, digest in content.fit.sources]
-    known = {digest for _, digest in content.fit.sources}
+    """Recordings with the SHA-256 of their files, by what they were used for."""
+    fit = content.fit
+    found = [of_file("fit", run) for run in fit.runs]
+    found += [{"use": "fit", "name": one.name or "dwells", "digest": one.digest} for one in (fit.dwells,) if one]
+    known = {run.digest for run in fit.runs}
     for use, run in (("evaluation", content.recording), ("held out", content.holdout)):
         if run is not None and run.digest not in known:
-            found.append({"use": use, "name": run.name, "digest": run.digest})
+            found.append(of_file(use, run))
     kept = found[:MOST_FILES]
     if len(found) > MOST_FILES:
         kept.append({"use": "", "name": f"and {len(found) - MOST_FILES} more, see Provenance", "digest": ""})
     return kept
+
+
+def of_file(use: str, run: RunFit | Recording) -> dict[str, str]:
+    """One row of `files`: the digest is that of the whole file, so that it can be checked, where a part was used."""
+    whole = run.session or run.digest
+    part = "" if run.digest == whole else " (part)"
+    return {"use": use, "name": f"{run.name or 'recording'}{part}", "digest": whole}
 
 
 def unknown(content: Content) -> Iterator[str]:

@@ -106,7 +106,8 @@ def view(content: Content) -> dict[str, Any]:
 def summary(content: Content) -> list[str]:
     """The key figures: unaided drift, one-step prediction error, largest residual."""
     seen = content.judged
-    kind = "a held-out recording" if content.unseen else "the fitted recording"
+    held_out = "a held-out part of the fitted recording" if content.is_part else "a held-out recording"
+    kind = held_out if content.unseen else "the fitted recording"
     lines = []
     h = headline_horizon(seen)
     if h is not None:
@@ -392,7 +393,7 @@ def provenance(content: Content) -> list[tuple[str, str]]:
     fit = content.fit
     rows = [("program", f"accelcal {__version__}"), ("command", content.command), ("method", fit.method)]
     rows += [(f"fitted: {name}", digest) for name, digest in fit.sources]
-    rows += [(f"evaluated on: {r.name}", r.digest) for r in (content.recording, content.holdout) if r is not None]
+    rows += [(f"evaluated on: {r.name}", r.session) for r in (content.recording, content.holdout) if r is not None]
     rows += [("effects", ", ".join(fit.model.effects))]
     sensor = fit.rig.sensor
     rows += [("sensor", " ".join(filter(None, (sensor.model, sensor.serial))))]

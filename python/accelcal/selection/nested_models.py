@@ -39,7 +39,7 @@ class NestedModels:
     models: tuple[NestedModel, ...]
     """Base first."""
     same_run: bool
-    """Held-out data are the end of the fitted run: set-up and slow-drift errors cannot show."""
+    """Held-out data are a part of the fitted run: set-up and slow-drift errors cannot show."""
     horizon: float | None
     """Time without position after which drifts are compared, s: the longest with an interval, see `headline_horizon`;
     None where the held-out data are too short for any."""
@@ -111,8 +111,7 @@ def nested_models(
         If the record does not determine even the base.
     """
     begin, finish = diagnosis.used[0] if diagnosis is not None else _stretch(recording)
-    same_run = holdout is None
-    split = finish - HELD_OUT * (finish - begin) if same_run else finish
+    split = finish - HELD_OUT * (finish - begin) if holdout is None else finish
     unseen = recording if holdout is None else holdout
     test_begin, test_end = (split, finish) if holdout is None else _stretch(holdout)
 
@@ -129,7 +128,7 @@ def nested_models(
     fits, remarks = [], []
     for count in range(len(added) + 1):
         model = whole.drop(*added[count:])
-        ready_fit = fitted if count == len(added) and not same_run else None
+        ready_fit = fitted if count == len(added) and holdout is not None else None
         try:
             fits.append(member(added[count - 1] if count else "", model, True, ready_fit))
         except ValueError as error:
@@ -150,6 +149,8 @@ def nested_models(
     def judged(fit: Fit) -> Comparison:
         return replace(compare(fit, unseen, start=test_begin, end=test_end, ruler=ruler), noise_floor=floor)
 
+    sessions = {recording.session, *(run.session for run in fitted.runs)}
+    same_run = holdout is None or (bool(holdout.session) and holdout.session in sessions)
     models = [NestedModel(effect, in_model, fit, judged(fit)) for effect, in_model, fit in fits]
     return NestedModels(tuple(models), same_run, headline_horizon(*(each.heldout for each in models)), tuple(remarks))
 

@@ -13,7 +13,7 @@ from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.app.run import Stretch
 from accelcal.app.screens import per_run, start
-from accelcal.app.state import Step
+from accelcal.app.state import State, Step
 from accelcal.app.zoom import Zoom, stretches_of
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
@@ -95,14 +95,30 @@ def error(page: Page) -> None:
         if len(nested.errors) > 1:
             figure("previous error", nested.errors[-2], "before")
         figure("noise alone", nested.floor.value, "floor")
-    held = state.unseen_runs
-    alone = "the held-out part of this run" if state.holds_out_parts else "another recording"
-    what = alone if len(held) == 1 else f"{len(held)} held-out recordings together"
-    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {what}.").classes("note")
+    ui.label(f"{nested.measure[:1].upper()}{nested.measure[1:]}, on {held_out(state)}.").classes("note")
     ui.label(f"{ONLY_WHITE[:1].upper()}{ONLY_WHITE[1:]}.").classes("note")
     per_run.errors(page)
     widgets.lines(nested.models[-1].heldout.not_carried)
-    widgets.lines([f"Held out, {score.sentence}." for score in nested.models[-1].heldout.noise_scores])
+    widgets.lines(noise_scores(state))
+
+
+def held_out(state: State) -> str:
+    """What is held out, in words."""
+    several = len(state.unseen_runs)
+    if several > 1:
+        return f"{several} held-out {'parts' if state.holds_out_parts else 'recordings'} together"
+    return "the held-out part of this run" if state.holds_out_parts else "another recording"
+
+
+def noise_scores(state: State) -> list[str]:
+    """What effects on noise gain on each held-out recording, a sentence each; its name where there are several."""
+    assert state.step is not None
+    several = len(state.unseen_runs) > 1
+    return [
+        f"Held out{f' ({run.name})' if several else ''}, {score.sentence}."
+        for run, seen in zip(state.unseen_runs, state.step.heldouts, strict=True)
+        for score in seen.noise_scores
+    ]
 
 
 def figure(name: str, value: float, mark: str) -> None:

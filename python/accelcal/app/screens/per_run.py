@@ -68,7 +68,11 @@ def fitted(page: Page) -> None:
                 "such differences if all have one value."
             ).classes("note")
         elif len(step.fit.runs) > 1:
-            ui.label("Compared as soon as the model is diagnosed.")
+            ui.label(
+                "Compared as soon as the model is diagnosed."
+                if page.bench.diagnosis is None or page.bench.job is not None
+                else "Not compared: they could not be fitted one by one."
+            )
         widgets.lines([spread.sentence(step.fit[spread.name].value) + "." for spread in step.fit.spreads], "warning")
         if step.fit.dwells is not None:
             widgets.lines([dwells_sentence(step.fit.dwells)])

@@ -8,8 +8,11 @@ from accelcal.app import figures, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.app.run import Stretch
+from accelcal.app.state import State
 from accelcal.app.zoom import Zoom
+from accelcal.plots.numbers import REGION_HEAD, REGION_NOTE, region_rows
 from accelcal.plots.style import ThemeName
+from accelcal.validation.comparison import Comparison
 
 
 def show(page: Page) -> None:
@@ -26,7 +29,11 @@ def show(page: Page) -> None:
     with widgets.card("Position, acceleration, residual, temperature"):
         ui.label("Drag to zoom; all panels follow, at full resolution. Double-click to reset.").classes("note")
         page.pictures(
-            ("linked", state.current, state.shown), zoom.whole, first=bench.whole, prepare=zoom.follow, height=600
+            ("linked", state.current, state.shown, state.data.digest),
+            zoom.whole,
+            first=bench.whole,
+            prepare=zoom.follow,
+            height=600,
         )
         zoom.places()
     found = bench.diagnosis
@@ -40,8 +47,22 @@ def show(page: Page) -> None:
         else:
             worst = found.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
-            zoom.table(found.where)
+            regions(state, zoom, found.where)
     if found is not None:
         with widgets.card("Residual against each variable", "many"):
             page.pictures(("where", id(found)), lambda theme: figures.where(found, theme), height=1500)
     widgets.copies(page)
+
+
+def regions(state: State, zoom: Zoom, seen: Comparison) -> None:
+    """Where the model fails on the first fitted recording; its ranges lead into the figure only if that is drawn."""
+    first = state.first_fitted
+    if state.drawn is first:
+        zoom.table(seen)
+        return
+    ui.label(f"On {first.name}, the first fitted recording; bring it to the time line to see these ranges.").classes(
+        "note"
+    )
+    if seen.worst_regions:
+        widgets.table(REGION_HEAD, region_rows(seen), "Where it fails")
+        ui.label(f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}.").classes("note")

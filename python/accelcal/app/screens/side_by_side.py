@@ -14,6 +14,7 @@ from accelcal.formatting import amount, length, number, plain
 from accelcal.model import Estimate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.paired import heldout_change
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 
 def card(page: Page) -> None:
@@ -111,8 +112,6 @@ def change_text(seen: tuple[Comparison, Comparison], horizon: float) -> str:
 
 def own_error(seen: Comparison) -> str:
     """The error of a model on its own held-out data, in words."""
-    known = {horizon: value for horizon, value in seen.coast_rms.items() if value is not None}
-    if not known:
-        return f"free-running error {length(seen.simulated_rms)}"
-    longest = max(known)
-    return f"drift after {longest:g} s {length(known[longest])}"
+    horizon = headline_horizon(seen)
+    called = "free-running error" if horizon is None else f"drift after {horizon:g} s"
+    return f"{called} {length(quoted_error(seen, horizon))}"

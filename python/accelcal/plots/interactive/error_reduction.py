@@ -78,7 +78,7 @@ def error_reduction(nested: NestedModels, *, theme: ThemeName = "light") -> Figu
         layer="below",
     )
     unseen = (
-        "the end of the fitted run, which does not reveal set-up and slow-drift errors"
+        "a part of the fitted run, which does not reveal set-up and slow-drift errors"
         if nested.same_run
         else "another recording"
     )
