@@ -196,6 +196,7 @@ def test_long_work_is_cancelled(tab, files):
     tab.get_by_role("button", name="Fit the linear model").click()
     tab.get_by_role("button", name="Cancel").click(timeout=LONG)
     tab.get_by_text("Cancelled; nothing was changed.").wait_for(timeout=LONG)
+    tab.locator(".job").wait_for(state="hidden", timeout=LONG)
     tab.get_by_role("tab", name="Data").click()
     fit(tab)
     assert number(tab, "error") > 0.0

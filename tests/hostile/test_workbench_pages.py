@@ -182,6 +182,7 @@ def test_a_killed_server_brings_the_work_back(browser: Any, tmp_path: Path) -> N
         fresh.get_by_role("button", name="Open run.csv, 1 model").click(timeout=LONG)
         fresh.get_by_text("This session was made with run.csv").wait_for(timeout=LONG)
         fresh.locator("input[type=file]").first.set_input_files([str(run)])
+        fresh.get_by_text("This session was made with run.csv").wait_for(state="detached", timeout=LONG)
         fresh.get_by_role("tab", name="Improve").click()
         fresh.locator("[data-number=error]").wait_for(timeout=LONG)
         assert fresh.locator("[data-number=error]").get_attribute("data-value") == error
