@@ -20,6 +20,7 @@ HOMONYMS = {
     ("app/workbench.py", "cubic"): "model of `fit`: linear or cubic",
     ("serialization/schema/session.py", "cubic"): "model of `fit`: linear or cubic",
     ("fleet/task.py", "cubic"): "model of `fit`, and the simulated example",
+    ("calibration/agreement.py", "velocity"): "variable of the motion",
     ("calibration/budget.py", "encoder_scale"): "key of a sidecar",
     ("calibration/budget.py", "misalignment"): "key of a sidecar",
     ("cli/data.py", "quadratic"): "option of `simulate`",
@@ -38,6 +39,7 @@ HOMONYMS = {
     ("live/settings.py", "cubic"): "parameter of a live filter",
     ("live/settings.py", "quadratic"): "parameter of a live filter",
     ("plots/static/signature.py", "velocity"): "variable of the motion",
+    ("report/first_page.py", "velocity"): "variable of the motion",
     ("validation/regions.py", "velocity"): "variable of the motion",
 }
 """Words that name something else in a file, and what."""
