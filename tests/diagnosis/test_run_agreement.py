@@ -30,4 +30,4 @@ def test_the_recording_that_disagrees_is_said(departs: bool) -> None:
     assert bool(said) == departs
     if departs:
         assert "scale_factor" in said[0]
-        assert "cannot be told apart" in said[0]
+        assert "cannot be distinguished" in said[0]
