@@ -84,6 +84,10 @@ def power_trend_test(power: Array, x: Array) -> tuple[float, float]:
     correlation from block to block included (Bartlett). The few blocks in which x is large make it skew, and a gamma
     distribution with the same three cumulants (Pearson's type III) gives the tail.
     """
+    largest = float(np.max(x, initial=0.0))
+    if not 0.0 < largest < math.inf:
+        return 0.0, 1.0
+    x = x / largest  # the fourth power of a motion that a model sends astray has a cube beyond every number
     deviation = x - x.mean()
     total = float(deviation @ deviation)
     if total <= 0.0:
