@@ -546,18 +546,13 @@ def compare_models(
     band, horizons, start, end : as of `compare`.
     """
     found = []
-    broken: list[Remark] = []
-    if start is None and end is None:
-        recording, start, end, broken = whole_part(recording)
-    else:
-        recording = with_position_steps(recording)
+    recording, start, end, breaks = compared_part(recording, start, end)
     for number, fit in enumerate(fits):
         part = within(report, (number + 0.2) / (len(fits) + 1), (number + 1.0) / (len(fits) + 1))
         seen = evaluation.compare(
             fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
         )
-        scores = noise_scores(fit, recording, start=start, end=end)
-        found.append(replace(seen, noise_scores=scores, breaks=breaks_of(broken)))
+        found.append(replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks))
     floor = noise_floor(ruler, base or fits[0], recording, horizons=horizons, start=start, end=end)
     return tuple(replace(seen, noise_floor=floor) for seen in found)
 
@@ -728,27 +723,28 @@ def compare(
     >>> seen.coast_rms[1.0] > 0.0
     True
     """
-    broken: list[Remark] = []
-    if start is None and end is None:
-        recording, start, end, broken = whole_part(recording)
-    else:
-        recording = with_position_steps(recording)
+    recording, start, end, breaks = compared_part(recording, start, end)
     report(0.15)
     part = within(report, 0.15, 0.7)
     seen = evaluation.compare(
         fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
     )
-    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end))
-    if ruler is None:
-        alone = Ruler.of([fit])
-        floor = noise_floor(alone, fit, recording, horizons=horizons, start=start, end=end)
-        seen = replace(seen, noise_floor=floor)
-    return replace(seen, breaks=breaks_of(broken))
+    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks)
+    if ruler is not None:
+        return seen
+    floor = noise_floor(Ruler.of([fit]), fit, recording, horizons=horizons, start=start, end=end)
+    return replace(seen, noise_floor=floor)
 
 
-def breaks_of(broken: Sequence[Remark]) -> tuple[float, ...]:
-    """Times of the breaks that remarks tell of, s."""
-    return tuple(float(note.values["time"]) for note in broken)
+def compared_part(
+    recording: Recording, start: float | None, end: float | None
+) -> tuple[Recording, float | None, float | None, tuple[float, ...]]:
+    """A recording with the jumps of its position, start and end of what is compared of it, s: by default all before a
+    break; and the times of the breaks, s."""
+    if start is not None or end is not None:
+        return with_position_steps(recording), start, end, ()
+    recording, start, end, broken = whole_part(recording)
+    return recording, start, end, tuple(float(note.values["time"]) for note in broken)
 
 
 @checked

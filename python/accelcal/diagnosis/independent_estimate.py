@@ -14,7 +14,7 @@ from accelcal.data.arrays import Array
 from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.gauss_newton import Solution
-from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number
+from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number, inverse
 from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_weak_form
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import penalty
@@ -118,12 +118,6 @@ def both(fitted: float, other: float, solution: Solution) -> tuple[float, float]
     """The estimate of the replay and that of the weak form, whichever of them was fitted."""
     first = solution.states[0].run.engine == "replay"
     return (float(fitted), float(other)) if first else (float(other), float(fitted))
-
-
-def inverse(information: Array) -> Array:
-    """Inverse of an information matrix, (m, m), scaled to a unit diagonal."""
-    size = np.sqrt(np.diag(information))
-    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
 
 
 def as_normal(difference: Array, scatter: Array, blocks: Array, least: Array) -> Array:

@@ -13,7 +13,7 @@ from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.search.homogeneity import different
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS
-from accelcal.estimation.normal_equations import normal_equations
+from accelcal.estimation.normal_equations import inverse, normal_equations
 from accelcal.estimation.run_state import RunState
 from accelcal.model import Model
 
@@ -82,14 +82,12 @@ def values_by_run(states: Sequence[RunState], model: Model, explained: Sequence[
     pooled = POOLED_SHARE * np.sum([normal.gram for normal in normals], axis=0)
     value, variance = np.empty((len(states), len(terms))), np.empty((len(states), len(terms)))
     for r, (state, normal) in enumerate(zip(states, normals, strict=True)):
-        gram = normal.gram + pooled
-        size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        inverse = np.linalg.pinv(gram / np.outer(size, size), hermitian=True) / np.outer(size, size)
-        wider = inverse if normal.spread is None else inverse @ normal.spread @ inverse
+        covariance = inverse(normal.gram + pooled)
+        wider = covariance if normal.spread is None else covariance @ normal.spread @ covariance
         shared = slice(0, len(terms))
         at = np.array([state.values.by_name[term.name] for term in terms])
-        value[r] = at + (inverse @ normal.score)[shared]
-        variance[r] = np.maximum(np.diag(inverse), np.diag(wider))[shared]
+        value[r] = at + (covariance @ normal.score)[shared]
+        variance[r] = np.maximum(np.diag(covariance), np.diag(wider))[shared]
     return RunValues(
         runs=tuple(state.run.recording.name or f"recording {r + 1}" for r, state in enumerate(states)),
         parameters=tuple(term.name for term in terms),

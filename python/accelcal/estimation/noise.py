@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -129,17 +129,27 @@ def estimate_noise(
     ValueError
         From the core, if the record is unusable.
     """
-    likelihood = Likelihood(run, integrals, start, counts)
+    return most_likely_noise(Likelihood(run, integrals, start, counts), run.reading_variance_floor, start, width)
 
-    def floor(log_q: float) -> float:
-        return math.log(run.reading_variance_floor(math.exp(log_q)))
+
+def most_likely_noise(
+    log_likelihood: Callable[[float, float], float], floor: Callable[[float], float], start: Noise, width: float
+) -> Noise:
+    """Most likely q and R, by the simplex method.
+
+    Parameters
+    ----------
+    log_likelihood : of log q and log R.
+    floor : least R, m², at a q.
+    start, width : where to begin, and the first steps in log q and log R.
+    """
 
     def cost(x: Array) -> float:
         log_q, log_r = float(x[0]), float(x[1])
-        least = floor(log_q)
-        return -likelihood(log_q, max(log_r, least)) + 1e3 * max(0.0, least - log_r)
+        least = math.log(floor(math.exp(log_q)))
+        return -log_likelihood(log_q, max(log_r, least)) + 1e3 * max(0.0, least - log_r)
 
-    x0 = np.log([start.q, max(start.r, run.reading_variance_floor(start.q) * 1.01)])
+    x0 = np.log([start.q, max(start.r, floor(start.q) * 1.01)])
     simplex = x0 + width * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     best = scipy.optimize.minimize(
         cost,
@@ -147,7 +157,8 @@ def estimate_noise(
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 3e-3, "fatol": 0.02, "maxfev": 120},
     )
-    return Noise(float(np.exp(best.x[0])), float(np.exp(max(best.x[1], floor(float(best.x[0]))))))
+    log_q, log_r = float(best.x[0]), float(best.x[1])
+    return Noise(float(np.exp(log_q)), float(np.exp(max(log_r, math.log(floor(math.exp(log_q)))))))
 
 
 def level_of(

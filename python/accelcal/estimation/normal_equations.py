@@ -66,6 +66,12 @@ def effective_number(squares: Array) -> Array:
     return np.asarray(total**2 / np.maximum((squares**2).sum(axis=0), 1e-300))
 
 
+def inverse(information: Array) -> Array:
+    """Pseudo-inverse of an information matrix (m, m), scaled to a unit diagonal."""
+    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
 def information(state: RunState, term: Term) -> float:
     """Information of a run on the coefficient of one more term, all others known."""
     return float(normal_equations(state, [term]).gram[0, 0])

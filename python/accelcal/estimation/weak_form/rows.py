@@ -23,6 +23,7 @@ from accelcal.estimation.weak_form.channel import SampledChannel, covering
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
 from accelcal.model import Term
 from accelcal.signals.processing import derivative
+from accelcal.signals.series import lagrange_weights
 from accelcal.signals.signals import Signals
 
 TOGETHER = 4096
@@ -77,8 +78,6 @@ class WeakRows:
         readings are used.
     """
 
-    group = 1
-
     def __init__(self, state: RunState) -> None:
         self.state = state
         self.signals: Signals = state.signals
@@ -98,9 +97,9 @@ class WeakRows:
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
         rounded = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
-        self._readings = SampledChannel.of(t, z - np.mean(z), self.reading_step, self.full_rate, rounded)
+        self._readings = SampledChannel.of(t, z - np.mean(z), self.reading_step, self.rate, rounded)
         output = run.driving.y - values.bias * run.filters.at_rest
-        self._output = SampledChannel.of(stamps, output, run.accel_step, self.full_rate, rounded)
+        self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, rounded)
         self._kept = self._whole_ones(stamps)
         if int(np.count_nonzero(self._kept)) < FEWEST_ROWS:
             raise NoWeakForm("the record is too short, or breaks off too often")
@@ -143,14 +142,9 @@ class WeakRows:
         return every * self.reading_step
 
     @property
-    def full_rate(self) -> float:
-        """Of the test functions, Hz."""
-        return 1.0 / self.splines.step
-
-    @property
     def rate(self) -> float:
         """Of the rows, Hz; those that a break takes away are not missed."""
-        return self.full_rate
+        return 1.0 / self.splines.step
 
     @property
     def rows(self) -> int:
@@ -238,13 +232,13 @@ class WeakRows:
         """Test functions that no break of a channel and no new zero of the position lies in, (count,)."""
         run, begins = self.state.run, self.splines.begins
         lost = np.flatnonzero(np.diff(stamps) > LOST * run.accel_step)
-        spans = [self._output.around(stamps[lost], stamps[lost + 1], self.full_rate)]
+        spans = [self._output.around(stamps[lost], stamps[lost + 1], self.rate)]
         t, step = self._readings.t, self.reading_step
         lost = np.flatnonzero(np.diff(t) > min(max(self.splines.step, LOST * step), HOLE * step))
-        spans.append(self._readings.around(t[lost], t[lost + 1], self.full_rate))
+        spans.append(self._readings.around(t[lost], t[lost + 1], self.rate))
         again = np.flatnonzero(self.state.drive.restart[1:])
         used = run.t - self._clock
-        spans.append(self._readings.around(used[again], used[again + 1], self.full_rate))
+        spans.append(self._readings.around(used[again], used[again + 1], self.rate))
         kept = np.ones(self.splines.count, dtype=np.bool_)
         for begin, end in np.concatenate(spans):
             kept[slice(*np.searchsorted(begins, [begin - self.splines.support, end]))] = False
@@ -260,6 +254,7 @@ class WeakRows:
         else:
             at = np.asarray(run.gravity.at(s.t + run.origins.t))
             added += run.filters.behind(at, s.step) / self._gain
+        acts = bool(np.any(added))
         extra_q = held_after(self.state.drive, self._clock + self._output.t)
         extra_r = self.state.drive.extra_r
         if len(extra_r):
@@ -272,12 +267,13 @@ class WeakRows:
             inner = int(np.count_nonzero(self._kept[part]))
             samples, of_output = self._of_output(wide)
             readings, of_readings = self._of_readings(wide)
-            grid, of_grid = self._of_grid(part)
             splines = self.splines.part(part.start, part.stop)
             count = splines.count
             y = self._readings.sums(splines, 2, of_readings[:count], readings)
             y -= self._gain * self._output.sums(splines, 0, of_output[:count], samples, self._tau)
-            y += self._gain * (of_grid @ added[grid])
+            if acts:
+                grid, of_grid = self._of_grid(part)
+                y += self._gain * (of_grid @ added[grid])
             rows.append(y[self._kept[part]])
             variance = self._variances(of_output[kept], of_readings[kept], extra_q[samples], extra_r, readings)
             covariances.append([each[:, :inner] for each in variance])
@@ -358,15 +354,7 @@ def refined(t: Array, between: int) -> tuple[Array, Sparse]:
     n = len(t)
     place = np.arange((n - 1) * between + 1) / between
     cell = np.clip(place.astype(np.intp) - 1, 0, n - 4)
-    u = place - cell  # the four samples lie at 0, 1, 2, 3
-    weights = np.column_stack(
-        [
-            (u - 1.0) * (u - 2.0) * (u - 3.0) / -6.0,
-            u * (u - 2.0) * (u - 3.0) / 2.0,
-            u * (u - 1.0) * (u - 3.0) / -2.0,
-            u * (u - 1.0) * (u - 2.0) / 6.0,
-        ]
-    )
+    weights = np.column_stack(lagrange_weights([cell + k - place for k in range(4)]))
     rows = np.repeat(np.arange(len(place)), 4)
     columns = (cell[:, None] + np.arange(4)).ravel()
     fine = t[0] + place * float((t[-1] - t[0]) / (n - 1))
