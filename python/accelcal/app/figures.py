@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import json
-import math
 import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -25,7 +24,7 @@ from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
-from accelcal.validation.stretches import headline_horizon
+from accelcal.validation.stretches import headline_horizon, quoted_error
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -140,7 +139,7 @@ def beside_the_pool(figure: Figure, state: State, nested: NestedModels, ink: str
     """Beside the error on all held-out data that on each of the recordings, a line each."""
     factor, unit = formatting.prefixed("m", np.array(nested.errors), nested.floor.value)
     for number, run in enumerate(state.unseen_runs):
-        errors = [error_of(step.heldouts[number], nested.horizon) for step in state.path]
+        errors = [quoted_error(step.heldouts[number], nested.horizon) for step in state.path]
         figure.add_scatter(
             x=list(range(len(errors))),
             y=[error * factor for error in errors],
@@ -157,12 +156,6 @@ def beside_the_pool(figure: Figure, state: State, nested: NestedModels, ink: str
         )
     top = max(figure.layout.yaxis.range[1], *(1.1 * max(trace.y) for trace in figure.data[-len(state.unseen_runs) :]))
     figure.update_yaxes(range=[0.0, top])
-
-
-def error_of(seen: Comparison, horizon: float | None) -> float:
-    """Rms drift after a horizon, or of the simulation, m; NaN where the recording is too short."""
-    value = seen.simulated_rms if horizon is None else seen.coast_rms[horizon]
-    return math.nan if value is None else value
 
 
 def overlay(state: State, theme: ThemeName, window: Stretch | None = None, chosen: Stretch | None = None) -> Picture:

@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal.data.arrays import Array
 from accelcal.validation.comparison import Comparison, NoiseFloor, RmsInterval
+from accelcal.validation.prediction import rms
 
 APART = 4.0
 """Horizons between two recordings, so that no stretch of time over which errors are averaged holds both."""
@@ -57,11 +58,6 @@ def in_a_row(series: Sequence[tuple[Array, Array]], gap: float) -> tuple[Array, 
             instants.append(t - t[0] + begin)
             begin = float(instants[-1][-1]) + gap
     return np.concatenate(instants or [np.empty(0)]), np.concatenate([error for _, error in series])
-
-
-def rms(error: Array) -> float | None:
-    """Root mean square; None where there is nothing."""
-    return float(np.sqrt(np.mean(error**2))) if len(error) else None
 
 
 def root_mean(weighted: Iterable[tuple[float | None, int]]) -> float:

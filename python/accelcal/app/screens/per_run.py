@@ -16,6 +16,7 @@ from accelcal.effects import spelled
 from accelcal.estimation.dwell_fit import DwellFit
 from accelcal.formatting import amount, length, number, probability, with_unit
 from accelcal.plots.numbers import density
+from accelcal.validation.stretches import quoted_error
 
 
 def errors(page: Page) -> None:
@@ -44,7 +45,7 @@ def error_row(state: State, number: int | None, name: str) -> list[widgets.Cell]
     seen = [step.heldout if number is None else step.heldouts[number] for step in state.path]
     floor = nested.noise_floor.at(horizon) or nested.floor
     bias = "" if number is None else amount(*seen[-1].setup_bias, "m/s²")
-    return [name, *(error_text(figures.error_of(one, horizon)) for one in seen), length(floor.value), bias]
+    return [name, *(error_text(quoted_error(one, horizon)) for one in seen), length(floor.value), bias]
 
 
 def error_text(error: float) -> str:
