@@ -8,8 +8,8 @@ import pytest
 import accelcal as ac
 from accelcal.data.recording import Channel
 from accelcal.diagnosis.contribution import Size
-from accelcal.estimation.estimate import solve_runs
-from accelcal.selection.plausibility import implausible, undetermined
+from accelcal.estimation.estimate import result, solve_runs
+from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
 
 
 @pytest.fixture(scope="module")
@@ -48,12 +48,17 @@ def test_a_lost_zero_and_a_lag_are_no_errors_of_the_scale(recording, name):
     assert implausible(name, Size(0.05, at_encoder=True), [recording]) is None
 
 
-def test_what_explains_no_more_than_chance_has_no_size():
+@pytest.fixture(scope="module")
+def plain_and_curved():
     rng = np.random.default_rng(4)
     truth = {"bias": 0.05, "scale_factor": 0.01}
     plain = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters=truth, rng=rng).recording
     accel = plain.accel
-    curved = dataclasses.replace(plain, accel=dataclasses.replace(accel, y=accel.y + 4e-3 * accel.y**3))
+    return plain, dataclasses.replace(plain, accel=dataclasses.replace(accel, y=accel.y + 4e-3 * accel.y**3))
+
+
+def test_what_explains_no_more_than_chance_has_no_size(plain_and_curved):
+    plain, curved = plain_and_curved
     model = ac.Model.linear().add("cubic")
     assert undetermined("cubic", solve_runs(model, [curved])) is None
     with_lag = ac.Model.linear().add("sensor_lag", shapes={"sensor_lag": {"tau": 1e-4}})
@@ -61,3 +66,15 @@ def test_what_explains_no_more_than_chance_has_no_size():
     assert note is not None
     assert note.code == "undetermined"
     assert "no more than chance" in note.sentence
+
+
+def test_an_effect_that_its_own_fit_does_not_confirm_is_no_finding(plain_and_curved):
+    """Significant means: over all that were examined, and by the uncertainty of the fit that has the effect."""
+    plain, curved = plain_and_curved
+    fitted = result(solve_runs(ac.Model.linear().add("cubic"), [curved]))
+    assert unconfirmed("cubic", fitted, 200, 0.01) is None
+    by_chance = result(solve_runs(ac.Model.linear().add("cubic"), [plain]))
+    note = unconfirmed("cubic", by_chance, 200, 0.01)
+    assert note is not None
+    assert note.code == "unconfirmed"
+    assert "among 200 candidates" in note.sentence

@@ -106,6 +106,11 @@ KINDS: dict[str, Kind] = {
         "{effect} was not added: beside the other parameters it explains no more than chance (gain {gain:.2g} for "
         "{coefficients} coefficients)",
     ),
+    "unconfirmed": Kind(
+        "beside",
+        "{effect} was not added: the fit with it does not confirm it (gain {gain:.2g} for {coefficients} coefficients, "
+        "no more than chance among {examined} candidates)",
+    ),
     "too_short_with": Kind(
         "beside", "{effect} was not added: {blocks} blocks are left with it, {least} are needed for a verdict"
     ),

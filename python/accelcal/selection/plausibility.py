@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,9 +10,12 @@ import scipy
 
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.findings import explained_gain
 from accelcal.diagnosis.policy import DETERMINED_ALPHA, PLAUSIBLE_ENCODER_SHARE
 from accelcal.diagnosis.remarks import Remark, remark
+from accelcal.diagnosis.search.likelihood_gain import log_survival
 from accelcal.effects import find
+from accelcal.estimation.estimate import Fit
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.shape_parameters import inverse
@@ -73,3 +77,17 @@ def undetermined(name: str, solution: Solution) -> Remark | None:
     if scipy.special.chdtrc(len(own), gain) < DETERMINED_ALPHA:
         return None
     return remark("undetermined", effect=name, gain=gain, coefficients=len(own))
+
+
+def unconfirmed(name: str, fit: Fit, examined: int, alpha: float) -> Remark | None:
+    """Why an effect is no finding: what the fit with it gains is no longer significant over all that were examined.
+
+    The search judges by rows that are linear at the model without the effect, the fit by its own uncertainty, with that
+    of the shape parameters and with the scatter of the residual.
+    """
+    if find(name).port == "process" or find(name).search.prior:
+        return None
+    gain, coefficients = explained_gain(fit, name)
+    if coefficients == 0 or log_survival(gain, coefficients) < math.log(alpha / max(1, examined)):
+        return None
+    return remark("unconfirmed", effect=name, gain=gain, coefficients=coefficients, examined=examined)

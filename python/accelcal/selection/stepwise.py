@@ -31,7 +31,7 @@ from accelcal.selection.collinearity import (
     sum_families,
 )
 from accelcal.selection.cross_validation import cross_validate, refusing
-from accelcal.selection.plausibility import implausible, undetermined
+from accelcal.selection.plausibility import implausible, unconfirmed, undetermined
 
 
 @dataclass(slots=True)
@@ -288,6 +288,7 @@ class StepwiseSelection:
             judged = self.judge(fitted)
             found = judged.verdict.scan
             note = implausible(name, judged.verdict.sizes.get(name), fitted.recordings)
+            note = note or unconfirmed(name, judged.verdict.fit, self.current.verdict.scan.examined, self.alpha)
             if not found.enough:
                 note = remark("too_short_with", effect=name, blocks=found.blocks, least=VERDICT_LEAST_BLOCKS)
             if note is None:
@@ -346,6 +347,7 @@ REASONS = {
     "validation_not_better": "the error on left-out blocks does not fall with it",
     "implausible": "it would be larger than is physically possible",
     "undetermined": "beside the other parameters it explains no more than chance",
+    "unconfirmed": "the fit with it does not confirm it",
     "too_short_with": "the record is too short for a verdict on the model with it",
 }
 """Why an effect was kept out of the model, by the code of its remark."""
