@@ -505,21 +505,28 @@ def largest_coefficient(found: Fit, name: str) -> str:
 
 def noise_lines(report: Any) -> list[str]:
     """Noise of one run: overall, at rest, in motion, and as declared."""
+    from accelcal.data.references import UNITS
     from accelcal.data.units import MICRO_G
 
-    lines = []
+    lines, by_position = [], report.reference == "position"
+    counted = "readings" if by_position else "rows"
     whole = "noise beside the effects above" if report.noise.growth else "noise"
     for label, level in ((whole, report.all), ("  at rest", report.rest), ("  in motion", report.motion)):
         if level is not None:
             density = plus_minus(level.density / MICRO_G, level.density_std / MICRO_G)
             reading = plus_minus(1e6 * level.reading, 1e6 * level.reading_std)
-            lines.append(f"{label}: {density} ug/sqrt(Hz), encoder {reading} um, {level.count} readings")
+            read = (
+                f"encoder {reading} um" if by_position else f"{report.reference} {reading} u{UNITS[report.reference]}"
+            )
+            lines.append(f"{label}: {density} ug/sqrt(Hz), {read}, {level.count} {counted}")
     if report.declared is not None:
         lines.append(
             f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); estimated is {report.ratio:.3g} times that"
         )
     edge = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
-    lines.append(f"  {edge}: below it the encoder, above it the accelerometer measures acceleration more precisely")
+    lines.append(
+        f"  {edge}: below it the {'encoder' if by_position else 'reference'}, above it the accelerometer measures acceleration more precisely"
+    )
     return lines
 
 

@@ -175,6 +175,8 @@ class Recording:
     """When, how mounted, by whom."""
     dwells: Dwells | None = None
     """Static dwells of the same sensor: further rows of the regression of this run."""
+    reference: Channel | None = None
+    """A velocity or an acceleration where that was measured in place of the position, which is its integral."""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -358,6 +360,7 @@ class Recording:
             return replace(channel, t=channel.t[rows], y=channel.y[rows])
 
         accel, position = kept(self.accel), kept(self.position)
+        reference = None if self.reference is None else kept(self.reference)
         if (len(self.accel) and not len(accel)) or (len(self.position) and not len(position)):
             raise RecordingError(
                 f"{self.name}: nothing is left {word} {units.instant(start)} s to {units.instant(end)} s; "
@@ -366,7 +369,15 @@ class Recording:
         side = {name: kept(channel) for name, channel in self.side.items()}
         digest = hashlib.sha256(f"{self.digest} {word} {start!r} {end!r}".encode()).hexdigest()
         side = {name: channel for name, channel in side.items() if len(channel)}
-        return replace(self, accel=accel, position=position, side=side, digest=digest, source=self.session)
+        return replace(
+            self,
+            accel=accel,
+            position=position,
+            side=side,
+            digest=digest,
+            source=self.session,
+            reference=reference,
+        )
 
 
 def listed(recordings: Recording | Sequence[Recording]) -> list[Recording]:

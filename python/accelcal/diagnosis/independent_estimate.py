@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
+from accelcal.data.references import POSITION_ORDER
 from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.gauss_newton import Solution
@@ -58,7 +59,8 @@ def disagreement(differences: Sequence[Difference]) -> Remark | None:
 
 
 def differences(solution: Solution) -> tuple[Difference, ...]:
-    """Both estimates of every free coefficient; none where a run has no weak form, or it does not show a coefficient.
+    """Both estimates of every free coefficient; none where a run has no weak form, or it does not show a coefficient,
+    or its reference is no position, which the replay needs.
 
     Parameters
     ----------
@@ -72,6 +74,8 @@ def differences(solution: Solution) -> tuple[Difference, ...]:
     fewer than eight blocks determine is not compared.
     """
     layout, model, x = solution.layout, solution.model, solution.x
+    if any(state.run.order != POSITION_ORDER for state in solution.states):
+        return ()
     try:
         runs = [ByBoth.of(state, model.free) for state in solution.states]
     except NoWeakForm:

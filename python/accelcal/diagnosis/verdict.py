@@ -275,7 +275,8 @@ def verdict_on(
         )
         for one in seen
     ]
-    coloured = coloured_position(profiled, recording, span) if found.enough and beyond_data_sheet(profiled) else None
+    by_position = found.enough and recording.reference is None
+    coloured = coloured_position(profiled, recording, span) if by_position and beyond_data_sheet(profiled) else None
     unsteady = unsteady_effects(found)
     known = [one.effect for one in found.found]
     transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 from scipy import special
 
+from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.gauss_newton import BandTrial, NotIdentifiable, Solution, estimated, initial_states
 from accelcal.estimation.normal_equations import LEAST_BLOCKS, normal_equations
 from accelcal.estimation.run_state import RunState
@@ -33,8 +34,13 @@ deviations, for the few pairs that are compared."""
 
 def needs_band(state: RunState) -> bool:
     """Whether the crossover of the likelihood misleads: innovations are not white, or, of readings that were thinned
-    because they are better than the output at every frequency, the likelihood leaves too few periods to judge."""
+    because they are better than the output at every frequency, the likelihood leaves too few periods to judge.
+
+    The noise of a reference that is no position is that of the weak form, whose spectrum is measured.
+    """
     run = state.run
+    if run.order != POSITION_ORDER:
+        return False
     few = run.crossover(state.noise) * float(run.t[-1] - run.t[0]) < JUDGED_PERIODS
     return state.coloured or (run.every > 1 and few)
 

@@ -319,7 +319,7 @@ def solve_runs(
     first = prepare(recordings[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
     runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
-    runs = [replace(run, engine=engine) for run in runs]
+    runs = [run.by(engine) for run in runs]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -372,7 +372,7 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
         return None
     states = []
     for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
-        run = replace(prepare(recording, fit.origins), engine=engine_of(fit))
+        run = prepare(recording, fit.origins).by(engine_of(fit))
         span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None

@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.references import Reference
 from accelcal.estimation.drive import DriveIntegrals
 from accelcal.estimation.likelihood import Likelihood
 from accelcal.estimation.run import PreparedRun
@@ -32,7 +33,7 @@ class Level:
     """One-sided noise density of the sensor, (m/s²)/sqrt(Hz)."""
     density_std: float
     reading: float
-    """Standard deviation of one encoder reading, m."""
+    """Standard deviation of one reading of the reference, in its unit: m of a position."""
     reading_std: float
     count: int
     """Readings that were used."""
@@ -52,6 +53,8 @@ class NoiseReport:
     """Frequency above which the accelerometer determines the acceleration better than the encoder, Hz."""
     band: float | None = None
     """Band that was imposed because the noise is not white, Hz."""
+    reference: Reference = "position"
+    """What the reference reads; the noise of its readings is in that unit."""
 
     @property
     def ratio(self) -> float | None:

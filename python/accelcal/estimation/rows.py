@@ -115,7 +115,7 @@ def measure_noise(state: RunState, model: Model, *, search: bool = True) -> None
     """
     if state.run.engine == "weak" and search and state.band is None and not state.noise.growth:
         state.weak = made = with_noise(weak_form(state))
-        state.noise = made.noise
+        state.noise = made.of_positions
         state.search = NoiseSearch(state.noise)
     state.spectrum = spectrum_of(state, model.free)
     settle_dwells(state, model)

@@ -13,6 +13,7 @@ from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
 from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.references import POSITION_ORDER, require_reference
 from accelcal.data.rig import Rig
 from accelcal.data.stamps import usual_step
 from accelcal.data.units import instant
@@ -76,6 +77,22 @@ class PreparedRun:
     read: tuple[Array, Array] | None = None
     """Times (s) and positions (m) of all readings, where only some are used."""
     engine: Engine = "replay"
+
+    @property
+    def order(self) -> int:
+        """How many derivatives of what the reference reads make an acceleration: 2 of a position, 1, 0."""
+        reference = self.recording.reference
+        return POSITION_ORDER if reference is None else require_reference(reference)[0]
+
+    def by(self, engine: Engine) -> PreparedRun:
+        """The run for an engine; where the reference is no position only the weak form can fit it."""
+        return replace(self, engine=engine if self.order == POSITION_ORDER else "weak")
+
+    @property
+    def reference_readings(self) -> tuple[Array, Array]:
+        """Times (s) of all readings, and what the reference reads then, in its own unit."""
+        reference, (t, z) = self.recording.reference, self.all_readings
+        return (t, z) if reference is None else (t, reference.y[np.searchsorted(reference.t, t)])
 
     @property
     def all_readings(self) -> tuple[Array, Array]:
@@ -165,6 +182,8 @@ class PreparedRun:
     @cached_property
     def least_step(self) -> float:
         """Smallest step the encoder shows, or its declared resolution, m; 0 when neither is known."""
+        if self.order != POSITION_ORDER:
+            return 0.0
         steps = np.abs(np.diff(self.z))
         smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
         declared = self.rig.resolution

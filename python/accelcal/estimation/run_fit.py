@@ -8,12 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Flags
+from accelcal.data.references import POSITION_ORDER, VELOCITY
 from accelcal.data.run_labels import NO_LABELS, RunLabels
 from accelcal.estimation.noise import Level, NoiseReport, level, level_of
 from accelcal.estimation.normal_equations import NormalEquations, block_length, normal_equations
+from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.values import Noise
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model
 from accelcal.signals.signals import Signals
 
@@ -51,11 +54,40 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         end=float(run.t[-1]),
         readings=len(run.t),
         samples=len(run.accel.t),
-        noise=noise_report(state) if state.band is None else noise_report_in_band(state, model),
+        noise=noise_of_run(state, model),
         log_likelihood=state.log_likelihood,
         nis=float(np.mean(y**2)) if state.band is None else None,
         session=run.recording.session,
         labels=run.recording.labels,
+    )
+
+
+def noise_of_run(state: RunState, model: Model) -> NoiseReport:
+    """Noise report by what the run was fitted with."""
+    if state.run.order != POSITION_ORDER:
+        return noise_report_of_reference(state)
+    return noise_report(state) if state.band is None else noise_report_in_band(state, model)
+
+
+def noise_report_of_reference(state: RunState) -> NoiseReport:
+    """Noise by the likelihood of the weak form, whose reference is no position; not split into rest and motion.
+
+    Of an acceleration only the sum of both noises is known; either has half of it.
+    """
+    sums, reference = sums_of(state), state.run.recording.reference
+    assert isinstance(sums, WeakRows)
+    assert reference is not None
+    density, reading = abs(state.values.scale) * math.sqrt(2.0 * sums.noise.q), math.sqrt(sums.noise.r)
+    share = 1.0 / math.sqrt(2.0 * sums.rows)
+    return NoiseReport(
+        noise=state.noise,
+        all=Level(density, share * density, reading, share * reading, sums.rows),
+        rest=None,
+        motion=None,
+        declared=state.run.rig.sensor.noise,
+        crossover=state.run.crossover(state.noise),
+        band=state.band,
+        reference="velocity" if reference.name == VELOCITY else "reference_acceleration",
     )
 
 

@@ -8,11 +8,13 @@ from typing import Any
 from accelcal._core import __version__
 from accelcal.calibration.budget import COVERAGE_FACTOR, Component
 from accelcal.calibration.electrical import electrical
+from accelcal.data.references import UNITS
 from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.data.units import instant
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
 from accelcal.estimation.estimate import tied_sum
+from accelcal.estimation.noise import NoiseReport
 from accelcal.formatting import (
     amount,
     at_full_scale,
@@ -344,11 +346,18 @@ def data(content: Content) -> dict[str, Any]:
     }
 
 
+def of_reference(noise: NoiseReport) -> str:
+    """Noise of one reading of the reference."""
+    if noise.reference == "position":
+        return f"encoder {length(noise.all.reading)} rms"
+    return f"{noise.reference} {number(1e6 * noise.all.reading)} µ{UNITS[noise.reference]} rms"
+
+
 def noise(content: Content, index: int) -> str:
     """Noise of one fitted run in a sentence."""
     run = content.fit.runs[index]
     level, micro = run.noise.all, 1e6 / STANDARD_GRAVITY
-    text = f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, encoder {length(level.reading)} rms"
+    text = f"{run.name or 'recording'}: {number(level.density * micro)} µg/√Hz, {of_reference(run.noise)}"
     if run.noise.declared is not None:
         text += f"; declared {number(run.noise.declared * micro)} µg/√Hz"
     return text

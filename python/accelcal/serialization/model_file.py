@@ -490,6 +490,7 @@ def _noise_to_dict(report: NoiseReport) -> dict[str, Any]:
         "ratio": report.ratio,
         "crossover_hz": report.crossover,
         "band_hz": report.band,
+        "reference": report.reference,
     }
 
 
@@ -514,6 +515,7 @@ def _noise_from_dict(content: Mapping[str, Any]) -> NoiseReport:
         declared=content["declared_m_per_s2_rthz"],
         crossover=content["crossover_hz"],
         band=content["band_hz"],
+        reference=content["reference"],
     )
 
 

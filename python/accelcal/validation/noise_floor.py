@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
+from accelcal.data.references import VELOCITY
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.run import PreparedRun
 from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval
 from accelcal.validation.prediction import Prediction
 from accelcal.validation.ruler import Ruler
@@ -54,7 +56,7 @@ def noise_floor(
     begins = {horizon: ahead.starts(horizon) for horizon in horizons}
     drifts: dict[float, list[float]] = {horizon: [] for horizon, k in begins.items() if len(k)}
     simulated = []
-    for noisy in _records(ahead, sensor, scale, fit.runs[0].noise.all.reading):
+    for noisy in _records(ahead, sensor, scale, ReadingNoise.of(fit, ahead.run)):
         for horizon, errors in drifts.items():
             errors.append(noisy.drift(begins[horizon], horizon))
         simulated.append(noisy.simulated())
@@ -105,20 +107,45 @@ class _NoisyRecord:
         return float(np.sqrt(np.mean(error**2))) if len(rows) else math.nan
 
 
-def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: float) -> Iterator[_NoisyRecord]:
+@dataclass(frozen=True, slots=True)
+class ReadingNoise:
+    """Noise of the reference as noise of a position: white, or the integral of white noise, once or twice."""
+
+    std: float
+    """Of one reading that is white as a position, m."""
+    walk: float = 0.0
+    """Density of a random walk, m²/s: that of a velocity with white noise."""
+    acceleration: float = 0.0
+    """Density of white noise of an acceleration, (m/s²)²/Hz."""
+
+    @classmethod
+    def of(cls, fit: Fit, run: PreparedRun) -> ReadingNoise:
+        """Of the reference that a model was fitted with, read as often as that of a run."""
+        report = fit.runs[0].noise
+        std, density = report.all.reading, report.all.reading**2 * run.reading_step / run.every
+        if report.reference == "position":
+            return cls(std)
+        return cls(0.0, walk=density) if report.reference == VELOCITY else cls(0.0, acceleration=density)
+
+
+def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Iterator[_NoisyRecord]:
     """Records of noise: a motion by white acceleration that the output does not show, and readings of it."""
     rng = np.random.default_rng(SEED)
     d, still = ahead.drive, np.zeros(len(ahead.drive.t))
     h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
-    reading = np.sqrt(encoder**2 + (d.extra_r if len(d.extra_r) else 0.0))  # a prescribed band has an `r` of its own
+    reading = np.sqrt(
+        encoder.std**2 + (d.extra_r if len(d.extra_r) else 0.0)
+    )  # a prescribed band has an `r` of its own
     relative = sensor.std / sensor.density
     for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
         density = sensor.density * math.exp(relative * rng.standard_normal()) / scale
-        q = density**2 / 2.0 + d.extra_q
+        q = density**2 / 2.0 + d.extra_q + encoder.acceleration
         gained = np.sqrt(q * h) * rng.standard_normal(len(h))
         moved = h / 2.0 * gained + np.sqrt(q * h**3 / 12.0) * rng.standard_normal(len(h))
         speed = np.cumsum(gained)
         z = np.cumsum(h * (speed - gained) + moved) + reading * rng.standard_normal(len(h))
+        if encoder.walk:
+            z += np.cumsum(np.sqrt(encoder.walk * h) * rng.standard_normal(len(h)))
         track = run_filter(ahead.run, replace(d, z=z, first=still, second=still), ahead.noise)
         e, S = track.series("e"), track.series("S")
         evidence = np.cumsum(np.where(ahead.counts, ahead.unit_e * e / S, 0.0))

@@ -10,11 +10,13 @@ import numpy as np
 import scipy
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.references import POSITION_ORDER
 from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpectra
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
 from accelcal.estimation.channel_filters import LEAST_GAIN
+from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.jumps import output_of
 from accelcal.signals.processing import low_pass, quintic
@@ -58,6 +60,22 @@ class Residuals:
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.sampled[:ends] = self.sampled[self.n - ends :] = False
         self.sampled[widened(self.unresolved, REACH)] = False
+
+    @property
+    def reads_position(self) -> bool:
+        """Whether the reference is a position: of any other the filter over positions has no white innovations."""
+        return self.run.order == POSITION_ORDER
+
+    @cached_property
+    def innovations(self) -> tuple[Array, float]:
+        """What is white if the model is right, (m,), and its spacing, s: whitened innovations, or rows of the weak
+        form."""
+        if self.reads_position:
+            return self.readings, self.run.reading_step
+        sums = sums_of(self.state)
+        y = sums.whitened
+        limit = 5.0 * local_spread(y)
+        return np.clip(y, -limit, limit), 1.0 / sums.rate
 
     @property
     def reach(self) -> float:

@@ -31,25 +31,21 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     -------
     One finding for each of vibration, timing_jitter, accelerometer_outliers, encoder_outliers, quantisation,
     rounded_stamps, held_samples, encoder_cyclic, encoder_step, whiteness, and one for each of at most five lines
-    (`tone`; at least one, the most significant).
+    (`tone`; at least one, the most significant). Those of the position only where the reference is one.
     """
     residuals = Residuals(state)
     line_tests = tones(residuals)
     vibration, jitter = motion_noise(residuals, line_tests)
     residuals.release()
-    return (
-        vibration,
-        jitter,
-        accelerometer_outliers(residuals),
-        encoder_outliers(residuals),
-        quantisation(residuals),
-        rounded_stamps(residuals),
-        held_samples(residuals),
-        *(line for line in line_tests if not line.parts["follows_motion"]),
-        encoder_cyclic(residuals),
-        position_jumps(residuals),
-        whiteness(residuals),
+    of_output = accelerometer_outliers(residuals), quantisation(residuals)
+    of_stamps = rounded_stamps(residuals), held_samples(residuals)
+    of_position = (
+        (encoder_outliers(residuals), encoder_cyclic(residuals), position_jumps(residuals))
+        if residuals.reads_position
+        else ()
     )
+    lines = tuple(line for line in line_tests if not line.parts["follows_motion"])
+    return (vibration, jitter, *of_output, *of_stamps, *lines, *of_position, whiteness(residuals))
 
 
 __all__ = ["NoiseTest", "run_noise_tests"]

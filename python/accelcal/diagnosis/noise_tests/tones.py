@@ -52,7 +52,7 @@ def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     """
     t, y, rate = reading_grid(residuals)
     split = max(2.0 * residuals.reach, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
-    below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate))
+    below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate)) if residuals.reads_position else ([], 0)
     beyond, bins_beyond = spectral_peaks(
         residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.gain, residuals.least_gain
     )

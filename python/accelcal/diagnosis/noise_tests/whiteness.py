@@ -34,7 +34,7 @@ def whiteness(residuals: Residuals) -> NoiseTest:
             math.inf,
             "declared filters colour the noise; whether it is white is not tested",
         )
-    y = residuals.readings
+    y, step = residuals.innovations
     scales: dict[int, tuple[float, float]] = {}
     length, least = 1, shortest_scale(residuals)
     while length < least:
@@ -49,7 +49,7 @@ def whiteness(residuals: Residuals) -> NoiseTest:
     worst = min(scales, key=lambda k: scales[k][1])
     Q, p = scales[worst]
     p = min(1.0, p * len(scales))
-    lag = worst * residuals.run.reading_step
+    lag = worst * step
     first = float(np.mean(y[1:] * y[:-1]) / np.mean(y**2))
     text = (
         f"innovations are correlated over {lag:.2g} s and longer"

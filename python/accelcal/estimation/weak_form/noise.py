@@ -20,7 +20,10 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
 
     What varies along the record stays as it is.
     """
-    run, step, start = rows.state.run, rows.reading_step, rows.noise
+    start = rows.noise
+    if rows.order == 0:  # the noise of both channels is of one kind: their shares stay
+        power = float(np.mean(rows.whitened**2))
+        return rows.at_noise(start.scaled(power, power))
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
 
     def log_likelihood(log_q: float, log_r: float) -> float:
@@ -33,5 +36,5 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
             total -= 0.5 * float(np.sum(solved(L, y) ** 2)) + float(np.sum(np.log(L[0])))
         return total
 
-    found = most_likely_noise(log_likelihood, lambda q: run.reading_variance_floor(q, step), start, width)
+    found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
     return rows.at_noise(replace(start, q=found.q, r=found.r))

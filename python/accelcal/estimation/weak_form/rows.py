@@ -14,15 +14,16 @@ import scipy
 from scipy.sparse import csr_array as Sparse
 
 from accelcal.data.arrays import Array, Flags
+from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
+from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import held_after, smoothed_signals, uniform_times
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.channel import SampledChannel, covering
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
 from accelcal.model import Term
-from accelcal.signals.processing import derivative
 from accelcal.signals.series import lagrange_weights
 from accelcal.signals.signals import Signals
 
@@ -36,6 +37,8 @@ RESOLVED = 1.2
 """Steps of a channel between two test functions, least, where it is no whole number: aliases then stay below 1e-8."""
 WHOLE = 1e-3
 """Distance from a whole number that counts as one."""
+EVEN_CROSSOVER = 0.2
+"""Crossover in rates of the output that the filter over positions is given, at most, where the reference is none."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -91,25 +94,55 @@ class WeakRows:
         if len(stamps) <= DEGREE:
             raise NoWeakForm("the record is too short")
         self._tau = run.tau(values)
+        self.order = run.order
+        """How many derivatives of the reference make an acceleration."""
         t, z = self._read()
         self.reading_step = float(np.median(np.diff(t)))
         begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1], run.t[-1] - self._clock)
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
         rounded = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
-        self._readings = SampledChannel.of(t, z - np.mean(z), self.reading_step, self.rate, rounded)
+        zero = float(np.mean(z)) if self.order else 0.0
+        self._readings = SampledChannel.of(t, z - zero, self.reading_step, self.rate, rounded)
         output = run.driving.y - values.bias * run.filters.at_rest
         self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, rounded)
         self._kept = self._whole_ones(stamps)
         if int(np.count_nonzero(self._kept)) < FEWEST_ROWS:
             raise NoWeakForm("the record is too short, or breaks off too often")
         self.raw, self.covariance = self._summed()
-        self.noise = state.noise
-        if state.band is not None:  # the band of the noise is that of fewer readings
-            self.noise = self.noise.scaled(1.0, run.reading_step / self.reading_step)
-        if run.read is not None:  # the smoothed motion of fewer readings has noise that these rows would regress on
+        self.noise = self._of_reference(state.noise)
+        if run.read is not None or self.order != POSITION_ORDER:
+            # the smoothed motion of fewer readings, or of other noise, has noise that these rows would regress on
             self.signals = self._smoothed()
             self.__dict__.pop("at_readings", None)
+
+    def _of_reference(self, noise: Noise) -> Noise:
+        """The noise of the filter over positions, with the variance of a reading of the reference in its own unit.
+
+        Of a velocity it is the one whose crossover is the same; an acceleration has half of the noise.
+        """
+        run, order = self.state.run, self.order
+        if order == POSITION_ORDER:  # the band of the noise is that of fewer readings
+            return noise if self.state.band is None else noise.scaled(1.0, run.reading_step / self.reading_step)
+        radians = 2.0 * np.pi * run.crossover(noise)
+        return replace(noise, r=noise.q / (radians ** (2 * order) * self.reading_step), growth=())
+
+    @property
+    def of_positions(self) -> Noise:
+        """The noise, with the variance of a position whose crossover is the same."""
+        if self.order == POSITION_ORDER:
+            return self.noise
+        run, q = self.state.run, self.noise.q
+        highest = 2.0 * np.pi * EVEN_CROSSOVER / run.accel_step
+        radians = (q / (self.noise.r * self.reading_step)) ** (0.5 / self.order) if self.order else highest
+        return replace(self.noise, r=q / (min(radians, highest) ** 4 * run.reading_step))
+
+    def least_reading_variance(self, q: float) -> float:
+        """Least variance of a reading of the reference at a density of process noise."""
+        run, step = self.state.run, self.reading_step
+        if self.order == POSITION_ORDER:
+            return run.reading_variance_floor(q, step)
+        return q * step ** (2 * self.order - 1) / (2.0 * np.pi * MOST_CROSSOVER) ** (2 * self.order)
 
     def at_noise(self, noise: Noise) -> WeakRows:
         """The same rows, whitened at another noise."""
@@ -122,18 +155,24 @@ class WeakRows:
     def _read(self) -> tuple[Array, Array]:
         """Times, from the first that is used on, and positions of all readings, what the model adds to them taken off,
         as `drive` does; readings that are too good for the replay need not be thinned out here."""
-        run, values = self.state.run, self.state.values
+        run = self.state.run
+        if self.order != POSITION_ORDER:
+            t, z = run.reference_readings
+            return t - self._clock, z
         if run.read is None:
             return run.t - self._clock, self.state.drive.z
         t, z = run.read
-        added = values.total("position", self.at_readings) if any(values.additive("position")) else None
-        return t - self._clock, z if added is None else z - run.filters.behind_at(t, added)
+        added = self._added_to_position()
+        return t - self._clock, z if added is None else z - added
 
     def _step(self, span: float) -> float:
         """Spacing of the test functions over a span, s: as narrow as the motion and the crossover ask for, and the
         channels allow."""
         run, noise = self.state.run, self.state.noise.usual
-        crossover = (noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi)
+        if self.order == POSITION_ORDER:
+            crossover = (noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi)
+        else:  # of two accelerations neither is the better one beyond the motion
+            crossover = run.crossover(noise) if self.order else 0.0
         highest = max(self.signals.cutoff, crossover)
         widest = min(1.0 / (OVERSAMPLING * highest), span / LEAST_STEPS)
         every = max(1, int(widest / self.reading_step))
@@ -185,7 +224,7 @@ class WeakRows:
             kept = self._kept[part]
             columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
             grid, of_grid = self._of_grid(part)
-            readings, of_readings = self._of_readings(part) if reads else (slice(0), of_grid)
+            readings, of_readings = self._of_readings(part, POSITION_ORDER) if reads else (slice(0), of_grid)
             for first, found, port in column_parts(
                 self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
             ):
@@ -212,12 +251,11 @@ class WeakRows:
         weight[self._kept] = scipy.linalg.cho_solve_banded((self.factor, True), self.raw)
         noise = np.zeros(len(self._output.t))
         for part in self._parts(TOGETHER):
-            samples, weights = self._of_output(part)
+            samples, weights = self._of_output(part, 0.0)
             noise[samples] -= weights.T @ weight[part]
         noise *= (self.noise.q + held_after(state.drive, self._clock + self._output.t)) / step
         t = uniform_times(run)
         subtracted = np.interp(t - self._clock, self._output.t, noise, left=0.0, right=0.0)
-        subtracted += self._tau * derivative(subtracted, step)  # as the low-pass of the output is undone
         found = smoothed_signals(
             run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, subtracted
         )
@@ -256,26 +294,31 @@ class WeakRows:
             added += run.filters.behind(at, s.step) / self._gain
         acts = bool(np.any(added))
         extra_q = held_after(self.state.drive, self._clock + self._output.t)
-        extra_r = self.state.drive.extra_r
+        extra_r = self.state.drive.extra_r if self.order == POSITION_ORDER else np.empty(0)
         if len(extra_r):
             extra_r = np.interp(self._clock + self._readings.t, run.t, extra_r)
+        moved = self._added_to_position() if self.order != POSITION_ORDER else None
         rows, covariances = [], []
         for part in self._parts(TOGETHER):
             # The covariance reaches DEGREE rows beyond the part.
             wide = slice(part.start, min(part.stop + DEGREE, self.splines.count))
             kept = self._kept[wide]
             inner = int(np.count_nonzero(self._kept[part]))
-            samples, of_output = self._of_output(wide)
-            readings, of_readings = self._of_readings(wide)
+            samples, of_output = self._of_output(wide, self._tau)
+            of_noise = self._of_output(wide, 0.0)[1] if self._tau else of_output
+            readings, of_readings = self._of_readings(wide, self.order)
             splines = self.splines.part(part.start, part.stop)
             count = splines.count
-            y = self._readings.sums(splines, 2, of_readings[:count], readings)
+            y = (-1.0) ** self.order * self._readings.sums(splines, self.order, of_readings[:count], readings)
+            if moved is not None:
+                near, of_effects = self._of_readings(part, POSITION_ORDER)
+                y -= of_effects @ moved[near]
             y -= self._gain * self._output.sums(splines, 0, of_output[:count], samples, self._tau)
             if acts:
                 grid, of_grid = self._of_grid(part)
                 y += self._gain * (of_grid @ added[grid])
             rows.append(y[self._kept[part]])
-            variance = self._variances(of_output[kept], of_readings[kept], extra_q[samples], extra_r, readings)
+            variance = self._variances(of_noise[kept], of_readings[kept], extra_q[samples], extra_r, readings)
             covariances.append([each[:, :inner] for each in variance])
         found = [np.concatenate(each, axis=1) for each in zip(*covariances, strict=True)]
         return np.concatenate(rows), Covariance(*found)
@@ -293,17 +336,27 @@ class WeakRows:
             extra += bands(of_readings, extra_r[readings])
         return unit, one, extra
 
-    def _of_output(self, part: slice) -> tuple[slice, Sparse]:
-        """Samples within some test functions, and their weights: <phi - tau phi', u> undoes a low-pass of tau."""
+    def _of_output(self, part: slice, tau: float) -> tuple[slice, Sparse]:
+        """Samples within some test functions, and their weights: <phi - tau phi', u> undoes a low-pass of tau.
+
+        White noise in front of the low-pass is then <phi, noise>.
+        """
         splines = self.splines.part(part.start, part.stop)
         samples = covering(self._output.t, splines)
-        return samples, splines.weights(self._output.t[samples], 0, self._output.weight[samples], self._tau)
+        return samples, splines.weights(self._output.t[samples], 0, self._output.weight[samples], tau)
 
-    def _of_readings(self, part: slice) -> tuple[slice, Sparse]:
-        """Readings within some test functions, and their weights in the second derivative."""
+    def _added_to_position(self) -> Array | None:
+        """What the model adds to the position, at the times of the readings, m; None where it adds nothing."""
+        run, values = self.state.run, self.state.values
+        if not any(values.additive("position")):
+            return None
+        return run.filters.behind_at(run.all_readings[0], values.total("position", self.at_readings))
+
+    def _of_readings(self, part: slice, order: int) -> tuple[slice, Sparse]:
+        """Readings within some test functions, and their weights in a derivative."""
         splines = self.splines.part(part.start, part.stop)
         readings = covering(self._readings.t, splines)
-        return readings, splines.weights(self._readings.t[readings], 2, self._readings.weight[readings])
+        return readings, splines.weights(self._readings.t[readings], order, self._readings.weight[readings])
 
     def _of_grid(self, part: slice) -> tuple[slice, Sparse]:
         """Rows of the signals within some test functions, and their weights; refined where the grid is coarse."""

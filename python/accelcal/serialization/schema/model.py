@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from accelcal.data.references import Reference
 from accelcal.serialization.schema.leaves import (
     MOST_COLUMNS,
     MOST_RUNS,
@@ -143,7 +144,8 @@ class Electrical(Part):
 
 
 class LevelPart(Part):
-    """Noise of both channels over a part of a record; a std that is not known is null."""
+    """Noise of both channels over a part of a record, that of a reading in the unit of the reference; a std that is not
+    known is null."""
 
     density_m_per_s2_rthz: Positive
     density_std: NotNegative | None
@@ -174,6 +176,7 @@ class NoisePart(Part):
     ratio: NotNegative | None
     crossover_hz: Positive
     band_hz: Positive | None
+    reference: Reference = "position"
 
 
 class SensorPart(Part):
