@@ -21,6 +21,8 @@ EFFECTS: dict[str, Effect] = CATALOGUE | OUTSIDE | BEYOND | FAULTS
 """Every effect by name."""
 
 Mount = Literal["normal", "reversed", "rolled"]
+Reference = Literal["position", "velocity", "reference_acceleration"]
+REFERENCE_UNITS: dict[Reference, str] = {"position": "m", "velocity": "m/s", "reference_acceleration": "m/s^2"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +132,8 @@ class World:
     """K0, m/s²; None = drawn."""
     scale_factor: float | None = None
     """k; None = drawn."""
+    reference: Reference = "position"
+    """What tells the motion: an encoder, a laser vibrometer or an accelerometer."""
 
     def settled(self) -> World:
         """Return this world with bias, scale factor and every shape parameter fixed as they were drawn."""
@@ -281,7 +285,7 @@ class Record:
         sensor, nuisances = SENSORS[self.world.sensor], self.world.nuisances
         channels = {
             "accel": (self.t_accel, self.accel, "m/s^2"),
-            "position": (self.t_position, self.position, "m"),
+            self.world.reference: (self.t_position, self.position, REFERENCE_UNITS[self.world.reference]),
             **self.side_channels,
         }
         extra = {
@@ -301,7 +305,10 @@ def _measure(world: World, chain: Chain) -> Record:
     truth, nuisances = chain.scene, world.nuisances
     accel_rng, encoder_rng, side_rng = (stream(world.seed, key) for key in (4, 5, 8))
     t_accel, accel = _read_accelerometer(world, chain, accel_rng)
-    t_position, position = _read_encoder(world, chain, encoder_rng)
+    if world.reference == "position":
+        t_position, position = _read_encoder(world, chain, encoder_rng)
+    else:
+        t_position, position = _read_rate(world, chain, encoder_rng)
     accel[accel_rng.random(len(accel)) < nuisances.missing_accel] = np.nan
     position[encoder_rng.random(len(position)) < nuisances.missing] = np.nan
     t_side = _stamps(LATERAL_RATE, world.seconds, side_rng)
@@ -377,3 +384,21 @@ def _read_encoder(world: World, chain: Chain, rng: np.random.Generator) -> tuple
     z += sum(encoder_error(world, chain, j, stamps) for j in range(len(world.hidden)))
     z += _on_samples(world, chain, "encoder_outliers", z)
     return stamps, RESOLUTION * np.rint(z / RESOLUTION)
+
+
+def _read_rate(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Read velocity or acceleration of the stage, as good as the encoder where that is as good as the sensor.
+
+    Where N is the sensor's density and s that of the encoder, 2 pi f_c = sqrt(N/s): the velocity has sqrt(N s), the
+    acceleration N.
+    """
+    if any(hidden.effect.place in ("scale", "encoder") or hidden.name == "encoder_outliers" for hidden in world.hidden):
+        raise ValueError("an effect of the encoder, where there is none")
+    stamps = _stamps(ENCODER_RATE, world.seconds, rng)
+    sensor = SENSORS[world.sensor].noise
+    encoder = np.sqrt((ENCODER_NOISE**2 + RESOLUTION**2 / 12) * 2 / ENCODER_RATE)
+    moving, density = (
+        (chain.scene.v, np.sqrt(sensor * encoder)) if world.reference == "velocity" else (chain.scene.a, sensor)
+    )
+    noise = density * np.sqrt(ENCODER_RATE / 2) * rng.standard_normal(len(stamps))
+    return stamps, interpolate(chain.scene.t[0], moving, stamps) + noise

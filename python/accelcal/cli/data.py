@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
@@ -25,6 +25,7 @@ from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
     from accelcal.data.recording import Recording
+    from accelcal.data.references import Reference
 
 
 @app.command()
@@ -114,6 +115,9 @@ def simulate(
     time_offset: Annotated[float, typer.Option("--time-offset", help="s, positive = output lags.")] = 0.0,
     quadratic: Annotated[float, typer.Option("--quadratic", help="K2, (m/s²)⁻¹.")] = 0.0,
     cubic: Annotated[float, typer.Option("--cubic", help="K3, (m/s²)⁻².")] = 0.0,
+    reference: Annotated[
+        str, typer.Option("--reference", help="position, velocity or reference_acceleration.")
+    ] = "position",
     missing: Annotated[float, typer.Option("--missing", help="Share of samples lost.")] = 0.0,
     seed: Annotated[int, typer.Option("--seed", help="Random seed.", min=0)] = 1,
     json: Json = False,
@@ -124,12 +128,15 @@ def simulate(
     """
     import numpy as np
 
+    from accelcal.data.references import UNITS
     from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG
     from accelcal.simulation.sensor import simulate as simulate_rig
 
     rigs = {"ADXL105": ADXL105_RIG, "CXL02": CXL02_RIG}
     if sensor not in rigs:
         raise UsageError(f"--sensor {sensor!r}: expected {' or '.join(rigs)}")
+    if reference not in UNITS:
+        raise UsageError(f"--reference {reference!r}: expected {', '.join(UNITS)}")
     truth = {
         "bias": bias,
         "scale_factor": scale_factor,
@@ -146,6 +153,7 @@ def simulate(
             rng=np.random.default_rng(seed),
             a_rms=a_rms,
             missing=missing,
+            reference=cast("Reference", reference),
         )
         report(0.3)
         sidecar = write_recording(made.recording, output)

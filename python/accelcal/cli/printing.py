@@ -505,7 +505,7 @@ def largest_coefficient(found: Fit, name: str) -> str:
 
 def noise_lines(report: Any) -> list[str]:
     """Noise of one run: overall, at rest, in motion, and as declared."""
-    from accelcal.data.references import UNITS
+    from accelcal.data.references import ACCELERATION, UNITS
     from accelcal.data.units import MICRO_G
 
     lines, by_position = [], report.reference == "position"
@@ -524,9 +524,9 @@ def noise_lines(report: Any) -> list[str]:
             f"  declared: {report.declared / MICRO_G:.4g} ug/sqrt(Hz); estimated is {report.ratio:.3g} times that"
         )
     edge = f"band {report.band:.4g} Hz" if report.band is not None else f"crossover {report.crossover:.4g} Hz"
-    lines.append(
-        f"  {edge}: below it the {'encoder' if by_position else 'reference'}, above it the accelerometer measures acceleration more precisely"
-    )
+    below = "encoder" if by_position else "reference"
+    if report.reference != ACCELERATION:
+        lines.append(f"  {edge}: below it the {below}, above it the accelerometer measures acceleration more precisely")
     return lines
 
 

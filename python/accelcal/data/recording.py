@@ -200,6 +200,7 @@ class Recording:
         position_t: ArrayLike | None = None,
         side: Mapping[str, ArrayLike] | None = None,
         name: str = "",
+        reference: Literal["position", "velocity", "reference_acceleration"] = "position",
     ) -> Recording:
         """Make a recording of arrays, with the checks and policies that apply to a file (`accelcal.data.quality`).
 
@@ -207,12 +208,14 @@ class Recording:
         ----------
         t : (n,) stamps, s, or in `units["t"]`.
         accel : (n,) output of the accelerometer; V or counts are converted by `rig.sensor.scale`. NaN = not sampled.
-        position : (n,) position of the carriage; NaN = not sampled. (m,) with `position_t`.
-        units : unit of "accel", of "position" and of every side channel; units are never guessed.
+        position : (n,) position of the carriage, or what `reference` says; NaN = not sampled. (m,) with `position_t`.
+        units : unit of "accel", of the reference by its name and of every side channel; units are never guessed.
         rig : what is known of sensor and rig; by default a level axis and nothing else.
         position_t : (m,) stamps of the position where it has a clock of its own, in the unit of `t`.
         side : further channels by name, (n,) each: temperature, supply voltage, ...
         name : for messages.
+        reference : what tells the motion: "position", "velocity" (laser vibrometer), or "reference_acceleration" (a
+            second accelerometer, already calibrated).
 
         Raises
         ------
@@ -228,7 +231,15 @@ class Recording:
         Recording('sweep': 1000 samples of accel, 1000 of position)
         """
         found = face("io.memory").from_arrays(
-            t, accel, position, units=units, rig=rig, position_t=position_t, side=side or {}, name=name
+            t,
+            accel,
+            position,
+            units=units,
+            rig=rig,
+            position_t=position_t,
+            side=side or {},
+            name=name,
+            reference=reference,
         )
         assert isinstance(found, Recording)
         return found

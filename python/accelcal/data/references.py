@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final, Literal
 
 import scipy
@@ -19,6 +20,15 @@ ORDERS: Final[dict[str, tuple[int, str]]] = {ACCELERATION: (0, "m/s^2"), VELOCIT
 """By channel name: how many derivatives of it make an acceleration, and its unit."""
 UNITS = {"position": "m", **{name: unit for name, (_, unit) in ORDERS.items()}}
 """SI unit of the readings, by reference."""
+
+
+def reference_among(channels: Iterable[str]) -> str | None:
+    """The channel that tells the motion where no position does; None where one does, or nothing.
+
+    Beside a position a velocity or an acceleration is a further channel like any other.
+    """
+    names = {*channels}
+    return None if "position" in names else next((name for name in (VELOCITY, ACCELERATION) if name in names), None)
 
 
 def integrated(reference: Channel) -> Channel:

@@ -12,6 +12,7 @@ from accelcal._support.plain_text import OBEYED_IN_NAMES, visible
 from accelcal.data import units
 from accelcal.data.orientation import QUATERNION
 from accelcal.data.recording import Finding, RecordingError
+from accelcal.data.references import reference_among
 from accelcal.io import naming
 from accelcal.io.limits import MOST_CHANNEL_NAME, MOST_NAME
 from accelcal.io.sidecar import Clock, Sidecar, Source, sidecar_of
@@ -54,7 +55,7 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     for name, source in sources.items():
         _require_name(table, name, source, sidecar)
     for name in ("accel", "position"):
-        if name in required and name not in sources:
+        if name in required and name not in sources and not (name == "position" and reference_among(sources)):
             raise RecordingError(_absent(table, name, sidecar, declared.channels))
         if name in sources and name not in required and not _recorded(table, sources, name, declared.time):
             del sources[name]
@@ -82,7 +83,8 @@ def _sources(table: Table, declared: Sidecar, sidecar: Path) -> tuple[dict[str, 
     mapped = {source.column for source in sources.values()}
     unused = []
     for column, (channel, own_clock) in discover(table).items():
-        essential = channel == "accel" or (channel == "position" and declared.attitude is None)
+        moved = declared.attitude is not None or reference_among(declared.channels) is not None
+        essential = channel == "accel" or (channel == "position" and not moved)
         if channel == "time" or channel in declared.channels or column in mapped:
             continue
         if essential or (not declared.channels and _has_unit(table, column)):

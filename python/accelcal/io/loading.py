@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from accelcal._support.arguments import checked
 from accelcal.data import quality
 from accelcal.data.recording import Channel, Finding, Recording, RecordingError
+from accelcal.data.references import integrated, reference_among
 from accelcal.data.rig import Rig
 from accelcal.io.assign import Plan, assign
 from accelcal.io.convert import in_seconds, in_si
@@ -89,6 +90,10 @@ def recording_of(
     channels, rig, noticed = with_orientation(str(path), channels, declared)
     findings += noticed
     accel = channels.pop("accel", Channel("accel", np.empty(0), np.empty(0), "m/s^2"))
+    reference = channels.pop(reference_among(channels) or "", None) if needs["position"] else None
+    if reference is not None:
+        channels["position"] = of_reference(str(path), reference)
+        findings.append(integrated_from(reference))
     position = channels.pop("position", Channel("position", np.empty(0), np.empty(0), "m"))
     if len(accel) and len(position):
         quality.require_overlap(str(path), accel, position)
@@ -100,7 +105,28 @@ def recording_of(
         name=path.name,
         findings=tuple(findings),
         labels=declared.labels,
+        reference=reference,
     )
+
+
+def of_reference(where: str, reference: Channel) -> Channel:
+    """The position that a reference integrates to.
+
+    Raises
+    ------
+    RecordingError
+        Naming the file.
+    """
+    try:
+        return integrated(reference)
+    except RecordingError as error:
+        raise RecordingError(f"{where}: {error}") from None
+
+
+def integrated_from(reference: Channel) -> Finding:
+    """The note that the position was not measured."""
+    text = f"position: not recorded; it is the integral of {reference.name}, from zero at the first reading"
+    return Finding("integrated", "position", len(reference), 0.0, text)
 
 
 def _declared(path: Path, rig: str | Path | Rig | None) -> tuple[Sidecar, list[Finding]]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.references import UNITS, Reference, reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.units import same_unit
 from accelcal.io import naming
@@ -37,9 +38,10 @@ def from_arrays(
     position_t: ArrayLike | None,
     side: Mapping[str, ArrayLike],
     name: str,
+    reference: Reference,
 ) -> Recording:
     """See `accelcal.Recording.from_arrays`."""
-    columns = {"t": t, "accel": accel, "position": position, **side}
+    columns = {"t": t, "accel": accel, reference: position, **side}
     if position_t is not None:
         columns["position_t"] = position_t
     stamps = units.get("t", "s")
@@ -131,6 +133,8 @@ def require_roles(table: Table, where: str) -> None:
     """
     by_role = {channel: column for column, (channel, _) in reversed(discover(table).items())}
     for role in ESSENTIAL:
+        if role == "position" and role not in by_role:
+            role = reference_among(by_role) or role
         if role not in by_role:
             raise RecordingError(
                 f"{where}: no column for {role}; the columns are {', '.join(table.columns)}. Name one "
@@ -138,7 +142,7 @@ def require_roles(table: Table, where: str) -> None:
             )
         named = naming.take_apart(by_role[role])
         if by_role[role] not in table.units and named.suffix is None and named.brackets is None:
-            example = {"time": "s", "accel": "g", "position": "mm"}[role]
+            example = {"time": "s", "accel": "g", "position": "mm"}.get(role) or UNITS[role]
             raise RecordingError(
                 f"{where}: {by_role[role]} has no unit; units are never guessed. Give it, as in "
                 f'units={{"{by_role[role]}": "{example}"}}'

@@ -16,6 +16,7 @@ from accelcal.data.channel_filter import KINDS, ChannelFilter, Pass
 from accelcal.data.dwells import ATTITUDES, DwellSetup
 from accelcal.data.orientation import GRAVITY, GYROSCOPE, PLACE, QUATERNION, Sense
 from accelcal.data.recording import RecordingError
+from accelcal.data.references import ACCELERATION, VELOCITY, reference_among
 from accelcal.data.rig import LowPass, Rig, Sensor, Uncertainty
 from accelcal.data.run_labels import NO_LABELS, RunLabels, days_of
 from accelcal.io.files import content_of, is_there, shown
@@ -434,6 +435,8 @@ _TABLES: dict[str, dict[str, _Check]] = {
         "rate": _amount("frequency", "positive"),
         "accel": _source(**_FILTERED),
         "position": _source(resolution=_amount("length", "positive"), **_FILTERED),
+        VELOCITY: _source(**_FILTERED),
+        ACCELERATION: _source(**_FILTERED),
         "attitude": _attitude,
         _ANY_OTHER: _source(),
     },
@@ -522,9 +525,9 @@ def _require_one_orientation(tables: Mapping[str, dict[str, Any]]) -> None:
             "is missing beside [channels.attitude]; the acceleration along a turning axis is made from "
             f'{", ".join(PLACE)}, each as {{ column = "...", unit = "m" }}',
         )
-    if "position" in channels:
+    for name in (name for name in ("position", ACCELERATION) if name in channels):
         raise _KeyError(
-            "channels.position",
+            f"channels.{name}",
             f"beside [channels.attitude] the position along the axis is made from {', '.join(PLACE)}; leave it out",
         )
     if rig.get("mount", "normal") != "normal":
@@ -543,7 +546,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         ASSUMED_MOUNT: "mount" in rig or turning,
         ASSUMED_LOWPASS: lowpass is not None or bool(output_filters),
         ASSUMED_LOWPASS_TOLERANCE: lowpass is None or lowpass.tolerance is not None,
-        ASSUMED_RESOLUTION: resolution is not None,
+        ASSUMED_RESOLUTION: resolution is not None or reference_among(channels) is not None,
         ASSUMED_NOISE: sensor.noise is not None,
         ASSUMED_ZERO: sensor.scale is None or sensor.zero is not None,
         ASSUMED_OFFSET_TOLERANCE: "offset_tolerance" in tables["clock"],
@@ -552,7 +555,7 @@ def _rig(tables: Mapping[str, dict[str, Any]], *, turning: bool) -> Rig:
         sensor=sensor,
         lowpass=lowpass,
         output_filters=output_filters,
-        position_filters=tuple(each for each, _ in _declared(channels, "position")),
+        position_filters=tuple(each for each, _ in _declared(channels, reference_among(channels) or "position")),
         resolution=resolution,
         uncertainty=Uncertainty(**tables["uncertainty"]),
         assumptions=tuple(sentence for sentence, declared in assumptions.items() if not declared),

@@ -18,6 +18,7 @@ from accelcal.data.channel_filter import ChannelFilter, high_passes, low_passes
 from accelcal.data.dwells import DwellSetup
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.references import reference_among
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
 from accelcal.io import naming, sidecar
@@ -88,11 +89,12 @@ def write_sidecar(
     dwell : what it says of a table of dwells.
     labels : when, how mounted and by whom the run was made.
     """
+    reference = reference_among(channels) or "position"
     tables = {
         "sensor": _sensor(rig),
         "rig": _rig(rig, turning=GRAVITY in channels),
         "clock": _clock(rig),
-        "channels": {name: _inline(_channel(rig, name, source)) for name, source in channels.items()},
+        "channels": {name: _inline(_channel(rig, name, source, reference)) for name, source in channels.items()},
         "uncertainty": _uncertainty(rig),
         "run": _labels(labels),
         "dwell": {} if dwell is None else _dwell(dwell),
@@ -130,8 +132,8 @@ def toml_text(value: str) -> str:
 
 
 def _channels(recording: Recording) -> list[Channel]:
-    position = [recording.position] if len(recording.position) else []
-    return [recording.accel, *position, *recording.side.values()]
+    position = recording.position if recording.reference is None else recording.reference
+    return [recording.accel, *([position] if len(position) else []), *recording.side.values()]
 
 
 def _require_readable(recording: Recording, columns: Mapping[str, str]) -> None:
@@ -242,7 +244,7 @@ def _uncertainty(rig: Rig) -> dict[str, str]:
     )
 
 
-def _channel(rig: Rig, name: str, source: Clock | Source) -> dict[str, str]:
+def _channel(rig: Rig, name: str, source: Clock | Source, reference: str) -> dict[str, str]:
     """Return the entries of one channel; low-pass and resolution are declared beside the channel they belong to."""
     entries = {
         "column": toml_text(source.column) if source.column is not None else None,
@@ -251,16 +253,16 @@ def _channel(rig: Rig, name: str, source: Clock | Source) -> dict[str, str]:
     if isinstance(source, Clock):
         return _declared(entries | {"rate": _amount(source.rate, "Hz")})
     if source.time is not None:
-        entries["time"] = _inline(_channel(rig, "time", source.time))
-    entries |= _filters(rig, name)
+        entries["time"] = _inline(_channel(rig, "time", source.time, reference))
+    entries |= _filters(rig, name, reference)
     if name == "position":
         entries["resolution"] = _amount(rig.resolution, "m", "um")
     return _declared(entries)
 
 
-def _filters(rig: Rig, name: str) -> dict[str, str | None]:
+def _filters(rig: Rig, name: str, reference: str) -> dict[str, str | None]:
     """Return the keys lowpass and highpass of one channel."""
-    filters = {"accel": rig.output_filters, "position": rig.position_filters}.get(name, ())
+    filters = {"accel": rig.output_filters, reference: rig.position_filters}.get(name, ())
     low, high = ([_filter(each) for each in kind] for kind in (low_passes(filters), high_passes(filters)))
     if name == "accel" and rig.lowpass is not None:
         one = {"kind": '"RC"', "fc": _amount(rig.lowpass.cutoff, "Hz"), "tolerance": _ratio(rig.lowpass.tolerance)}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,7 @@ from accelcal._support.immutable import immutable
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording
+from accelcal.data.references import ORDERS, POSITION_ORDER, UNITS, Reference, integrated
 from accelcal.data.rig import STANDARD_GRAVITY, LowPass, Rig, Sensor
 from accelcal.simulation.filtered import filtered_samples
 from accelcal.simulation.motion import Motion
@@ -63,6 +64,8 @@ PARAMETERS: Mapping[str, str] = MappingProxyType(
 """What a simulated sensor may be given, with units: K0, k, delay (positive = output late), K2, K3, Kin of (7), and the
 angle by which the input axis leans towards the vertical."""
 
+REFERENCE_NOISE: Mapping[str, float] = {"velocity": 1e-4, "reference_acceleration": 1e-2}
+"""Noise of one reading of a laser vibrometer, m/s, and of a reference accelerometer, m/s²."""
 MOST_SAMPLES = 20_000_000
 """Largest number of samples of one channel."""
 _FINE_RATE = 1e4
@@ -157,6 +160,8 @@ def simulate(
     accel_phase: float = 0.0,
     position_phase: float = 0.0,
     position_noise: float = 1e-6,
+    reference: Reference = "position",
+    reference_noise: float | None = None,
     missing: float = 0.0,
     vibration: Vibration | None = None,
     lsb: float | None = None,
@@ -189,6 +194,12 @@ def simulate(
         Time of the first sample of either clock, s.
     position_noise : float
         Standard deviation of white noise on the position before it is rounded to the resolution, m.
+    reference : str
+        What tells the motion in place of an encoder: "velocity", or "reference_acceleration". Its filters are those of
+        the position.
+    reference_noise : float, optional
+        Standard deviation of white noise of its readings, m/s or m/s²; by default `REFERENCE_NOISE`.
+        `position_noise` then has no part.
     missing : float
         Probability that a sample is absent, on either channel.
     vibration : Vibration, optional
@@ -210,8 +221,8 @@ def simulate(
     >>> len(run.recording.accel), len(run.recording.position)
     (3334, 1667)
     """
-    theta = _complete(parameters)
-    if rig.sensor.noise is None:
+    theta, density = _complete(parameters), rig.sensor.noise
+    if density is None:
         raise ValueError("rig.sensor.noise is not declared: a simulated sensor needs its noise density (0 for none).")
     if not 0.0 <= missing < 1.0:
         raise ValueError(f"missing is the probability that a sample is absent: {missing} is outside [0, 1).")
@@ -229,28 +240,44 @@ def simulate(
     sensed = _sensed(motion, rig, theta, vibration, tones)
     if rig.output_filters:
         chain = (*_as_filters(rig.lowpass), *rig.output_filters)
-        output = filtered_samples(sensed, t_accel, accel_rate, chain, rig.sensor.noise, sensor_rng)
+        output = filtered_samples(sensed, t_accel, accel_rate, chain, density, sensor_rng)
     else:
         lowpass, dt = rig.lowpass, 1.0 / accel_rate
         output = sensed(t_accel) if lowpass is None else _low_passed(sensed, t_accel, dt, lowpass.tau)
-        output += _sensor_noise(len(t_accel), dt, rig.sensor.noise, lowpass, sensor_rng)
+        output += _sensor_noise(len(t_accel), dt, density, lowpass, sensor_rng)
     output = _converted(output, lsb, full_scale)
 
     t_position = _clock(seconds, position_rate, position_phase)
-    reading = motion.position(t_position)
+    true, noise = _read(motion, reference), position_noise
+    if reference != "position":
+        noise = reference_noise if reference_noise is not None else REFERENCE_NOISE[reference]
+        position_noise = 0.0
+        rig = replace(rig, resolution=None)  # that of an encoder
+    reading = true(t_position)
     if rig.position_filters:
-        reading = filtered_samples(motion.position, t_position, position_rate, rig.position_filters)
-    reading = reading + position_noise * encoder_rng.standard_normal(len(t_position))
+        reading = filtered_samples(true, t_position, position_rate, rig.position_filters)
+    reading = reading + noise * encoder_rng.standard_normal(len(t_position))
     if rig.resolution is not None:
         reading = _rounded(reading, rig.resolution)
 
+    accel = _channel("accel", t_accel, output, "m/s²", missing, missing_rng)
+    read = _channel(reference, t_position, reading, UNITS[reference], missing, missing_rng)
     recording = Recording(
-        accel=_channel("accel", t_accel, output, "m/s²", missing, missing_rng),
-        position=_channel("position", t_position, reading, "m", missing, missing_rng),
+        accel=accel,
+        position=read if reference == "position" else integrated(read),
         rig=rig,
         name=f"simulated {motion.name}".strip(),
+        reference=None if reference == "position" else read,
     )
-    return Simulated(recording, Truth(motion, theta, rig.sensor.noise, position_noise))
+    return Simulated(recording, Truth(motion, theta, density, position_noise))
+
+
+def _read(motion: Motion, reference: Reference) -> Callable[[Array], Array]:
+    """What a reference without noise reads at instants (n,) s."""
+    if reference == "position":
+        return motion.position
+    order = POSITION_ORDER - ORDERS[reference][0]
+    return lambda t: np.asarray(motion.derivatives(t)[order])
 
 
 def _complete(parameters: Mapping[str, float]) -> dict[str, float]:

@@ -9,8 +9,11 @@ import numpy as np
 
 from accelcal.estimation.likelihood import blocks
 from accelcal.estimation.noise import most_likely_noise
+from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows, factor, solved
 
+MOST_OF_BOTH = 0.9
+"""Largest share of the sensor in the noise of two accelerations."""
 BLOCK_ROWS = 2048
 """Rows of one of the blocks that the likelihood is taken over."""
 
@@ -21,9 +24,8 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
     What varies along the record stays as it is.
     """
     start = rows.noise
-    if rows.order == 0:  # the noise of both channels is of one kind: their shares stay
-        power = float(np.mean(rows.whitened**2))
-        return rows.at_noise(start.scaled(power, power))
+    if rows.order == 0:
+        return rows.at_noise(shared(rows))
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
 
     def log_likelihood(log_q: float, log_r: float) -> float:
@@ -38,3 +40,16 @@ def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
 
     found = most_likely_noise(log_likelihood, rows.least_reading_variance, start, width)
     return rows.at_noise(replace(start, q=found.q, r=found.r))
+
+
+def shared(rows: WeakRows) -> Noise:
+    """Noise of the output and of a reference that is an acceleration, of which the rows show the sum alone.
+
+    The sensor has what is declared of it, if that is less than all, and half of it where nothing is.
+    """
+    run, step = rows.state.run, rows.reading_step
+    both = float(np.mean(rows.whitened**2)) * (rows.noise.q + rows.noise.r * step)
+    declared = run.rig.sensor.noise
+    q = both / 2.0 if declared is None else 0.5 * (declared / rows.state.values.scale) ** 2
+    q = min(q, MOST_OF_BOTH * both)
+    return replace(rows.noise, q=q, r=(both - q) / step)

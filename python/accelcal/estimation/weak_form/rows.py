@@ -38,7 +38,8 @@ RESOLVED = 1.2
 WHOLE = 1e-3
 """Distance from a whole number that counts as one."""
 EVEN_CROSSOVER = 0.2
-"""Crossover in rates of the output that the filter over positions is given, at most, where the reference is none."""
+"""Crossover in rates of the output that the filter over positions is given where both channels are accelerations,
+equally noisy."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -119,23 +120,29 @@ class WeakRows:
     def _of_reference(self, noise: Noise) -> Noise:
         """The noise of the filter over positions, with the variance of a reading of the reference in its own unit.
 
-        Of a velocity it is the one whose crossover is the same; an acceleration has half of the noise.
+        Of a velocity it is the one whose crossover is the same. An acceleration has none: as many times the noise of
+        the output as the variance of a position is larger than at `EVEN_CROSSOVER`.
         """
         run, order = self.state.run, self.order
         if order == POSITION_ORDER:  # the band of the noise is that of fewer readings
             return noise if self.state.band is None else noise.scaled(1.0, run.reading_step / self.reading_step)
         radians = 2.0 * np.pi * run.crossover(noise)
-        return replace(noise, r=noise.q / (radians ** (2 * order) * self.reading_step), growth=())
+        per_rate = radians**-2 if order else (self._even / radians) ** 4
+        return replace(noise, r=noise.q * per_rate / self.reading_step, growth=())
 
     @property
     def of_positions(self) -> Noise:
-        """The noise, with the variance of a position whose crossover is the same."""
+        """The noise, with the variance of a position for the filter; `_of_reference` leads back."""
         if self.order == POSITION_ORDER:
             return self.noise
-        run, q = self.state.run, self.noise.q
-        highest = 2.0 * np.pi * EVEN_CROSSOVER / run.accel_step
-        radians = (q / (self.noise.r * self.reading_step)) ** (0.5 / self.order) if self.order else highest
-        return replace(self.noise, r=q / (min(radians, highest) ** 4 * run.reading_step))
+        q, per_rate = self.noise.q, self.noise.r * self.reading_step / self.noise.q
+        fourth = per_rate**2 if self.order else per_rate / self._even**4
+        return replace(self.noise, r=q * fourth / self.state.run.reading_step)
+
+    @property
+    def _even(self) -> float:
+        """Crossover of a position that stands for an acceleration as noisy as the output, rad/s."""
+        return 2.0 * math.pi * EVEN_CROSSOVER / self.state.run.accel_step
 
     def least_reading_variance(self, q: float) -> float:
         """Least variance of a reading of the reference at a density of process noise."""
@@ -350,7 +357,8 @@ class WeakRows:
         run, values = self.state.run, self.state.values
         if not any(values.additive("position")):
             return None
-        return run.filters.behind_at(run.all_readings[0], values.total("position", self.at_readings))
+        added = values.total("position", self.at_readings)
+        return None if added is None else run.filters.behind_at(run.all_readings[0], added)
 
     def _of_readings(self, part: slice, order: int) -> tuple[slice, Sparse]:
         """Readings within some test functions, and their weights in a derivative."""
