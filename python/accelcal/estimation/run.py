@@ -24,6 +24,7 @@ from accelcal.estimation.glitches import MIN_READINGS, spikes
 from accelcal.estimation.representation import extra_density
 from accelcal.estimation.values import Noise, Values
 from accelcal.signals.jumps import Jumps
+from accelcal.signals.processing import cubic, motion_bandwidth, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
 from accelcal.signals.unresolved import jumps
@@ -42,6 +43,10 @@ MOTION_SHARE = 0.9
 """Share of the power of the output, noise left out, below the frequency that the kept readings should resolve."""
 NOISE_SAMPLES = 20_000
 """Samples of a channel from which its noise is estimated in advance."""
+NOISE_SEGMENT = 1024
+"""Readings in a segment of the spectrum that shows the noise of a reference."""
+NYQUIST = 0.5
+"""In rates."""
 MOST_CROSSOVER = 2.0
 """Crossover in rates of the readings beyond which a smaller variance of a reading changes nothing: gains are 1."""
 LEAST_PRIOR_SHARE = 1e-12
@@ -194,6 +199,22 @@ class PreparedRun:
         return smallest if quantised else 0.0
 
     @cached_property
+    def confirmed(self) -> float:
+        """Frequency up to which a reference that is an acceleration shows motion above its own noise, Hz.
+
+        The output is as noisy, and sees vibration that the reference does not.
+        """
+        t, y = self.reference_readings
+        few = slice(0, NOISE_SAMPLES)
+        rate = (len(t[few]) - 1) / float(t[few][-1] - t[0])
+        uniform = cubic(t, y, np.arange(t[0], t[few][-1], 1.0 / rate))
+        f, density = spectral_density(uniform, rate, min(len(uniform), NOISE_SEGMENT))
+        floor = float(np.median(density[f > 0.5 * NYQUIST * rate]))
+        huge = 1e12 * floor  # no position takes part
+        found = motion_bandwidth(uniform, rate, q=0.5 * floor, reading_density=huge, crossover=0.5 * NYQUIST * rate)
+        return found.cutoff
+
+    @cached_property
     def third_difference_variance(self) -> float:
         """Variance of the readings from their third differences, m²: a bound, since motion adds to it."""
         third = np.diff(self.z, 3)  # white noise of variance R gives 20 R
@@ -220,6 +241,8 @@ class PreparedRun:
         `step` is the spacing of the readings, s; by default of those that are used.
         """
         step = self.reading_step if step is None else step
+        if self.order == 0:
+            return q / ((2.0 * np.pi * self.confirmed) ** 4 * step)
         return max(self.least_reading_variance, q * step**3 / (2.0 * np.pi * MOST_CROSSOVER) ** 4)
 
     def prior(self, r: float) -> tuple[float, float, float, float]:

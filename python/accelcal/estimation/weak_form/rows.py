@@ -37,9 +37,6 @@ RESOLVED = 1.2
 """Steps of a channel between two test functions, least, where it is no whole number: aliases then stay below 1e-8."""
 WHOLE = 1e-3
 """Distance from a whole number that counts as one."""
-EVEN_CROSSOVER = 0.2
-"""Crossover in rates of the output that the filter over positions is given where both channels are accelerations,
-equally noisy."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -121,7 +118,7 @@ class WeakRows:
         """The noise of the filter over positions, with the variance of a reading of the reference in its own unit.
 
         Of a velocity it is the one whose crossover is the same. An acceleration has none: as many times the noise of
-        the output as the variance of a position is larger than at `EVEN_CROSSOVER`.
+        the output as the variance of a position is larger than at `_even`.
         """
         run, order = self.state.run, self.order
         if order == POSITION_ORDER:  # the band of the noise is that of fewer readings
@@ -142,7 +139,7 @@ class WeakRows:
     @property
     def _even(self) -> float:
         """Crossover of a position that stands for an acceleration as noisy as the output, rad/s."""
-        return 2.0 * math.pi * EVEN_CROSSOVER / self.state.run.accel_step
+        return 2.0 * math.pi * self.state.run.confirmed
 
     def least_reading_variance(self, q: float) -> float:
         """Least variance of a reading of the reference at a density of process noise."""
