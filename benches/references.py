@@ -1,8 +1,8 @@
 """Hidden effects and nulls through a velocity and an acceleration: what is named, and how right the estimates are.
 
 From the top of the repository: python -m benches.references [--records 60] [--seed 1] [--out build/references]
-Each record comes from `tests/worlds`, whose stage is read by a laser vibrometer or by an accelerometer. Outcomes are kept
-in OUT, and an interrupted run continues.
+Each record comes from `tests/worlds`, whose stage is read by a laser vibrometer or by an accelerometer. Outcomes are
+kept in OUT, and an interrupted run continues.
 """
 
 from __future__ import annotations
