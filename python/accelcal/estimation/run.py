@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
@@ -94,7 +95,9 @@ class PreparedRun:
     @cached_property
     def jumps(self) -> Jumps:
         """Instants at which the motion changes faster than the samples of the output resolve."""
-        return jumps(self.accel.t, self.accel.y, self.accel_step, self.declared_tau)
+        t, y, step, tau = self.accel.t, self.accel.y, self.accel_step, self.declared_tau
+        covered = float(t[0]), float(t[-1]), float(np.sum(y)), step, tau
+        return found_before(self.recording, "jumps of the motion", covered, lambda: jumps(t, y, step, tau))
 
     @property
     def declared_tau(self) -> float:
