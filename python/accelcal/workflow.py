@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from accelcal._support.arguments import checked
 from accelcal._support.found_before import found_before
 from accelcal._support.listing import listing
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
+from accelcal._support.two_threads import on_two_threads
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
@@ -52,7 +54,7 @@ from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison, NoiseFloor
 from accelcal.validation.differences import PairedComparison, names_of, paired_horizon
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import best_step
@@ -60,6 +62,8 @@ from accelcal.validation.ruler import Ruler
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
+MOST_AT_ONCE = 4_000_000
+"""Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
 WHOLE_RUNS = 3
 """Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
 
@@ -547,16 +551,24 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
-    found = []
-    recording, start, end, breaks = compared_part(recording, start, end)
-    for number, fit in enumerate(fits):
-        part = within(report, (number + 0.2) / (len(fits) + 1), (number + 1.0) / (len(fits) + 1))
+    part, begin, finish, breaks = compared_part(recording, start, end)
+    report(0.1)
+
+    def compared(fit: Fit, report: Callable[[float], None]) -> Comparison:
         seen = evaluation.compare(
-            fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
         )
-        found.append(replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks))
-    floor = noise_floor(ruler, base or fits[0], recording, horizons=horizons, start=start, end=end)
-    return tuple(replace(seen, noise_floor=floor) for seen in found)
+        return replace(seen, noise_scores=noise_scores(fit, part, start=begin, end=finish), breaks=breaks)
+
+    def floor(report: Callable[[float], None]) -> NoiseFloor:
+        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+
+    *found, least = on_two_threads(
+        [*(partial(compared, fit) for fit in fits), floor],
+        within(report, 0.1, 1.0),
+        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
+    )
+    return tuple(replace(seen, noise_floor=least) for seen in found)
 
 
 @checked
