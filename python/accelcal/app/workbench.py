@@ -579,7 +579,9 @@ class Workbench:
             found = self._guests(path, report) if is_session else (Guest(path.name, model_file.load(path)),)
             taken = set(state.models)
             if len(state.guests) + len(found) > MOST_GUESTS:
-                raise Refused(f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone")
+                raise Refused(
+                    f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone"
+                )
             if any(guest.name in taken for guest in found):
                 raise Refused(f"{path.name}: its models are there already")
             return replace(state, guests=(*state.guests, *found))
