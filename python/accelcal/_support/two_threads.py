@@ -48,7 +48,7 @@ def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = Tru
 
     with ThreadPoolExecutor(MOST_THREADS) as pool:
         running = [
-            pool.submit(copy_context().run, work, lambda share, number=number: told(number, share))  # type: ignore[misc]
+            pool.submit(copy_context().run, work, lambda share, number=number: told(number, share))
             for number, work in enumerate(works)
         ]
         try:

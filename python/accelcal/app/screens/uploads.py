@@ -8,8 +8,6 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
-
 from accelcal.app import mapping, session_file, widgets
 from accelcal.app.page import Page
 from accelcal.app.reading import MOST_BYTES
