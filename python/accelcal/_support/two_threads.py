@@ -39,7 +39,7 @@ def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = Tru
     """
     shares = [0.0] * len(works)
 
-    def told(number: int, share: float) -> None:
+    def note(number: int, share: float) -> None:
         shares[number] = share
 
     if not at_once or len(works) < 2 or (os.cpu_count() or 1) < MOST_THREADS:
@@ -48,7 +48,7 @@ def on_two_threads(works: Sequence[Work], report: Report, *, at_once: bool = Tru
 
     with ThreadPoolExecutor(MOST_THREADS) as pool:
         running = [
-            pool.submit(copy_context().run, work, lambda share, number=number: told(number, share))
+            pool.submit(copy_context().run, work, lambda share, number=number: note(number, share))
             for number, work in enumerate(works)
         ]
         try:
