@@ -6,12 +6,15 @@ Outliers are rejected before every fit, and jumps of the position are found befo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 from accelcal._support.arguments import checked
+from accelcal._support.found_before import found_before
 from accelcal._support.listing import listing
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
+from accelcal._support.two_threads import on_two_threads
 from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
@@ -19,6 +22,7 @@ from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
+from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
 from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
@@ -50,7 +54,7 @@ from accelcal.selection.improvement import History, Improvement, Step
 from accelcal.selection.stepwise import StepwiseSelection
 from accelcal.signals.signals import Origins
 from accelcal.validation import evaluation
-from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison
+from accelcal.validation.comparison import HELD_OUT, HORIZONS, Coast, Comparison, NoiseFloor
 from accelcal.validation.differences import PairedComparison, names_of, paired_horizon
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import best_step
@@ -58,6 +62,8 @@ from accelcal.validation.ruler import Ruler
 
 MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
+MOST_AT_ONCE = 4_000_000
+"""Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
 WHOLE_RUNS = 3
 """Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
 
@@ -208,7 +214,7 @@ def formulas(
             grown = entered[0].enter(model)
             return solve_runs(grown, these, start=part.start, end=part.end, origins=fit.origins, engine=engine_of(fit))
 
-        return clean_fit([clear], solve).solution.states[0]
+        return clean_fit([clear], solve, test=run_outlier_tests).solution.states[0]
 
     other = None if holdout is None else (fitted(holdout), model)
     report(0.0 if holdout is None else 0.3)
@@ -331,7 +337,7 @@ def fit_without_outliers(
     def solve(these: Sequence[Recording]) -> Solution:
         return solve_runs(fit.model, these, start=start, end=end, band=band, origins=fit.origins, engine=engine_of(fit))
 
-    clean = clean_fit(recordings, solve, solved=solution)
+    clean = clean_fit(recordings, solve, solved=solution, test=run_outlier_tests)
     rejected = clean.rejected(recordings)
     if not rejected:
         return fit, clean.solution
@@ -545,16 +551,24 @@ def compare_models(
     base : the model whose clock the floor is drawn on, by default the first; the same one gives the same floor.
     band, horizons, start, end : as of `compare`.
     """
-    found = []
-    recording, start, end, breaks = compared_part(recording, start, end)
-    for number, fit in enumerate(fits):
-        part = within(report, (number + 0.2) / (len(fits) + 1), (number + 1.0) / (len(fits) + 1))
+    part, begin, finish, breaks = compared_part(recording, start, end)
+    report(0.1)
+
+    def compared(fit: Fit, report: Callable[[float], None]) -> Comparison:
         seen = evaluation.compare(
-            fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
+            fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
         )
-        found.append(replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks))
-    floor = noise_floor(ruler, base or fits[0], recording, horizons=horizons, start=start, end=end)
-    return tuple(replace(seen, noise_floor=floor) for seen in found)
+        return replace(seen, noise_scores=noise_scores(fit, part, start=begin, end=finish), breaks=breaks)
+
+    def floor(report: Callable[[float], None]) -> NoiseFloor:
+        return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
+
+    *found, least = on_two_threads(
+        [*(partial(compared, fit) for fit in fits), floor],
+        within(report, 0.1, 1.0),
+        at_once=len(part.accel) + len(part.position) <= MOST_AT_ONCE,
+    )
+    return tuple(replace(seen, noise_floor=least) for seen in found)
 
 
 @checked
@@ -855,12 +869,33 @@ def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float 
 
     Start and end are None where nothing breaks; `place` stands before the name of the recording.
     """
-    recording, columns = position_steps_sought(recording)
-    found = usable(recording, columns)
+    found = found_before(recording, "unbroken part", recording.sums, lambda: UnbrokenPart.of(recording))
+    whole = recording if found.stepped is None else found.stepped
     if not found.breaks:
-        return recording, None, None, []
+        return whole, None, None, []
     name = f"{place}{recording.name or 'recording'}"
-    return recording, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
+    return whole, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
+
+
+@dataclass(frozen=True, slots=True)
+class UnbrokenPart:
+    """What a recording alone says of the stretch on which one model can hold."""
+
+    stepped: Recording | None
+    """The recording with the jumps of its position; None where it is the one that was asked about."""
+    start: float
+    """s"""
+    end: float
+    """s"""
+    breaks: tuple[float, ...]
+    """s"""
+
+    @classmethod
+    def of(cls, recording: Recording) -> UnbrokenPart:
+        """Look for jumps of the position, then for breaks."""
+        stepped, columns = position_steps_sought(recording)
+        found = usable(stepped, columns)
+        return cls(None if stepped is recording else stepped, found.start, found.end, found.breaks)
 
 
 def judged_recordings(
@@ -889,7 +924,12 @@ def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> 
             continue
         whole, begin, finish, broken = whole_part(recording)
         if begin is not None and finish is not None:
-            whole = replace(whole.part(begin, finish), digest=recording.digest)
+            whole = found_before(
+                recording,
+                "recording up to its break",
+                (begin, finish, recording.sums),
+                lambda w=whole, a=begin, b=finish, digest=recording.digest: replace(w.part(a, b), digest=digest),  # type: ignore[misc]
+            )
         found.append(whole)
         remarks += broken
     return found, remarks

@@ -172,6 +172,18 @@ def test_bad_files_get_the_sentence_of_the_command_line(tab, files):
         tab.get_by_text(done.stderr.strip().removeprefix("accelcal: ")).first.wait_for(timeout=LONG)
 
 
+def test_a_click_on_a_tab_loses_no_upload(tab, files):
+    on_their_way = []
+    tab.route("**/upload/**", lambda route: on_their_way.append(route))
+    with tab.expect_request("**/upload/**", timeout=LONG):
+        drop(tab, files / "cubic.csv", files / "cubic.toml")
+    tab.get_by_role("tab", name="Model").click()
+    tab.wait_for_timeout(1000)  # the screen is another one by now
+    for one in on_their_way:
+        one.continue_()
+    tab.locator(".file", has_text="cubic.csv").wait_for(timeout=LONG)
+
+
 def test_a_stretch_is_chosen_by_brushing(tab, files):
     load(tab, files, "cubic")
     tab.locator(".plot .nsewdrag").first.wait_for(timeout=LONG)

@@ -237,6 +237,13 @@ def test_models_of_elsewhere_stand_beside(grown, several, tmp_path):
     assert bench.state.guests[1].own.coast_rms == grown.state.step.heldout.coast_rms
     (tmp_path / "sensor.json").write_text(bench.model_text())
     bench.invite(tmp_path / "sensor.json")
+    (tmp_path / "with guests.accelcal").write_bytes(bench.session())
+    (tmp_path / "fresh").mkdir()
+    again = Workbench(tmp_path / "fresh")
+    again.open(tmp_path / "with guests.accelcal")
+    assert again.sentence == ""
+    assert list(again.state.models) == list(bench.state.models)
+    assert again.state.models["sensor.json"]["cubic"].value == bench.state.step.fit["cubic"].value
     base, cubic, *_ = bench.state.models
     fits = bench.state.models
     alike = side_by_side.differences(fits[cubic], fits["sensor.json"])

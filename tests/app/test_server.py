@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,13 @@ pytest.importorskip("nicegui")
 @pytest.fixture(scope="module")
 def server(tmp_path_factory):
     """Run the workbench as a user would; return its port and process."""
+    with served(tmp_path_factory) as found:
+        yield found
+
+
+@contextmanager
+def served(tmp_path_factory):
+    """A workbench while it runs: its port and process."""
     port = free_port(18765)
     passed = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
     process = subprocess.Popen(
@@ -32,9 +40,11 @@ def server(tmp_path_factory):
             if probe.connect_ex((HOST, port)) == 0:
                 break
         time.sleep(0.25)
-    yield port, process
-    process.terminate()
-    process.wait(20)
+    try:
+        yield port, process
+    finally:
+        process.terminate()
+        process.wait(20)
 
 
 def asked(port, path="/", host=None):

@@ -19,7 +19,7 @@ from accelcal.app.examples import EXAMPLES
 from accelcal.effects import spelled
 
 from .conftest import write
-from .test_server import HOST, server  # noqa: F401  (the fixture that runs the workbench)
+from .test_server import HOST, served, server  # noqa: F401  (the fixture that runs the workbench)
 from .user import LONG, LOOKS, User, arrives
 
 EVERY = os.environ.get("ACCELCAL_BROWSER") == "every"
@@ -271,16 +271,27 @@ TASKS: tuple[Task, ...] = (
 
 WINDOWS = [(task, LOOKS if EVERY else [LOOKS[i % len(LOOKS)]]) for i, task in enumerate(TASKS)]
 """Each task in every window, or in one of them, so that all windows have their turn."""
+AT_ONE_SERVER = 12
+"""Users of one server: work that was left within ten minutes makes no room for a 33rd session."""
 COMBINATIONS = [
-    pytest.param(task, width, scheme, id=f"{task.__name__}-{width}-{scheme}")
-    for task, looks in WINDOWS
-    for width, scheme in looks
+    pytest.param(number // AT_ONE_SERVER, task, width, scheme, id=f"{task.__name__}-{width}-{scheme}")
+    for number, (task, width, scheme) in enumerate((task, *look) for task, looks in WINDOWS for look in looks)
 ]
 
 
-@pytest.mark.parametrize(("task", "width", "scheme"), COMBINATIONS)
-def test_a_user_can(browser, server, cubic, volts, task, width, scheme):  # noqa: F811
-    user = arrives(browser, f"http://{HOST}:{server[0]}", f"{task.__name__}-{width}-{scheme}", width, scheme)
+@pytest.fixture(scope="module")
+def port(request, tmp_path_factory):
+    """Port of the server that everybody uses, or of one of their own for those who come later."""
+    if request.param == 0:
+        yield request.getfixturevalue("server")[0]
+        return
+    with served(tmp_path_factory) as (own, _):
+        yield own
+
+
+@pytest.mark.parametrize(("port", "task", "width", "scheme"), COMBINATIONS, indirect=["port"])
+def test_a_user_can(browser, port, cubic, volts, task, width, scheme):
+    user = arrives(browser, f"http://{HOST}:{port}", f"{task.__name__}-{width}-{scheme}", width, scheme)
     task(user, cubic, volts)
     user.look("end")
     assert user.outside == []
@@ -290,4 +301,4 @@ def test_a_user_can(browser, server, cubic, volts, task, width, scheme):  # noqa
 
 def test_every_window_has_its_turn():
     assert len(TASKS) == 10
-    assert {tuple(each.values[1:]) for each in COMBINATIONS} == set(LOOKS)
+    assert {tuple(each.values[2:]) for each in COMBINATIONS} == set(LOOKS)

@@ -17,6 +17,8 @@ class OpenedSession:
     content: Content
     models: Mapping[int, str]
     """Text of each model file by its key."""
+    guests: tuple[str, ...] = ()
+    """Text of the model file of each model from elsewhere."""
     given: Mapping[str, Path] = field(default_factory=dict)
     """Files that the user has given, by their SHA-256."""
     awaited: Source | None = None

@@ -183,7 +183,7 @@ class Page:
         self.file.set_text(state.title)
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
-        self.body.clear()
+        widgets.clear(self.body)
         with self.body, self.bench.catalogue():
             if not self.is_new:
                 named = f"{self.screens[self.tab][0]}: {state.title}" if state.runs else self.screens[self.tab][0]

@@ -24,6 +24,7 @@ from accelcal.app.run import Run
 from accelcal.app.state import State
 from accelcal.serialization import model_file
 from accelcal.serialization.schema.session import (
+    MOST_GUESTS,
     MOST_MODELS,
     SCHEMA,
     Content,
@@ -74,17 +75,22 @@ def dumps(state: State, *, when: datetime | None = None) -> bytes:
             for step in state.steps
         ],
         current=state.current,
+        guests=[guest.name for guest in state.guests],
     )
     packed = io.BytesIO()
     with Known.to(state).catalogue(), zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr(CONTENT, content.model_dump_json(by_alias=True, indent=2))
+        # older versions read a session without guests
+        unused = None if content.guests else {"guests"}
+        archive.writestr(CONTENT, content.model_dump_json(by_alias=True, indent=2, exclude=unused))
         for step in state.steps:
             archive.writestr(model_name(step.key), model_file.dumps(model_file.to_dict(step.fit)))
+        for number, guest in enumerate(state.guests, start=1):
+            archive.writestr(guest_name(number), model_file.dumps(model_file.to_dict(guest.fit)))
     return packed.getvalue()
 
 
-def read(path: Path) -> tuple[Content, dict[int, str]]:
-    """Read a session file: its content, and the text of each model file by its key.
+def read(path: Path) -> tuple[Content, dict[int, str], tuple[str, ...]]:
+    """Read a session file: its content, the text of each model file by its key, and those of models from elsewhere.
 
     Raises
     ------
@@ -95,9 +101,10 @@ def read(path: Path) -> tuple[Content, dict[int, str]]:
         texts = _texts(path)
         content = content_of(texts.pop(CONTENT))
         models = {step.key: texts.pop(model_name(step.key)) for step in content.steps}
+        guests = tuple(texts.pop(guest_name(number)) for number in range(1, len(content.guests) + 1))
     if texts:
         raise SessionError(f"{path.name}: holds {len(texts)} parts that belong to no model; take a copy that is whole")
-    return content, models
+    return content, models, guests
 
 
 def peek(path: Path) -> Content:
@@ -133,6 +140,11 @@ def model_name(key: int) -> str:
     return f"models/{key}.json"
 
 
+def guest_name(number: int) -> str:
+    """Name of a model from elsewhere in the archive."""
+    return f"guests/{number}.json"
+
+
 def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
     """Parts of the archive as text; sizes are counted while it is unpacked, whatever the archive declares."""
     if path.stat().st_size > MOST_FILE:
@@ -141,7 +153,7 @@ def _texts(path: Path, wanted: Sequence[str] | None = None) -> dict[str, str]:
     total = 0
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
-        if len(members) > MOST_MODELS + 1 or len({m.filename for m in members}) < len(members):
+        if len(members) > MOST_MODELS + MOST_GUESTS + 1 or len({m.filename for m in members}) < len(members):
             raise SessionError(f"{path.name}: has {len(members)} parts, more than a session can have, or some twice")
         for member in members:
             if wanted is not None and member.filename not in wanted:

@@ -109,7 +109,7 @@ class State:
     steps: tuple[Step, ...] = ()
     current: int | None = None
     guests: tuple[Guest, ...] = ()
-    """Models from elsewhere; they are not saved with the session."""
+    """Models from elsewhere."""
     opened: OpenedSession | None = None
     """A session that waits for a recording, in place of all else."""
 

@@ -10,6 +10,25 @@ from typing import Any
 from nicegui import ui
 
 
+class Uploader(ui.upload):
+    """An area for files that knows whether some are on their way; its removal would lose them."""
+
+    is_sending = False
+
+    def sends(self, under_way: bool) -> None:
+        """Note that files begin to be sent, or that all are here."""
+        self.is_sending = under_way
+
+
+def clear(place: ui.element) -> None:
+    """Remove what stands in a place; what files are sent from is hidden until they have come."""
+    for child in list(place):
+        if any(isinstance(one, Uploader) and one.is_sending for one in child.descendants(include_self=True)):
+            child.set_visibility(False)
+        else:
+            child.delete()
+
+
 def attribute(text: str) -> str:
     """Text escaped for an attribute of `props`."""
     return html.escape(" ".join(text.split())).replace("\\", "/")

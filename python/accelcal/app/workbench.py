@@ -37,6 +37,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.model import Model
 from accelcal.serialization import model_file
+from accelcal.serialization.schema.session import MOST_GUESTS
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.pooled import pooled
@@ -289,7 +290,11 @@ class Workbench:
         self._done(tasks.tried, formulas, report=within(report, 0.0, 0.1), state=State())
         own = tuple(formula.enter() for formula in formulas)
         runs = self._runs_of(opened, within(report, 0.1, 0.7))
-        state = State(runs=runs, shown=content.shown, own=own)
+        guests = tuple(
+            Guest(name, self._model(text, f"guest{number}"))
+            for number, (name, text) in enumerate(zip(content.guests, opened.guests, strict=True), start=1)
+        )
+        state = State(runs=runs, shown=content.shown, own=own, guests=guests)
         require_one_sensor(state)
         require_both_parts(state)
         return self._with_models(state, opened, within(report, 0.7, 0.98))
@@ -327,7 +332,7 @@ class Workbench:
             steps.append(Step(key, keys[step.parent], change, found, heldouts))
         return replace(state, steps=tuple(steps), current=keys[opened.content.current])
 
-    def _model(self, text: str, key: int) -> Fit:
+    def _model(self, text: str, key: int | str) -> Fit:
         """A model of a session file."""
         path = self.folder / "models" / f"{key}.json"
         path.parent.mkdir(exist_ok=True)
@@ -573,6 +578,10 @@ class Workbench:
             is_session = path.suffix.lower() == session_file.SUFFIX
             found = self._guests(path, report) if is_session else (Guest(path.name, model_file.load(path)),)
             taken = set(state.models)
+            if len(state.guests) + len(found) > MOST_GUESTS:
+                raise Refused(
+                    f"{path.name}: more than {MOST_GUESTS} models beside those of this session; open it alone"
+                )
             if any(guest.name in taken for guest in found):
                 raise Refused(f"{path.name}: its models are there already")
             return replace(state, guests=(*state.guests, *found))

@@ -140,7 +140,7 @@ class PositionStep:
 
 @immutable
 @notebook_repr
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Recording:
     """One run: the accelerometer output, the encoder position, side channels, and the rig it came from.
 
@@ -303,6 +303,11 @@ class Recording:
     def summary(self) -> str:
         """What was understood of the recording, as text: channels, rates, ranges, warnings."""
         return summary(self)
+
+    @property
+    def sums(self) -> tuple[float, float, float, float]:
+        """Sums of stamps and values of both channels: an array that was written into shows."""
+        return tuple(float(np.sum(y)) for c in (self.accel, self.position) for y in (c.t, c.y))  # type: ignore[return-value]
 
     @property
     def session(self) -> str:

@@ -20,6 +20,7 @@ from accelcal.diagnosis.noise_tests.run_all import run_noise_tests
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, REJECTION_ROUNDS
 from accelcal.effects import BUILT_IN
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.run_state import RunState
 
 CHANNEL_OF = {e.name: e.traits.noise.rejects for e in BUILT_IN if e.traits.noise and e.traits.noise.rejects}
 """Channel from which each noise test rejects samples."""
@@ -44,7 +45,7 @@ class RejectedReadings:
 
 @dataclass(frozen=True, slots=True)
 class CleanFit:
-    """Recordings without outliers, the fit to them, and every noise test on it."""
+    """Recordings without outliers, the fit to them, and the noise tests on it."""
 
     recordings: tuple[Recording, ...]
     solution: Solution
@@ -67,6 +68,7 @@ def clean_fit(
     solve: Callable[[Sequence[Recording]], Solution],
     before: Sequence[NoiseTest] = (),
     solved: Solution | None = None,
+    test: Callable[[RunState], tuple[NoiseTest, ...]] = run_noise_tests,
 ) -> CleanFit:
     """Fit, reject outliers and fit again until no more are found, at most three times.
 
@@ -76,27 +78,28 @@ def clean_fit(
     solve : fits a model to recordings.
     before : tests that found outliers in these recordings earlier; they are reported too.
     solved : the fit to these recordings, where it was made already; it is used up where there are outliers.
+    test : the noise tests; `run_outlier_tests` where the fit alone is asked for.
 
     Raises
     ------
     NotIdentifiable, RecordingError
         From the fit.
     """
-    recordings, found_earlier = list(recordings), {test.effect: test for test in before}
+    recordings, found_earlier = list(recordings), {each.effect: each for each in before}
     solution = solved or solve(recordings)
     for rounds_left in reversed(range(REJECTION_ROUNDS + 1)):
-        tests_of_runs = [run_noise_tests(state) for state in solution.states]
-        tests = [test for of_run in tests_of_runs for test in of_run]
+        tests_of_runs = [test(state) for state in solution.states]
+        tests = [each for of_run in tests_of_runs for each in of_run]
         outlier_tests = [outliers_found(of_run) for of_run in tests_of_runs]
         if not rounds_left or not any(outlier_tests):
             break
         for number, found in enumerate(outlier_tests):
-            for test in found:
-                found_earlier.setdefault(test.effect, test)
-                recordings[number] = without_outliers(recordings[number], test)
+            for each in found:
+                found_earlier.setdefault(each.effect, each)
+                recordings[number] = without_outliers(recordings[number], each)
         solution.states.clear()  # one set of filters at a time
         solution = solve(recordings)
-    kept = [test for test in tests if test.effect not in found_earlier]
+    kept = [each for each in tests if each.effect not in found_earlier]
     return CleanFit(tuple(recordings), solution, (*kept, *found_earlier.values()))
 
 

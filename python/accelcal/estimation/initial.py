@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from accelcal._support.found_before import found_before
 from accelcal.data.recording import RecordingError
 from accelcal.estimation.drive import DriveIntegrals, drive, run_filter
 from accelcal.estimation.run import PreparedRun
@@ -27,7 +28,9 @@ def initial_coefficients(model: Model) -> dict[str, float]:
 def initial_estimate(run: PreparedRun, model: Model) -> tuple[Values, Noise]:
     """Coefficients and noise at which the iteration of one run begins."""
     coefficients = initial_coefficients(model)
-    scale, constant, noise = regressed(run, coefficients["time_offset"])
+    offset = coefficients["time_offset"]
+    question = (*run.covered, run.origins.t, len(run.t), float(np.sum(run.z)), run.restarts, offset)
+    scale, constant, noise = found_before(run.recording, "rough estimate", question, lambda: regressed(run, offset))
     if "scale_factor" not in model.fixed:
         coefficients["scale_factor"] = scale - 1.0
     if "bias" not in model.fixed:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY, LEVERS, holes
 from accelcal.data.quality import require_few_holes, require_pace, require_usable
@@ -27,7 +28,7 @@ from accelcal.signals.jumps import Jumps
 from accelcal.signals.processing import cubic, motion_bandwidth, spectral_density
 from accelcal.signals.series import FilledSeries, fill_gaps, grid_step, interpolation_spread
 from accelcal.signals.signals import Origins
-from accelcal.signals.unresolved import jumps
+from accelcal.signals.unresolved import jumps, prediction_scores
 
 Engine = Literal["replay", "weak"]
 """What makes the rows of the regression: the filter on position and velocity, or the weak form."""
@@ -116,7 +117,20 @@ class PreparedRun:
     @cached_property
     def jumps(self) -> Jumps:
         """Instants at which the motion changes faster than the samples of the output resolve."""
-        return jumps(self.accel.t, self.accel.y, self.accel_step, self.declared_tau)
+        t, y, step, tau = self.accel.t, self.accel.y, self.accel_step, self.declared_tau
+        question = (*self.covered, step, tau)
+        return found_before(self.recording, "jumps of the motion", question, lambda: jumps(t, y, step, tau))
+
+    @property
+    def sample_noise(self) -> Array:
+        """Noise of each sample of the output against its neighbours, (n,) m/s²."""
+        t, y = self.accel.t, self.accel.y
+        return found_before(self.recording, "noise of a sample", self.covered, lambda: prediction_scores(t, y)[1])
+
+    @property
+    def covered(self) -> tuple[float, float, float]:
+        """First and last sample of the output, s, and the sum of all: which part of a recording this is."""
+        return float(self.accel.t[0]), float(self.accel.t[-1]), float(np.sum(self.accel.y))
 
     @property
     def declared_tau(self) -> float:

@@ -97,7 +97,9 @@ def smoothed_signals(
     output = cubic(run.undone.t, run.undone.y, values.stamps(t, run.origins.t))
     added = effects_at(run, t, values, before)
     if subtracted is None:
-        wanted = np.interp(t, run.t, wanted) * (1.0 + held_after(integrals, t) / noise.q)
+        wanted = np.interp(t, run.t, wanted)
+        if np.any(integrals.extra_q):
+            wanted *= 1.0 + held_after(integrals, t) / noise.q
     else:
         wanted = -subtracted
     gain, filters = run.rig.polarity / values.scale, run.filters

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from accelcal._support.progress import within
 from accelcal._support.threads import one_thread
+from accelcal._support.two_threads import Report, on_two_threads
 from accelcal.calibration.apply import Application, example
 from accelcal.calibration.budget import Budget, budget
 from accelcal.data.recording import Recording
@@ -21,7 +22,7 @@ from accelcal.experiment import Power, power
 from accelcal.plots.interactive.timeline import Marks, marks
 from accelcal.selection.nested_models import NestedModels, nested_models
 from accelcal.validation.comparison import Comparison
-from accelcal.workflow import compare, diagnose
+from accelcal.workflow import MOST_AT_ONCE, compare, diagnose
 
 T = TypeVar("T")
 
@@ -97,22 +98,33 @@ def gather(
             remarks.append(f"{what} could not be computed: {error}")
             return None
 
+    def judge(report: Report) -> Comparison:
+        if holdout is None:
+            return compare(fit, recording, start=start, end=end, report=report)
+        return compare(fit, holdout, report=report)
+
+    def see(report: Report) -> Power | None:
+        return attempt(
+            "the detection limits",
+            lambda: power(recording, fit.model, extra=extra, start=start, end=end, report=report),
+        )
+
+    def reduce(report: Report) -> NestedModels | None:
+        return attempt("the error reduction", lambda: nested_models(fit, recording, found, holdout=holdout))
+
+    def follow(report: Report) -> Track | None:
+        return attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
+
     found = diagnosis or diagnose(fit, recording, extra=extra, report=within(report, 0.0, 0.35))
     report(0.35)
     start, end = found.used[0]
-    judged = compare(fit, recording, start=start, end=end) if holdout is None else compare(fit, holdout)
-    report(0.5)
-    nested = attempt("the error reduction", lambda: nested_models(fit, recording, found, holdout=holdout))
-    report(0.7)
-    part = within(report, 0.7, 0.85)
-    seen = attempt(
-        "the detection limits", lambda: power(recording, fit.model, extra=extra, start=start, end=end, report=part)
+    nested, seen, followed, judged = on_two_threads(
+        (reduce, see, follow, judge),
+        within(report, 0.35, 1.0),
+        at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
-    report(0.85)
-    followed = attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
     named = shapes(fit) or (shapes(nested.models[-1].fit) if nested is not None else ())
     digest = (recording if holdout is None else holdout).digest
-    report(1.0)
     return Content(
         fit=fit,
         recording=recording,
@@ -128,6 +140,6 @@ def gather(
         power=seen,
         track=followed,
         shapes=named,
-        remarks=tuple(remarks),
+        remarks=tuple(sorted(remarks)),
         command=command,
     )

@@ -187,15 +187,17 @@ EVEN = 1.5
 def cubic(t: Array, y: Array, at: Array) -> Array:
     """Values at times `at` (n,), by the cubic through four samples, straight lines beside a gap and next to the ends,
     held beyond them."""
-    found = np.interp(at, t, y)
     if len(t) < 4:
-        return np.asarray(found)
+        return np.asarray(np.interp(at, t, y))
+    found = np.empty(len(at))
     most = 3.0 * EVEN * float(np.median(np.diff(t[:4096])))
     for begin in range(0, len(at), CUBIC_STRETCH):
         times = at[begin : begin + CUBIC_STRETCH]
         first = np.searchsorted(t, times, side="right") - 2
         inside = np.flatnonzero((first >= 0) & (first < len(t) - 3))
         inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
+        if len(inside) < len(times):
+            found[begin : begin + CUBIC_STRETCH] = np.interp(times, t, y)
         four = [first[inside] + k for k in range(4)]
         weights = lagrange_weights([t[k] - times[inside] for k in four])
         found[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))

@@ -81,11 +81,12 @@ def jumps(t: Array, u: Array, step: float, tau: float) -> Jumps:
     return examined(t, u, spread, local_maxima(score, ISOLATED, EVENT_SIGMA), step, tau)
 
 
-def jumps_at(t: Array, u: Array, places: Places, step: float, tau: float) -> Jumps:
-    """Those of some samples that a jump explains; parameters as of `jumps`."""
+def jumps_at(t: Array, u: Array, spread: Array, places: Places, step: float, tau: float) -> Jumps:
+    """Those of some samples that a jump explains; `spread` (n,) is the noise of each sample, of `prediction_scores`,
+    the other parameters are as of `jumps`."""
     if len(u) < 4 * HALF_WINDOW or len(places) == 0:
         return NO_JUMPS
-    return examined(t, u, prediction_scores(t, u)[1], places, step, tau)
+    return examined(t, u, spread, places, step, tau)
 
 
 def prediction_scores(t: Array, u: Array) -> tuple[Array, Array]:

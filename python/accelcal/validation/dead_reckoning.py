@@ -7,7 +7,8 @@ E_j = sum c_i e_i at the simulated motion itself, with the jerk of the output. T
 
 exact for E straight between nodes, implicit in E_j and stable for friction of any slope (derivations 6.9). The nodes of
 a window are solved together by Newton's method, for all starts at once; a window that does not converge is halved, down
-to one node, where the method halves its steps. So the result is that of one node after the other.
+to one node, where the method halves its steps. So the result is that of one node after the other. Effects that follow
+the output alone are the same on all paths: they are solved once along the record.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -175,7 +177,8 @@ class DeadReckoning:
         ----------
         starts : where the paths begin.
         t : times of the readings, (n, k) s, all behind their starts.
-        limit : m; a path that effects move further has ended.
+        limit : m; a path that effects move further has ended; where they are the same on all paths, a reading that they
+            move further counts as behind its end.
         floor : if False, the variance is not followed, and 0.
 
         Returns
@@ -183,6 +186,8 @@ class DeadReckoning:
         Displacement of readings and variance, (n, k) m and m²; not a number once a path has ended.
         """
         with np.errstate(over="ignore", invalid="ignore"):
+            if not floor and self._follows_output_alone(starts):
+                return self._shared_displacement(starts, t, limit), np.zeros_like(t)
             paths = Simulation(self, starts, float(np.max(t - starts.t[:, None])), limit).run(floor)
         added, variance = np.empty_like(t), np.empty_like(t)
         for i in range(len(t)):
@@ -197,6 +202,41 @@ class DeadReckoning:
         if self.local_read or self.lagging_read:
             added += self._read(starts, paths, t, added)
         return added, variance
+
+    def _follows_output_alone(self, starts: Starts) -> bool:
+        """Whether no simulated motion changes the effects, so that paths of all starts have the same ones."""
+        if self.feeds_back or self.local_read or self.lagging_read or np.any(starts.constant):
+            return False
+        return bool(np.all(np.isfinite(self._along_record.effects)))
+
+    @cached_property
+    def _along_record(self) -> Paths:
+        """The path from the first node over the whole record, (1, n)."""
+        known, zero = self.known, np.zeros(1)
+        first = Starts(known.t[:1], known.p[:1], known.v[:1], zero, np.zeros((1, 3)))
+        paths = Simulation(self, first, float(known.t[-1] - known.t[0]), math.inf).run(floor=False)
+        whole = [y[:, : len(known.t)] for y in (paths.t, paths.effects, paths.dv, paths.dp, paths.variance)]
+        return Paths(paths.first, *whole)
+
+    def _shared_displacement(self, starts: Starts, t: Array, limit: float) -> Array:
+        """What effects that follow the output alone add to readings at times `t`, (n, k) m: up to its second node each
+        path has a way of its own, from there on it is the difference of two places on that over the whole record."""
+        begun, along, known = Simulation(self, starts, 0.0, math.inf).run(floor=False), self._along_record, self.known
+        second = np.minimum(begun.first, len(known.t) - 1)[:, None]
+        node = np.maximum(np.clip(np.searchsorted(known.t, t, side="right") - 1, 0, len(known.t) - 2), second)
+        ahead = np.minimum(node + 1, len(known.t) - 1)
+        effects, dv, dp = along.effects[0], along.dv[0], along.dp[0]
+        since = known.t[node] - known.t[second]
+        dv_node = begun.dv[:, [1]] + dv[node] - dv[second]
+        dp_node = begun.dp[:, [1]] + since * (begun.dv[:, [1]] - dv[second]) + dp[node] - dp[second]
+        before = t < begun.t[:, [1]]
+        h = np.where(before, t - begun.t[:, [0]], t - known.t[node])
+        step = np.where(before, begun.t[:, [1]] - begun.t[:, [0]], known.step)
+        here = np.where(before, begun.effects[:, [0]], effects[node])
+        rise = np.where(before, begun.effects[:, [1]], effects[ahead]) - here
+        added = np.where(before, 0.0, dp_node) + h * np.where(before, 0.0, dv_node)
+        added -= self.gain * h**2 * (here / 2.0 + rise * h / (6.0 * step))
+        return np.where(np.abs(added) < limit, added, np.nan)
 
     def _read(self, starts: Starts, paths: Paths, t: Array, dp: Array) -> Array:
         """What effects add to the readings themselves at times `t` of each path, (n, k) m."""
@@ -437,7 +477,7 @@ class Simulation:
             # E = found + on_a (-gain) (E - effects) + what position and velocity change
             scale = 1.0 / np.where(np.abs(1.0 + gain * on_a) > 0.1, 1.0 + gain * on_a, 1.0)
             found = effects + scale * (found - effects)
-            on_p, on_v = scale * on_p, scale * on_v
+            on_p, on_v = (y if isinstance(y, float) else scale * y for y in (on_p, on_v))
         if window.start == 0 or (isinstance(on_p, float) and isinstance(on_v, float)):
             return found
         falling = [np.ascontiguousarray(np.broadcast_to(gain * slope, found.shape)) for slope in (on_p, on_v)]

@@ -185,9 +185,10 @@ class Prediction:
         limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
-            added, variance = self.ahead.displacement(plain.part(batch), at, limit, rezero)
+            followed = self.ahead.feeds_back and rezero
+            added, variance = self.ahead.displacement(plain.part(batch), at, limit, floor=followed)
             frozen[batch] += within(limit, added)
-            if self.ahead.feeds_back and rezero:
+            if followed:
                 std[batch] = within(limit, np.sqrt(variance))
                 added, _ = self.ahead.displacement(moved.part(batch), at, limit, floor=False)
             rezeroed[batch] += within(limit, added)

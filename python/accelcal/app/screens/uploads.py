@@ -8,9 +8,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from nicegui import ui
-
-from accelcal.app import mapping, session_file
+from accelcal.app import mapping, session_file, widgets
 from accelcal.app.page import Page
 from accelcal.app.reading import MOST_BYTES
 from accelcal.app.roles import Refused
@@ -53,6 +51,7 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
     """A button on which files can be dropped; `take` is told what came."""
 
     async def accept(event: Any) -> None:
+        made.sends(False)
         await take(event)
         if not made.is_deleted:
             made.reset()  # what was taken is told by the page, and not listed once more
@@ -66,13 +65,15 @@ def area(bench: Workbench, label: str, take: Callable[[Any], Awaitable[None]], m
             "at a time, and room on the disk; give the file a short name, and drop it again"
         )
 
-    made = ui.upload(
+    made = widgets.Uploader(
         multiple=True,
         auto_upload=True,
         max_file_size=MOST_BYTES,
         on_multi_upload=accept,
         on_rejected=rejected,
     )
+    made.on("start", lambda: made.sends(True), [])
+    made.on("finish", lambda: made.sends(False), [])
     made.on("failed", failed, [])
     made.props("flat hide-upload-btn").classes("drop")
     made.add_slot("header", HEADER.replace("LABEL", html.escape(label)))

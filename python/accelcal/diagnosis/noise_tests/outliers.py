@@ -58,7 +58,9 @@ def motion_jumps(residuals: Residuals, known: Places, score: Array) -> Flags:
     peaks = local_maxima(scores, 2 * ISOLATED, EXAMINED_SIGMA)  # the filter rings about a wrong sample
     run, stamps = residuals.run, residuals.t_u[np.searchsorted(residuals.place, peaks)]
     places = np.unique(np.searchsorted(run.accel.t, stamps)[:, None] + BESIDE)
-    found = jumps_at(run.accel.t, run.accel.y, places, run.accel_step, run.declared_tau)
+    if len(places) == 0:
+        return marked[known]
+    found = jumps_at(run.accel.t, run.accel.y, run.sample_noise, places, run.accel_step, run.declared_tau)
     at = np.rint((found.t - residuals.t_u[0]) / residuals.step).astype(np.intp)
     marked[np.clip(at, 0, residuals.n - 1)] = True
     return np.asarray(widened(marked, 2 * ISOLATED)[known])

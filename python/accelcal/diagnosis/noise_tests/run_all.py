@@ -48,4 +48,19 @@ def run_noise_tests(state: RunState) -> tuple[NoiseTest, ...]:
     return (vibration, jitter, *of_output, *of_stamps, *lines, *of_position, whiteness(residuals))
 
 
-__all__ = ["NoiseTest", "run_noise_tests"]
+def run_outlier_tests(state: RunState) -> tuple[NoiseTest, ...]:
+    """Of these, the tests that reject samples, for a fit that nobody asks for the others.
+
+    Parameters
+    ----------
+    state : as of `run_noise_tests`.
+
+    Returns
+    -------
+    accelerometer_outliers and encoder_outliers, equal to those among all.
+    """
+    residuals = Residuals(state)
+    return accelerometer_outliers(residuals), encoder_outliers(residuals)
+
+
+__all__ = ["NoiseTest", "run_noise_tests", "run_outlier_tests"]

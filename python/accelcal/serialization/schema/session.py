@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, StringConstraint
 
 SCHEMA: Literal["accelcal/session/2"] = "accelcal/session/2"
 MOST_MODELS = 200
+MOST_GUESTS = 100
 MOST_RUNS = 200
 MOST_LINES = 1_000_000
 """Of a sidecar, characters."""
@@ -106,9 +107,13 @@ class Content(_Work):
     runs: list[StoredRun] = Field(min_length=1, max_length=MOST_RUNS)
     shown: Annotated[int, Field(ge=0)] = 0
     """Number of the one on the time line."""
+    guests: list[Text] = Field(default_factory=list, max_length=MOST_GUESTS)
+    """Names of models from elsewhere; their numbers are in ``guests/NUMBER.json``, counted from 1."""
 
     @model_validator(mode="after")
     def _is_divided(self) -> Self:
+        if len(set(self.guests)) < len(self.guests):
+            raise ValueError("two models from elsewhere have the same name")
         if self.shown >= len(self.runs):
             raise ValueError("there is no recording of that number on the time line")
         if not any(run.role == "hold out" or (run.role == "fit" and run.held_out) for run in self.runs):
