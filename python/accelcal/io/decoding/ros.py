@@ -20,6 +20,8 @@ from accelcal.io.limits import MOST_DEPTH
 Kind = Literal["ros1msg", "ros2msg", "ros2idl"]
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 _STAMP, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
+_IDL_MARK = "=" * 80 + "\nIDL: "
+"""What stands before each of several definitions in one text, with a file name behind it."""
 _MOST_ELEMENTS = 64
 """Elements of an array of fixed length whose elements are columns."""
 _UNITS = {
@@ -96,7 +98,8 @@ def _parsed(name: str, text: str, kind: Kind) -> dict[str, Any]:
             raise RefusedError(f"messages of type {name} are not defined in the file; record them with MCAP")
         return dict(known)
     if kind == "ros2idl":
-        return dict(get_types_from_idl(text))
+        parts = [part.partition("\n")[2] for part in text.split(_IDL_MARK)[1:]] or [text]
+        return {k: v for part in parts for k, v in get_types_from_idl(part).items()}
     return dict(get_types_from_msg(text, name))
 
 
