@@ -54,13 +54,15 @@ def uff(path: Path, columns: Columns, units: Mapping[str, str], step: float, bin
             abscissa_min=0.0,
             abscissa_inc=step,
             ordinate_spec_data_type=12,
+            abscissa_spec_data_type=17,
+            orddenom_spec_data_type=0,
+            z_axis_spec_data_type=0,
             ordinate_axis_units_lab=units.get(name, "NONE"),
-            return_full_dict=True,
         )
         for k, (name, y) in enumerate(columns.items())
     ]
     path.unlink(missing_ok=True)
-    pyuff.UFF(str(path)).write_sets(sets, mode="overwrite")
+    pyuff.UFF(str(path)).write_sets(sets, mode="add")  # its other mode cuts off what is not text
 
 
 def mf4(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:
