@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -62,7 +63,9 @@ def uff(path: Path, columns: Columns, units: Mapping[str, str], step: float, bin
         for k, (name, y) in enumerate(columns.items())
     ]
     path.unlink(missing_ok=True)
-    pyuff.UFF(str(path)).write_sets(sets, mode="add")  # its other mode cuts off what is not text
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)  # files that the library leaves open
+        pyuff.UFF(str(path)).write_sets(sets, mode="add")  # its other mode cuts off what is not text
 
 
 def mf4(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:

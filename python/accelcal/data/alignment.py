@@ -1,12 +1,13 @@
-"""Two loggers: the offset of their clocks, by cross-correlation of the output with the second derivative of the position.
+"""Two loggers: the offset of their clocks, by cross-correlation of the output with the position's second derivative.
 
-Both signals pass a filter that keeps what they share. The shift of the highest peak aligns them; the next-best peak says
-how ambiguous it is. Stretches of the aligned record then give the offset, its standard deviation and the skew.
+Both signals pass a filter that keeps what they share. The shift of the highest peak aligns them; the next-best peak
+says how ambiguous it is. Stretches of the aligned record then give the offset, its standard deviation and the skew.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import signal
@@ -27,7 +28,7 @@ AMBIGUOUS = 0.8
 """Height of the next-best peak, as a share of the best, beyond which a warning is due."""
 STRETCHES = 16
 """Most stretches whose own offsets are compared."""
-_FINEST = 0.02
+_FINEST = 0.01
 """What is left of one step of the grid by interpolation between its instants, as a standard deviation."""
 
 
@@ -229,7 +230,7 @@ class _Stretches:
         first = max(0, -peaks.lag)
         count = max(4, min(STRETCHES, peaks.overlap // (8 * peaks.reach + FEWEST)))
         edges = np.linspace(first, first + peaks.overlap, count + 1).astype(int)
-        found = [_lag(a, b, i, j, peaks) for i, j in zip(edges[:-1], edges[1:], strict=True)]
+        found = [_lag(a, b, i, j, peaks) for i, j in pairwise(edges)]
         places = (edges[:-1] + edges[1:]) / 2.0
         kept = [(place, *lag) for place, lag in zip(places, found, strict=True) if lag is not None]
         self.middle, self.lag = first + peaks.overlap / 2.0, float(peaks.lag)

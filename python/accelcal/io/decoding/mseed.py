@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,11 @@ def opened(path: str) -> Source:
     traces = MS3TraceList.from_file(path, record_list=True)
     listed = [(trace.sourceid, list(trace)) for trace in traces]
     if not listed:
-        raise RefusedError("it holds no record; expected at least one source")
+        raise ValueError("it holds no whole record")
+    parts = [part for _, segments in listed for segment in segments for part in segment.recordlist or ()]
+    left = Path(path).stat().st_size - sum(int(part.record.reclen) for part in parts)
+    if left:
+        raise ValueError(f"{left} bytes are no whole record")
     return opened_channels(_sampled(traces, listed))
 
 

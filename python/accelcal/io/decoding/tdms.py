@@ -10,7 +10,7 @@ import numpy as np
 from nptdms import TdmsFile
 
 from accelcal.io.decoding.sampled import Clock, Sampled, opened_channels, uniform
-from accelcal.io.decoding.source import Source
+from accelcal.io.decoding.source import RefusedError, Source
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit")
 """Properties that hold a unit: of waveforms and DAQmx, of DIAdem, of other writers."""
@@ -22,6 +22,8 @@ def opened(path: str) -> Source:
     A waveform has stamps from its increment and start; instants of several channels count from the earliest start.
     """
     file = TdmsFile.open(Path(path).open("rb"), raw_timestamps=True)  # noqa: SIM115  by no name: no index file opens
+    if file.file_status.incomplete_final_segment:
+        raise RefusedError("its last segment is cut off; copy the file again, or save it anew with LabVIEW or DIAdem")
     groups = [group for group in file.groups() if group.channels()]
     channels = [channel for group in groups for channel in group.channels()]
     starts = [start for start in map(_start, channels) if start is not None]

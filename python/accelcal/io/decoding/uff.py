@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +16,13 @@ from accelcal.io.decoding.source import RefusedError, Source
 
 _TIME_RESPONSE, _EVEN, _COMPLEX = 1, 1, (5, 6)
 _NO_TEXT = ("", "NONE")
+_LAST = 1000
+"""Bytes at the end of a file in which the mark of an end is looked for."""
 
 
 def opened(path: str) -> Source:
     """Open a file: each real time response is a column, called by its first ID line, or by node and direction."""
+    _require_end(path)
     file = UFF(path)
     sets = [k for k, kind in enumerate(file.get_set_types()) if int(kind) == 58]
     headers = {k: file.read_sets(k, header_only=True) for k in sets}
@@ -25,6 +30,15 @@ def opened(path: str) -> Source:
     if not kept:
         raise RefusedError(f"none of its {len(sets)} data sets 58 is a time response; export the time histories")
     return opened_channels(_sampled(file, kept))
+
+
+def _require_end(path: str) -> None:
+    """Refuse a file whose last data set is cut off: the library passes over it in silence."""
+    with Path(path).open("rb") as file:
+        file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST))
+        lines = file.read().split()
+    if not lines or lines[-1] != b"-1":
+        raise ValueError("its last data set does not end")
 
 
 def _is_time_response(header: dict[str, Any]) -> bool:
