@@ -444,9 +444,16 @@ def _recorded(write: Callable[..., None]) -> Callable[[Path, Vectors, Rng], None
         units = {"accel": "g", "position": "mm", "temp": "degC"} if rng.uniform() < 0.7 else {}
         units |= {name: _choice(rng, UNITS).replace("\x00", "")[:20] for name in kept if rng.uniform() < 0.1}
         with np.errstate(all="ignore"):
-            write(path, kept if len(kept) > 1 else {"accel": np.arange(9.0), "x": np.arange(9.0)}, units, float(_choice(rng, (0.01, 0.01, 1e-9, 1e3))))
+            write(
+                path,
+                kept if len(kept) > 1 else {"accel": np.arange(9.0), "x": np.arange(9.0)},
+                units,
+                float(_choice(rng, (0.01, 0.01, 1e-9, 1e3))),
+            )
         if rng.uniform() < 0.7:
-            lines = [f'{name} = {{ column = "{column}" }}' for name, column in _IN_MESSAGES.get(path.suffix, {}).items()]
+            lines = [
+                f'{name} = {{ column = "{column}" }}' for name, column in _IN_MESSAGES.get(path.suffix, {}).items()
+            ]
             path.with_suffix(".toml").write_text("\n".join(["[channels]", *lines]))
 
     return made

@@ -89,7 +89,7 @@ def mseed(path: Path, columns: Columns, units: Mapping[str, str], step: float) -
 
 
 def c3d(path: Path, columns: Columns, units: Mapping[str, str], step: float) -> None:
-    """The columns as analog channels, at two samples a frame, beside one point that is not seen in every third frame."""
+    """The columns as analog channels, two samples a frame, beside a point that is not seen in every third frame."""
     import c3d as library
 
     names = list(columns)

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.io.recorders import RECORDERS
 
 from accelcal import io
 from accelcal.data.recording import RecordingError
 from accelcal.io.decoding.known_formats import FORMATS
 from accelcal.io.formats import open_table
-
-from tests.io.recorders import RECORDERS
 
 STEP = 1.0 / 128.0
 N = 60
@@ -161,7 +160,7 @@ def test_code_in_the_definition_of_a_message_is_never_run(tmp_path):
 
 def test_a_unit_in_words_of_the_file_gives_way_to_the_sidecar(tmp_path):
     path = written(tmp_path, "tdms", {"accel": "as calibrated", "position": "mm"})
-    with pytest.raises(RecordingError, match='unknown unit|"as calibrated"'):
+    with pytest.raises(RecordingError, match='"as calibrated"'):
         io.load(path)
     declare(path, "tdms", {"accel": "g"})
     np.testing.assert_array_equal(io.load(path).accel.y, 9.80665 * ACCEL)

@@ -38,9 +38,7 @@ def true_shift(instant):
 
 
 def files(folder, accel, position):
-    np.savetxt(
-        folder / "accel.csv", np.c_[accel.t, accel.y], "%.9f", ",", header="t_s,accel_m_per_s2", comments=""
-    )
+    np.savetxt(folder / "accel.csv", np.c_[accel.t, accel.y], "%.9f", ",", header="t_s,accel_m_per_s2", comments="")
     np.savetxt(
         folder / "encoder.csv", np.c_[position.t, 1e6 * position.y], "%.6f", ",", header="t_s,position_um", comments=""
     )

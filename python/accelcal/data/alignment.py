@@ -168,7 +168,7 @@ def _filtered(y: Array, step: float, frequency: Array, gain: Array) -> Array:
     size = 1 << (2 * len(y) - 1).bit_length()
     spectrum = np.fft.rfft(y, size) * np.interp(np.fft.rfftfreq(size, step), frequency, gain)
     found = np.asarray(np.fft.irfft(spectrum, size)[: len(y)])
-    return found / max(float(np.std(found)), _TINY)
+    return np.asarray(found / max(float(np.std(found)), _TINY))
 
 
 _SEGMENT = 4096

@@ -171,7 +171,7 @@ def library_missing(kind: str, library: str) -> str:
     """Say what is to be installed for a format."""
     chosen = BY_NAME[kind]
     package = f"'accelcal[{chosen.extra}]'" if chosen.extra else library
-    return f"this is {chosen.spoken or kind}, which needs {library}; install it with: pip install {package}"
+    return f"this is {chosen.title or kind}, which needs {library}; install it with: pip install {package}"
 
 
 def start() -> subprocess.Popen[bytes]:

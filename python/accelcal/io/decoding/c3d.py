@@ -19,7 +19,7 @@ def opened(path: str) -> Source:
 
     A point that was not seen in a frame is not sampled there.
     """
-    return opened_channels(_sampled(Reader(Path(path).open("rb"))))  # noqa: SIM115  read frame by frame
+    return opened_channels(_sampled(Reader(Path(path).open("rb"))))
 
 
 def _sampled(file: Any) -> Iterator[Sampled]:

@@ -24,7 +24,7 @@ class Format:
     """Extra of the package that brings the library; "" where the package itself does."""
     units_from: str = ""
     """Where units stand, for messages."""
-    spoken: str = ""
+    title: str = ""
     """The name in a sentence on what is missing, where it says more."""
     unmarked: bool = False
     """Whether a file of this ending may begin with any bytes."""
@@ -66,7 +66,7 @@ FORMATS = (
         _is_hdf5,
         extra="hdf5",
         units_from="the data set's attributes",
-        spoken="HDF5 (or MATLAB 7.3)",
+        title="HDF5 (or MATLAB 7.3)",
     ),
     Format("MAT", (".mat",), "mat", "scipy", _begins(b"MATLAB 5.0 MAT-file"), unmarked=True),
     Format("TDMS", (".tdms",), "tdms", "nptdms", _begins(b"TDSm"), "tdms", "the channel's properties"),

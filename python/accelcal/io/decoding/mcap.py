@@ -51,7 +51,7 @@ def _topics(reader: SeekingReader, summary: Any, channels: list[Any], counts: Ma
             yield Topic(each.topic, counts[each.id], leaves, _messages(reader, each, decode), stamp)
     for each in by_json:
         read = _messages(reader, each, json.loads)
-        first = next(read(), (0, {}))[1]
+        first: Any = next(read(), (0, {}))[1]
         units = _units(schemas[each.id], each)
         yield Topic(each.topic, counts[each.id], tuple(_leaves(first, units, (), 0)), read)
 

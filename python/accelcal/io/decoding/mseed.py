@@ -36,7 +36,9 @@ def _sampled(traces: Any, listed: list[tuple[str, list[Any]]]) -> Iterator[Sampl
     zero = min(segment.starttime for _, segments in listed for segment in segments)
     for name, segments in listed:
         counts = [int(segment.samplecnt) for segment in segments]
-        key = tuple((segment.starttime, segment.samprate, count) for segment, count in zip(segments, counts, strict=True))
+        key = tuple(
+            (segment.starttime, segment.samprate, count) for segment, count in zip(segments, counts, strict=True)
+        )
         if any(not rate > 0.0 or count < 0 for _, rate, count in key):
             continue  # a log, or an instant without samples
 
@@ -44,7 +46,9 @@ def _sampled(traces: Any, listed: list[tuple[str, list[Any]]]) -> Iterator[Sampl
             return np.concatenate([_values(part) for part in parts])
 
         def stamps(parts: Any = key) -> Any:
-            return np.concatenate([seconds_since(begin, zero) + np.arange(count) / rate for begin, rate, count in parts])
+            return np.concatenate(
+                [seconds_since(begin, zero) + np.arange(count) / rate for begin, rate, count in parts]
+            )
 
         yield Sampled(name.removeprefix("FDSN:"), sum(counts), None, read, Clock(key, stamps))
 

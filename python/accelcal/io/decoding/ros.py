@@ -86,7 +86,7 @@ class Messages:
             elif kind == Nodetype.NAME and node not in (_HEADER, _STAMP):
                 yield from self._leaves(str(node), here, its, depth + 1)
             elif kind == Nodetype.ARRAY and _is_short(field, node):
-                for k in range(node[1]):
+                for k in range(int(node[1])):
                     yield Leaf(_dotted((*here, k)), its, _taker((*here, k), float))
 
 

@@ -46,11 +46,11 @@ def _is_time_response(header: dict[str, Any]) -> bool:
 
 
 def _sampled(file: Any, headers: dict[int, dict[str, Any]]) -> Iterator[Sampled]:
-    spoken = Counter(_text(header.get("id1")) for header in headers.values())
+    texts = Counter(_text(header.get("id1")) for header in headers.values())
     for k, header in headers.items():
         count, text = int(header["num_pts"]), _text(header.get("id1"))
         place = f"{int(header['rsp_node'])}:{int(header['rsp_dir']):+d}"
-        name = text if text and spoken[text] == 1 else f"{text} {place}".strip()
+        name = text if text and texts[text] == 1 else f"{text} {place}".strip()
         clock = Clock(k, lambda k=k: np.asarray(file.read_sets(k)["x"]))  # type: ignore[misc]
         if int(header["abscissa_spacing"]) == _EVEN:
             clock = uniform(float(header["abscissa_min"]), float(header["abscissa_inc"]), count)
