@@ -133,7 +133,7 @@ def _on_grid(channel: Channel, step: float) -> Array:
     t, y = channel.t - channel.t[0], channel.y
     instants = np.arange(int(t[-1] / step) + 1) * step
     if spacing(channel) > 0.75 * step:
-        return np.interp(instants, t, y)
+        return np.asarray(np.interp(instants, t, y))
     sums = np.concatenate([[0.0], np.cumsum(0.5 * (y[1:] + y[:-1]) * np.diff(t))])
     ends = np.clip(instants[:, None] + 0.5 * step * np.array([-1.0, 1.0]), 0.0, t[-1])
     low, high = np.interp(ends, t, sums).T
