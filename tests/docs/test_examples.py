@@ -51,7 +51,7 @@ def prepare(page, folder):
     """Write the reader's own recordings, where a page is about them."""
     if page != "your-data":
         return
-    for name, mount in (("run12", "normal"), ("normal", "normal"), ("reversed", "reversed")):
+    for name, mount in (("reversed", "reversed"), ("run12", "normal"), ("normal", "normal")):
         made = ac.simulate(
             "interleaved",
             seconds=70.0,
@@ -62,6 +62,12 @@ def prepare(page, folder):
         sidecar = write_recording(made.recording, folder / f"{name}.csv")
         if name == "run12":
             sidecar.unlink()  # the page writes it
+    for name, channel, header, late in (
+        ("accel", made.recording.accel, "t_s,accel_m_per_s2", 37.2),
+        ("encoder", made.recording.position, "t_s,position_m", 0.0),
+    ):
+        rows = np.column_stack([channel.t + late, channel.y])
+        np.savetxt(folder / f"{name}.csv", rows, "%.9f", ",", header=header, comments="")
 
 
 def run(example, folder):

@@ -15,6 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from accelcal.io import naming
+from tests.io.recorders import RECORDERS
+
 from .case import case_rng
 
 SECTIONS = ("text", "sidecars", "containers")
@@ -429,6 +432,38 @@ def _hdf5(userblock: int) -> Callable[[Path, Vectors, Rng], None]:
     return write
 
 
+def _recorded(write: Callable[..., None]) -> Callable[[Path, Vectors, Rng], None]:
+    """By the writer of another logger: what its library accepts of the vectors, called as a reader finds it."""
+
+    def made(path: Path, vectors: Vectors, rng: Rng) -> None:
+        kept = {
+            naming.take_apart(name).base: y.astype(np.float64)
+            for name, y in vectors.items()
+            if name != "t_s" and y.ndim == 1 and y.dtype.kind in "fiu" and len(y) > 3
+        }
+        units = {"accel": "g", "position": "mm", "temp": "degC"} if rng.uniform() < 0.7 else {}
+        units |= {name: _choice(rng, UNITS).replace("\x00", "")[:20] for name in kept if rng.uniform() < 0.1}
+        with np.errstate(all="ignore"):
+            write(
+                path,
+                kept if len(kept) > 1 else {"accel": np.arange(9.0), "x": np.arange(9.0)},
+                units,
+                float(_choice(rng, (0.01, 0.01, 1e-9, 1e3))),
+            )
+        if rng.uniform() < 0.7:
+            lines = [
+                f'{name} = {{ column = "{column}" }}' for name, column in _IN_MESSAGES.get(path.suffix, {}).items()
+            ]
+            path.with_suffix(".toml").write_text("\n".join(["[channels]", *lines]))
+
+    return made
+
+
+_IN_MESSAGES = {
+    ".mcap": {"accel": "/accel.value", "position": "/position.value"},
+    ".bag": {"accel": "/accel.accel.linear.x", "position": "/position.accel.linear.x"},
+    ".mseed": {"accel": "accel", "position": "position"},
+}
 CONTAINERS: dict[str, Callable[[Path, Vectors, Rng], None]] = {
     "npz": _npz,
     "parquet": _parquet,
@@ -436,6 +471,7 @@ CONTAINERS: dict[str, Callable[[Path, Vectors, Rng], None]] = {
     "h5": _hdf5(0),
     "v4-mat": _mat("4"),
     "v73-mat": _hdf5(512),
+    **{suffix: _recorded(write) for suffix, write in RECORDERS.items()},
 }
 """Writers by name; what follows the dash is the suffix."""
 

@@ -29,7 +29,7 @@ from accelcal.data.summary import describe, summarise
 from accelcal.io import reader_process
 from accelcal.io.decoding import child
 
-from .mutations import case_files
+from .mutations import CONTAINERS, case_files
 
 SECONDS = 10.0
 """Processor time of one case."""
@@ -169,7 +169,7 @@ def answer(section: str, number: int) -> dict[str, Any]:
 def main() -> None:
     """Answer until the input ends."""
     for section in ("text", "sidecars", "containers"):  # libraries are loaded before memory is limited
-        for number in range(6):
+        for number in range(len(CONTAINERS)):
             answer(section, number)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]

@@ -35,6 +35,7 @@ from accelcal.data.recording import Recording, require_same_sensor
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
+from accelcal.io.formats import READABLE
 from accelcal.model import Model
 from accelcal.serialization import model_file
 from accelcal.serialization.schema.session import MOST_GUESTS
@@ -45,7 +46,6 @@ from accelcal.validation.ruler import Ruler
 
 EXPORTS: dict[Export, str] = {"C": "sensor.h", "Rust": "sensor.rs", "JSON": "sensor.json", "DCC": "draft.xml"}
 """Formats of an exported calibration, with their file names."""
-SUFFIXES = (".csv", ".txt", ".tsv", ".parquet", ".mat", ".npz", ".h5", ".hdf5")
 MOST_KEPT = 4_000_000_000
 """Most that the files of one session take, bytes."""
 MOST_UNDO = 100
@@ -135,10 +135,10 @@ class Workbench:
         bare = re.sub(r"[^\w.+ -]", "_", name.replace("\\", "/").rpartition("/")[2]).lstrip(". ")
         stem, dot, ending = bare.rpartition(".")
         ending = dot + ending.lower()
-        if not stem or ending not in (*SUFFIXES, ".toml", ".json", session_file.SUFFIX):
+        if not stem or ending not in (*READABLE, ".toml", ".json", session_file.SUFFIX):
             shown = bare[-40:] or name[-40:]
             raise Refused(
-                f"{shown!r}: drop a recording ({', '.join(SUFFIXES)}), its sidecar (.toml) or a session "
+                f"{shown!r}: drop a recording ({', '.join(READABLE)}), its sidecar (.toml) or a session "
                 f"({session_file.SUFFIX})"
             )
         kept = stem.encode(errors="ignore")[: MOST_NAME - len(ending)].decode(errors="ignore").rstrip()

@@ -95,6 +95,9 @@ def writable_folder(option: typer.CallbackParam, path: Path | None) -> Path | No
     return path
 
 
+OfPosition = Annotated[
+    Path | None, typer.Option("--position", help="File of another logger with the position; the two are aligned.")
+]
 Output = Annotated[Path | None, typer.Option("-o", "--output", help="File to write.", callback=writable_file)]
 Holdout = Annotated[Path | None, typer.Option("--holdout", help="Held-out recording.")]
 EffectsFile = Annotated[
@@ -197,6 +200,13 @@ def exit_with(text: str, code: int) -> NoReturn:
 def print_status(text: str) -> None:
     """Print a line on stderr, which keeps stdout free for data."""
     print(visible(text), file=sys.stderr)
+
+
+def print_alignment(recording: Any) -> None:
+    """Print how the clocks of two loggers were aligned, where they were."""
+    for finding in recording.findings:
+        if finding.kind == "alignment":
+            print_status(f"{recording.name}: {finding.text}")
 
 
 def print_json(content: dict[str, Any]) -> None:

@@ -10,10 +10,12 @@ import typer
 
 from accelcal.cli.common import (
     Json,
+    OfPosition,
     Rig,
     RunFile,
     UsageError,
     app,
+    print_alignment,
     print_json,
     print_status,
     progress,
@@ -79,16 +81,18 @@ def cut(
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
     only: Annotated[list[str] | None, typer.Option("--only", help="Keep FROM:TO in s.")] = None,
     without: Annotated[list[str] | None, typer.Option("--without", help="Exclude FROM:TO in s.")] = None,
+    position: OfPosition = None,
     rig: Rig = None,
 ) -> None:
-    """Write a part of a recording, or all of it without some stretches, with its sidecar.
+    """Write a part of a recording, or all of it without some stretches, with its sidecar; two loggers as one file.
 
     Example: [bold]accelcal cut run12.csv --without 42:60 -o train.csv[/bold]
     """
     from accelcal import io
 
     with progress("cut") as report:
-        recording = io.load(run, rig)
+        recording = io.load(run, rig, position=position)
+        print_alignment(recording)
         report(0.5)
         for text in only or ():
             recording = recording.part(*time_range(text, "--only"))

@@ -155,6 +155,7 @@ def doctor(json: Json = False) -> None:
     import shutil
 
     import accelcal
+    from accelcal.io.decoding.known_formats import FORMATS
 
     extras = {
         "plot": "matplotlib",
@@ -165,10 +166,10 @@ def doctor(json: Json = False) -> None:
         "dask": "distributed",
         "dcc": "xmlschema",
         "docs": "sphinx",
-        "hdf5": "h5py",
+        **{each.extra: each.library for each in FORMATS if each.extra},
         "peers": "filterpy",
     }
-    named = {"serial": "pyserial"}
+    named = {"serial": "pyserial", "nptdms": "npTDMS"}
     needed = ("numpy", "scipy", "pyarrow", "pint", "uncertainties", "typer", "rich")
     content = {
         "accelcal": accelcal.__version__,

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Executor
 
 MOST_WORKERS = 256
-READABLE = (".csv", ".txt", ".tsv", ".parquet", ".npz", ".mat", ".h5", ".hdf5")
 
 
 @app.command()
@@ -97,6 +96,8 @@ def recordings_in(folders: list[Path]) -> list[Path]:
     UsageError
         If a folder is none or holds no recording, or two have one name.
     """
+    from accelcal.io.formats import READABLE
+
     files: list[Path] = []
     names: dict[str, Path] = {}
     for folder in folders:

@@ -15,6 +15,7 @@ from accelcal.cli.common import (
     From,
     Json,
     ModelFile,
+    OfPosition,
     Output,
     Rig,
     Seed,
@@ -23,6 +24,7 @@ from accelcal.cli.common import (
     app,
     load_own_effects,
     parse_quantity,
+    print_alignment,
     print_json,
     print_status,
     progress,
@@ -47,6 +49,8 @@ LOADED = 0.2
 """Share of the work of a command that is done when its recordings are read."""
 MOST_HELD = 1e6
 """Largest value at which a parameter is held, SI."""
+JOINED = "joined.parquet"
+"""Name that is proposed for the recording of two loggers in one file."""
 FILTER_OPTIONS = ("form", "interpolation", "integrator", "order", "carrier")
 """Options of the recursive filters."""
 
@@ -61,6 +65,7 @@ def fit(
             help="One or several recordings of the same sensor, tables of dwells among them or alone.", metavar="RUN..."
         ),
     ],
+    position: OfPosition = None,
     rig: Rig = None,
     model: Annotated[str, typer.Option("--model", help="linear or cubic.")] = "linear",
     vary: Annotated[
@@ -84,6 +89,9 @@ def fit(
     Several recordings share the sensor's parameters; a reversed or rolled mount among them separates tilt or the
     cross-axis product.
 
+    With --position, output and position are of two loggers: the clocks are aligned by the motion, and time_offset and
+    clock_skew take the rest.
+
     Example: [bold]accelcal fit run12.csv --model cubic -o m.json[/bold]
     """
     from accelcal.cli.printing import show_fit
@@ -106,15 +114,16 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            recordings = [load_run(path, rig) for path in runs]
-            wanted, part = varying(chosen(), vary or []), within(report, LOADED, 1.0)
+            recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
+            base = chosen() if position is None else chosen().add("clock_skew")
+            wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             engine: Literal["weak", "replay"] = "weak" if method == "weak" else "replay"
             found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, report=part)
     else:
         if vary:
             raise UsageError(f"--vary needs --method replay or weak; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
-        recordings = [load_run(path, rig) for path in runs]
+        recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
             raise UsageError(f"--method {method} accepts one recording and no --band; replay and weak accept several")
         from accelcal.estimation.recursive import fit_recursive
@@ -129,8 +138,10 @@ def fit(
         show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
     if output is not None:
         print_status(f"wrote {output}")
-    if not json:
+    if not json and position is None:
         after_fit(output, runs)
+    elif not json:
+        suggest("cut", *runs, "--position", position, "-o", JOINED)
 
 
 def varying(model: Model, names: Sequence[str]) -> Model:
@@ -289,6 +300,17 @@ def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Pat
         print_json(model_file.to_dict(found))
     else:
         show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
+
+
+def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> Recording:
+    """Read the output of one file and the position of another, aligned."""
+    from accelcal import io
+
+    if len(runs) != 1:
+        raise UsageError(f"--position {position}: expected one file with the output, found {len(runs)}; give one")
+    recording = io.load(runs[0], rig, position=position)
+    print_alignment(recording)
+    return recording
 
 
 def load_run(path: Path, rig: Path | None) -> Recording | Dwells:

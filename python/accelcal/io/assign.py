@@ -62,10 +62,10 @@ def assign(table: Table, declared: Sidecar, required: tuple[str, ...]) -> tuple[
     if "accel" not in sources and notes:  # one of the columns that nobody asked for may be the output
         alone = "A planned motion has columns for time and position alone."
         raise RecordingError(f"{_absent(table, 'accel', sidecar, declared.channels)}\n{alone}")
-    clock = declared.time or _common_clock(table, sidecar)
+    clock = declared.time or _common_clock(table, sources, sidecar)
     times = Counter(table.columns)
     for name, source in sources.items():
-        stamps = source.time or clock
+        stamps = source.time or (None if declared.time else clock_in_file(table, source.column)) or clock
         if stamps is None:
             raise RecordingError(_absent(table, "time", sidecar, declared.channels))
         for column in (source.column, stamps.column):
@@ -135,7 +135,10 @@ def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
         aliases = naming.ROLES.get(naming.role(base) or "", (base.lower(),))
         stamps = [f"{alias}_{stamp}" for alias in aliases for stamp in naming.ROLES["time"]]
         found = [by_base[stamp] for stamp in stamps if stamp in by_base]
-        if found:
+        own = clock_in_file(table, column)
+        if own is not None:
+            clocks[column] = own
+        elif found:
             clocks[column] = Clock(column=min(found, key=places.__getitem__))
     owned = {clock.column for clock in clocks.values()}
     return {
@@ -144,7 +147,16 @@ def discover(table: Table) -> dict[str, tuple[str, Clock | None]]:
     }
 
 
-def _common_clock(table: Table, sidecar: Path) -> Clock | None:
+def clock_in_file(table: Table, column: str) -> Clock | None:
+    """The stamps that a file itself gives a column."""
+    stamps = table.clocks.get(column)
+    return None if stamps is None else Clock(column=stamps)
+
+
+def _common_clock(table: Table, sources: Mapping[str, Source], sidecar: Path) -> Clock | None:
+    """The stamps of the sources that have none of their own."""
+    if all(source.time or clock_in_file(table, source.column) for source in sources.values()):
+        return None
     common = [column for column in table.columns if naming.role(naming.take_apart(column).base) == "time"]
     if len(common) > 1:
         names = " and ".join(f'"{column}"' for column in common)

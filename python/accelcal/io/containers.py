@@ -1,4 +1,4 @@
-"""Binary containers as tables: Parquet, NumPy archives, MATLAB files, HDF5, each opened in a process of its own."""
+"""Binary containers as tables, each opened in a process of its own; which there are: `decoding.known_formats`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Lock
 
 from accelcal.data.recording import RecordingError
+from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.reader_process import ReaderProcess
 from accelcal.io.table import Column, Table
 
@@ -41,8 +42,6 @@ def _identity(path: Path, kind: str) -> tuple[object, ...]:
 
 
 _WAITING = _Waiting()
-UNITS_FROM = {"Parquet": "the column metadata", "HDF5": "the data set's attributes"}
-"""Where the units of a format stand, for messages."""
 
 
 def open_container(path: Path, kind: str) -> Table:
@@ -50,8 +49,8 @@ def open_container(path: Path, kind: str) -> Table:
 
     Parameters
     ----------
-    kind : "Parquet" (null means not sampled), "npz", "MAT" (up to version 7) or "HDF5" (MATLAB 7.3 as well; NaN means
-        not sampled in these three). Each numeric vector is a column, named by its path (``run/accel``, ``run.X.Data``).
+    kind : name of a format, as "Parquet" (null means not sampled) or "HDF5" (MATLAB 7.3 as well; NaN means not sampled
+        in all others). Each numeric vector is a column, named by its path (``run/accel``, ``run.X.Data``).
 
     Raises
     ------
@@ -73,7 +72,8 @@ def open_container(path: Path, kind: str) -> Table:
         read,
         _sample,
         {entry.name: entry.unit for entry in entries if entry.unit},
-        UNITS_FROM.get(kind, ""),
+        BY_NAME[kind].units_from,
+        {entry.name: entry.clock for entry in entries if entry.clock},
     )
 
 

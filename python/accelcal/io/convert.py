@@ -74,8 +74,11 @@ def in_si(table: Table, plan: Plan, name: str, source: Source, rig: Rig, values:
 def _unit(table: Table, plan: Plan, channel: str, column: str, declared: str | None) -> str:
     """Find the unit of a column; two sources that disagree are an error."""
     name = naming.take_apart(column)
+    stored = table.units.get(column)
+    if stored is not None and declared not in (None, UNKNOWN) and not units.is_unit(stored):
+        stored = None  # words that a file has for a unit cannot be corrected in it, and the user says what they mean
     said = {
-        table.units_from: table.units.get(column),
+        table.units_from: stored,
         plan.sidecar.name: declared,
         "the suffix of the column name": name.suffix,
         "the bracket in the column name": name.brackets,

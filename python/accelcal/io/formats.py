@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from accelcal.data.recording import RecordingError
+from accelcal.io.decoding.known_formats import FORMATS, SUFFIXES
 from accelcal.io.files import open_regular, shown
 from accelcal.io.table import Table
 
@@ -20,29 +21,31 @@ def open_table(path: Path) -> Table:
     head = _first_bytes(path)
     found = _format_of(head)
     suffix = path.suffix.lower()
-    if found not in _FORMATS.get(suffix, (found,)):
+    if found not in _ALLOWED.get(suffix, {found}):
         raise RecordingError(_mismatch(path, head, found))
 
     from accelcal.io import containers, csv
 
-    if found is None and suffix != ".mat":
-        return csv.open_csv(path)
-    return containers.open_container(path, found or "MAT")
+    kind = found or _UNMARKED.get(suffix)
+    return csv.open_csv(path) if kind is None else containers.open_container(path, kind)
 
 
-_FORMATS: dict[str, tuple[str | None, ...]] = {
-    ".csv": (None,),
-    ".txt": (None,),
-    ".tsv": (None,),
-    ".parquet": ("Parquet",),
-    ".npz": ("npz",),
-    ".h5": ("HDF5",),
-    ".hdf5": ("HDF5",),
-    ".mat": ("MAT", "HDF5", None),  # v7.3 is HDF5; v4 has no mark of its own
-}
-"""The marks that a file of each suffix may begin with; None = no mark."""
+def _allowed() -> dict[str, set[str | None]]:
+    """The formats whose marks a file of each suffix may bear; None = no mark."""
+    found: dict[str, set[str | None]] = {suffix: {None} for suffix in TEXTS}
+    for each in FORMATS:
+        for suffix in each.suffixes:
+            found.setdefault(suffix, set()).update({each.name, None} if each.unmarked else {each.name})
+    return found
+
+
+TEXTS = (".csv", ".txt", ".tsv")
+"""Endings of text tables."""
+READABLE = (*TEXTS, *SUFFIXES)
+"""Endings of all recordings."""
+_ALLOWED = _allowed()
+_UNMARKED = {suffix: each.name for each in FORMATS if each.unmarked for suffix in each.suffixes}
 _HEAD = 1024
-_HDF5_MARK = b"\x89HDF\r\n\x1a\n"
 
 
 def _first_bytes(path: Path) -> bytes:
@@ -57,16 +60,8 @@ def _first_bytes(path: Path) -> bytes:
 
 
 def _format_of(head: bytes) -> str | None:
-    """Return the format that the first bytes mark; None when they mark none (text, or MAT v4)."""
-    if head.startswith(b"PAR1"):
-        return "Parquet"
-    if head.startswith(b"PK\x03\x04"):
-        return "npz"
-    if head.startswith(_HDF5_MARK) or head[512:].startswith(_HDF5_MARK):  # MAT v7.3 puts a text of 512 bytes in front
-        return "HDF5"
-    if head.startswith(b"MATLAB 5.0 MAT-file"):
-        return "MAT"
-    return None
+    """Return the format that the first bytes mark; None when they mark none."""
+    return next((each.name for each in FORMATS if each.marked(head)), None)
 
 
 def _mismatch(path: Path, head: bytes, found: str | None) -> str:

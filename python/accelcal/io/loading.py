@@ -21,18 +21,26 @@ from accelcal.io.formats import open_table
 from accelcal.io.orientation import asked, parts_of_orientation, with_orientation
 from accelcal.io.sidecar import Clock, Sidecar, has_sidecar, no_sidecar, read_sidecar, sidecar_of
 from accelcal.io.table import Column, Table
+from accelcal.io.two_loggers import joined
 
 
 @checked
 def load(
-    path: str | Path, rig: str | Path | Rig | None = None, *, need_position: bool = True, need_accel: bool = True
+    path: str | Path,
+    rig: str | Path | Rig | None = None,
+    *,
+    position: str | Path | None = None,
+    need_position: bool = True,
+    need_accel: bool = True,
 ) -> Recording:
     """Read a recording and check it.
 
     Parameters
     ----------
-    path : CSV (also .txt, .tsv), Parquet, MAT (v4 to v7.3), npz or HDF5 file.
+    path : CSV (also .txt, .tsv), Parquet, MAT (v4 to v7.3), npz, HDF5, TDMS, UFF, MF4, MCAP, ROS bag, miniSEED or C3D.
     rig : sidecar file, or a `Rig` when the columns are found by their names; None = ``NAME.toml`` beside the file.
+    position : file of another logger that recorded the position, with a sidecar of its own; the output is shifted onto
+        its clock (`accelcal.data.alignment`), and a finding says by how much and how ambiguous that is.
     need_position : accept a file without position when False; its position then has shape (0,).
     need_accel : accept a planned motion, position alone, when False; its output then has shape (0,).
 
@@ -56,6 +64,8 @@ def load(
     >>> recording.position.y.tolist()
     [0.0, 0.001]
     """
+    if position is not None:
+        return _of_two_loggers(Path(path), Path(position), rig)
     path = Path(path)
     table = open_table(path)
     declared, notes = _declared(path, rig)
@@ -64,6 +74,19 @@ def load(
     if declared.dwell is None or not declared.dwell.table:
         return recording
     return recording.with_dwells(load_dwell_table((declared.path or path).parent / declared.dwell.table))
+
+
+def _of_two_loggers(output: Path, position: Path, rig: str | Path | Rig | None) -> Recording:
+    """The output of one file and the position of another, aligned."""
+    own, other = load(output, rig, need_position=False), load(position, need_accel=False)
+    for recording, channel, place in ((own, own.position, output), (other, other.accel, position)):
+        if len(channel):
+            what = "a position" if channel is own.position else "an output"
+            raise RecordingError(
+                f"{place}: this file has {what} of its own, in {recording.name}; expected the output in the first file "
+                "alone and the position in the second alone; give one file, or map its columns in a sidecar"
+            )
+    return joined(own, other)
 
 
 def recording_of(

@@ -22,7 +22,8 @@ import numpy as np
 
 import accelcal
 from accelcal.data.recording import RecordingError
-from accelcal.io.decoding.child import LIBRARIES, MEMORY, SECONDS
+from accelcal.io.decoding.child import MEMORY, SECONDS
+from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.decoding.source import Entry
 from accelcal.io.limits import MOST_SAMPLES, most_numbers
 from accelcal.io.table import Column
@@ -57,7 +58,7 @@ class ReaderProcess:
         with self._ended_in_words():
             self._ask({"kind": kind, "file": str(path)})
             found = self._answer()["entries"]
-            self.entries = tuple(Entry(str(name), int(length), unit) for name, length, unit in found)
+            self.entries = tuple(Entry(str(name), int(length), unit, clock) for name, length, unit, clock in found)
 
     def columns(self, names: Sequence[str]) -> dict[str, Column]:
         """Read columns by name, and end.
@@ -168,9 +169,9 @@ class ReaderProcess:
 
 def library_missing(kind: str, library: str) -> str:
     """Say what is to be installed for a format."""
-    if library == LIBRARIES["HDF5"]:
-        return "this is HDF5 (or MATLAB 7.3), which needs h5py; install it with: pip install 'accelcal[hdf5]'"
-    return f"this is {kind}, which needs {library}; install it with: pip install {library}"
+    chosen = BY_NAME[kind]
+    package = f"'accelcal[{chosen.extra}]'" if chosen.extra else library
+    return f"this is {chosen.title or kind}, which needs {library}; install it with: pip install {package}"
 
 
 def start() -> subprocess.Popen[bytes]:
@@ -196,6 +197,7 @@ _ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OMP_NUM_THREADS": "1",
     "MKL_NUM_THREADS": "1",
+    "NUMEXPR_MAX_THREADS": "1",
     "ARROW_DEFAULT_MEMORY_POOL": "system",
     "HDF5_PLUGIN_PRELOAD": "::",
 }

@@ -37,3 +37,5 @@ class Table:
     """Unit by column name, where the file itself declares one."""
     units_from: str = "the column metadata"
     """Where `units` were found, for messages."""
+    clocks: Mapping[str, str] = field(default_factory=dict)
+    """Column of stamps by column name, where the file itself says which belong together."""

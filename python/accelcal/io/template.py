@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +48,19 @@ def template(path: str | Path) -> str:
     """
     path = Path(path)
     table = open_table(path)
-    by_name = {column: channel for column, (channel, _) in discover(table).items()}
-    columns = {name: _column_for(name, by_name) for name in ("time", "accel", "position")}
+    found = discover(table)
+    by_name = {column: channel for column, (channel, _) in found.items()}
+    clocks = {column: clock.column for column, (_, clock) in found.items() if clock is not None and clock.column}
+    columns = {name: _column_for(name, by_name, {*clocks.values()}) for name in ("time", "accel", "position")}
     roles = {naming.orientation_role(naming.take_apart(column).base): column for column in table.columns}
     turning = {column: role for role, column in roles.items() if role and column not in columns.values()}
-    others = [column for column in table.columns if column not in columns.values()]
+    taken = {*columns.values(), *clocks.values()}
+    others = [column for column in table.columns if column not in taken]
     others = [column for column in others if turning.get(column) not in QUATERNION]
-    channels = [_required(table, name, column) for name, column in columns.items()]
+    channels = [_required(table, name, column, clocks) for name, column in columns.items()]
     quaternion = ", ".join(toml_text(roles.get(name, name)) for name in QUATERNION)
     attitude = f'[channels.attitude]\n# columns = [{quaternion}]\n# maps = "sensor to ENU"      # or "ENU to sensor"'
-    lines = [_optional(table, column, turning.get(column) or by_name[column]) for column in others]
+    lines = [_optional(table, column, turning.get(column) or by_name[column], clocks) for column in others]
     electrical = _dimension(table, columns["accel"]) in ("V", "count")
     return (
         _TEXT.replace("NAME", path.name)
@@ -115,8 +119,8 @@ scale = "?"                     # FILL IN, like "0.25 V/g" or "1024 count/g"
 _UNITS = {"time": "s, ms, us", "accel": "m/s^2, g, mg, V, count", "position": "m, mm, um"}
 
 
-def _column_for(name: str, by_name: dict[str, str]) -> str | None:
-    found = [column for column, channel in by_name.items() if channel == name]
+def _column_for(name: str, by_name: Mapping[str, str], owned: Set[str]) -> str | None:
+    found = [column for column, channel in by_name.items() if channel == name and column not in owned]
     return found[0] if found else None
 
 
@@ -131,12 +135,14 @@ def _dimension(table: Table, column: str | None) -> str | None:
     return units.conversion(unit).si if unit is not None else None
 
 
-def _required(table: Table, name: str, column: str | None) -> str:
+def _required(table: Table, name: str, column: str | None, clocks: Mapping[str, str]) -> str:
     if column is None:
+        if name == "time" and table.clocks:
+            return "# time: the columns below have stamps of their own in this file"
         rate = ', or in its place: rate = "1667 Hz"' if name == "time" else ""
         return f'{name} = {{ column = "{UNKNOWN}", unit = "{UNKNOWN}" }}  # FILL IN: one of the columns below{rate}'
     unit = _unit(table, column)
-    line = f"{name} = {{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)} }}"
+    line = f"{name} = {_source(table, column, unit, clocks)}"
     notes = [] if unit else [f"FILL IN the unit: {_UNITS[name]}"]
     if name == "time":
         with np.errstate(all="ignore"):  # stamps that are not finite are shown as they are
@@ -144,10 +150,17 @@ def _required(table: Table, name: str, column: str | None) -> str:
     return f"{line}  # {'; '.join(notes)}" if notes else line
 
 
-def _optional(table: Table, column: str, channel: str) -> str:
+def _optional(table: Table, column: str, channel: str, clocks: Mapping[str, str]) -> str:
     unit = _unit(table, column)
-    mark = "" if unit else "# "
-    return f"{mark}{toml_key(channel)} = {{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)} }}"
+    mark = "" if unit and not table.clocks else "# "
+    return f"{mark}{toml_key(channel)} = {_source(table, column, unit, clocks)}"
+
+
+def _source(table: Table, column: str, unit: str | None, clocks: Mapping[str, str]) -> str:
+    """A column, its unit, and the clock that is its own by its name; one that the file gives it needs no words."""
+    stamps = clocks.get(column) if column not in table.clocks else None
+    time = "" if stamps is None else f", time = {_source(table, stamps, _unit(table, stamps), {})}"
+    return f"{{ column = {toml_text(column)}, unit = {toml_text(unit or UNKNOWN)}{time} }}"
 
 
 def _clock_note(table: Table, column: str, unit: str | None) -> str:

@@ -14,7 +14,8 @@ FORMATS = (
     (
         "Recordings",
         "CSV and text in any dialect (comma, semicolon or tab; decimal point or comma; a preamble), Parquet, MATLAB "
-        "(.mat), NumPy (.npz), HDF5, with the output of one sensor and one position; each may have its own clock. "
+        "(.mat), NumPy (.npz), HDF5, TDMS, UFF, MF4, ROS bags, MCAP, miniSEED and C3D, with the output of one sensor "
+        "and one position; each may have its own clock. "
         "Several of one sensor may be dropped together, tables of dwells among them.",
     ),
     ("Units", "m/s², g, mg, V, mV or counts; m, mm, µm; s, ms. Volts and counts need the sensor's scale."),

@@ -7,6 +7,7 @@ says.
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
 import os
@@ -16,6 +17,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from accelcal.io.decoding.known_formats import BY_NAME
 from accelcal.io.decoding.source import RefusedError, Source
 
 MEMORY = 512_000_000
@@ -24,8 +26,6 @@ SECONDS = 5.0
 """Processor time for a file, and a second more for each 10 MB of it."""
 IDLE = 10.0
 """Time after which a process that is asked nothing ends, s."""
-LIBRARIES = {"npz": "numpy", "MAT": "scipy", "HDF5": "h5py", "Parquet": "pyarrow"}
-"""What reads each format."""
 
 
 def main(requests: IO[bytes], replies: IO[bytes]) -> None:
@@ -33,7 +33,7 @@ def main(requests: IO[bytes], replies: IO[bytes]) -> None:
     asked = json.loads(requests.readline())
     try:
         source = _opened(asked["kind"], asked["file"])
-        entries = [[entry.name, entry.length, entry.unit] for entry in source.entries]
+        entries = [[entry.name, entry.length, entry.unit, entry.clock] for entry in source.entries]
         _reply(replies, {"entries": entries})
         if not _waits(requests):
             return
@@ -46,30 +46,12 @@ def main(requests: IO[bytes], replies: IO[bytes]) -> None:
 
 
 def _opened(kind: str, path: str) -> Source:
-    if importlib.util.find_spec(LIBRARIES[kind]) is None:
-        raise ModuleNotFoundError(LIBRARIES[kind], name=LIBRARIES[kind])
-    opened = _reader(kind)
+    chosen = BY_NAME[kind]
+    if importlib.util.find_spec(chosen.library) is None:
+        raise ModuleNotFoundError(chosen.library, name=chosen.library)
+    opened: Callable[[str], Source] = importlib.import_module(f"accelcal.io.decoding.{chosen.reader}").opened
     limit(os.stat(path).st_size)  # for the file, not for its library
     return opened(path)
-
-
-def _reader(kind: str) -> Callable[[str], Source]:
-    """The reader of a format, and its library."""
-    if kind == "npz":
-        from accelcal.io.decoding import npz
-
-        return npz.opened
-    if kind == "MAT":
-        from accelcal.io.decoding import mat
-
-        return mat.opened
-    if kind == "HDF5":
-        from accelcal.io.decoding import hdf5
-
-        return hdf5.opened
-    from accelcal.io.decoding import parquet
-
-    return parquet.opened
 
 
 def limit(size: int) -> None:

@@ -25,6 +25,8 @@ class Entry:
     """Samples."""
     unit: str | None = None
     """As the file declares it."""
+    clock: str | None = None
+    """The column with its stamps, where the file itself says which."""
 
 
 @dataclass(frozen=True, slots=True)

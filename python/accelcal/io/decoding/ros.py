@@ -1,0 +1,137 @@
+"""Messages of ROS 1 and 2 by the definitions that a file brings along: which numbers they hold, and in which unit.
+
+The library makes Python code of these definitions, so nothing but plain names comes near it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from functools import reduce
+from typing import Any, Literal
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+
+from accelcal.io.decoding.source import RefusedError
+from accelcal.io.decoding.topics import Leaf
+from accelcal.io.limits import MOST_DEPTH
+
+Kind = Literal["ros1msg", "ros2msg", "ros2idl"]
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
+_STAMP, _HEADER = "builtin_interfaces/msg/Time", "std_msgs/msg/Header"
+_IDL_MARK = "=" * 80 + "\nIDL: "
+"""What stands before each of several definitions in one text, with a file name behind it."""
+_MOST_ELEMENTS = 64
+"""Elements of an array of fixed length whose elements are columns."""
+_UNITS = {
+    ("sensor_msgs/msg/Imu", "linear_acceleration"): "m/s^2",
+    ("sensor_msgs/msg/Imu", "angular_velocity"): "rad/s",
+    ("sensor_msgs/msg/Imu", "orientation"): "1",
+    ("sensor_msgs/msg/Range", "range"): "m",
+    ("sensor_msgs/msg/Temperature", "temperature"): "degC",
+    ("sensor_msgs/msg/FluidPressure", "fluid_pressure"): "Pa",
+    ("sensor_msgs/msg/MagneticField", "magnetic_field"): "T",
+    ("geometry_msgs/msg/Accel", "linear"): "m/s^2",
+    ("geometry_msgs/msg/Accel", "angular"): "rad/s^2",
+    ("geometry_msgs/msg/Twist", "linear"): "m/s",
+    ("geometry_msgs/msg/Twist", "angular"): "rad/s",
+    ("geometry_msgs/msg/Pose", "position"): "m",
+    ("geometry_msgs/msg/Pose", "orientation"): "1",
+    ("geometry_msgs/msg/Transform", "translation"): "m",
+    ("geometry_msgs/msg/Transform", "rotation"): "1",
+    ("geometry_msgs/msg/PointStamped", "point"): "m",
+}
+"""Units that the definitions of ROS state in words (REP 103)."""
+
+
+class Messages:
+    """Decodes messages of all types that a file defines."""
+
+    def __init__(self, definitions: Iterable[tuple[str, str, Kind]]) -> None:
+        """`definitions`: name of the type, its definition, and in which language; "" = one of ROS itself."""
+        types: dict[str, Any] = {}
+        for name, text, kind in definitions:
+            _require_name(name)
+            types.update(_parsed(name, text, kind))
+        for name, (_, fields) in types.items():
+            for each in (name, *(field for field, _ in fields)):
+                _require_name(each)
+        self._store = get_typestore(Stores.EMPTY)
+        self._store.register({name: ([], fields) for name, (_, fields) in types.items()})
+
+    def leaves(self, name: str) -> tuple[Leaf, ...]:
+        """The numbers of each message of a type."""
+        return tuple(self._leaves(_full(name), (), None, 0))
+
+    def stamp(self, name: str) -> Callable[[Any], int] | None:
+        """What reads the stamp of a message with a header, ns."""
+        for field, node in self._store.fielddefs[_full(name)][1]:
+            if node == (Nodetype.NAME, _HEADER):
+                return _taker((field, "stamp"), _nanoseconds)
+        return None
+
+    def decoder(self, name: str, kind: Kind) -> Callable[[bytes], Any]:
+        """What reads the bytes of a message of a type."""
+        read = self._store.deserialize_ros1 if kind == "ros1msg" else self._store.deserialize_cdr
+        return lambda data: read(data, _full(name))
+
+    def _leaves(self, name: str, path: tuple[str | int, ...], unit: str | None, depth: int) -> Iterator[Leaf]:
+        if depth > MOST_DEPTH:
+            raise RefusedError(f"messages lie more than {MOST_DEPTH} deep; expected numbers of a sensor")
+        for field, (kind, node) in self._store.fielddefs[name][1]:
+            here, its = (*path, field), _UNITS.get((name, field), unit)
+            if kind == Nodetype.BASE and "string" not in node[0]:
+                yield Leaf(_dotted(here), its, _taker(here, float))
+            elif kind == Nodetype.NAME and node not in (_HEADER, _STAMP):
+                yield from self._leaves(str(node), here, its, depth + 1)
+            elif kind == Nodetype.ARRAY and _is_short(field, node):
+                for k in range(int(node[1])):
+                    yield Leaf(_dotted((*here, k)), its, _taker((*here, k), float))
+
+
+def _parsed(name: str, text: str, kind: Kind) -> dict[str, Any]:
+    """Types by name, each as constants and fields."""
+    if not text:
+        known = get_typestore(Stores.LATEST).fielddefs
+        if _full(name) not in known:
+            raise RefusedError(f"messages of type {name} are not defined in the file; record them with MCAP")
+        return dict(known)
+    if kind == "ros2idl":
+        parts = [part.partition("\n")[2] for part in text.split(_IDL_MARK)[1:]] or [text]
+        return {k: v for part in parts for k, v in get_types_from_idl(part).items()}
+    return dict(get_types_from_msg(text, name))
+
+
+def _require_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise RefusedError(f"a message definition holds the name {name[:40]!r}; expected letters, digits, _ and /")
+
+
+def _full(name: str) -> str:
+    """``sensor_msgs/Imu`` as ``sensor_msgs/msg/Imu``."""
+    package, *rest = name.split("/")
+    return name if len(rest) != 1 else f"{package}/msg/{rest[0]}"
+
+
+def _is_short(field: str, node: Any) -> bool:
+    """Whether the elements of an array are columns: those of a covariance are not."""
+    (kind, what), length = node
+    return kind == Nodetype.BASE and "string" not in what[0] and length <= _MOST_ELEMENTS and "covariance" not in field
+
+
+def _dotted(path: tuple[str | int, ...]) -> str:
+    return ".".join(map(str, path))
+
+
+def _taker(path: tuple[str | int, ...], convert: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    """What takes one value out of a message."""
+    return lambda message: convert(reduce(_step, path, message))
+
+
+def _step(value: Any, key: str | int) -> Any:
+    return value[key] if isinstance(key, int) else getattr(value, key)
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)

@@ -1,0 +1,107 @@
+"""Two files of two loggers: aligned by the motion that both recorded, or refused; the rest is left to the fit."""
+
+import numpy as np
+import pytest
+
+import accelcal
+from accelcal import io
+from accelcal.data.alignment import align
+from accelcal.data.recording import Channel, RecordingError
+from accelcal.model import Model
+
+OFFSET, SKEW = 37.2, 20e-6
+SECONDS = 60.0
+
+
+class Motion:
+    """Tones of random frequency; the clock of the output shows OFFSET + (1 + SKEW) t."""
+
+    def __init__(self, seed, tones=20):
+        self.rng = np.random.default_rng(seed)
+        self.f = 2.0 * np.pi * np.exp(self.rng.uniform(np.log(0.5), np.log(12.0), tones))[:, None]
+        self.phase = self.rng.uniform(0.0, 2.0 * np.pi, tones)[:, None]
+        self.size = self.rng.uniform(0.2, 1.0, tones)[:, None]
+
+    def channels(self, noise=0.02, step=1e-6, rate=1000.0, position_rate=500.0, sign=1.0):
+        own = np.arange(OFFSET - 15.0, OFFSET + SECONDS + 10.0, 1.0 / rate)
+        t = (own - OFFSET) / (1.0 + SKEW)
+        a = (self.size * np.sin(self.f * t + self.phase)).sum(axis=0)
+        accel = sign * a + 0.05 + noise * self.rng.normal(size=len(t))
+        read = 5.0 + np.arange(0.0, SECONDS, 1.0 / position_rate)
+        x = -(self.size / self.f**2 * np.sin(self.f * read + self.phase)).sum(axis=0)
+        return Channel("accel", own, accel, "m/s^2"), Channel("position", read, np.round(x / step) * step, "m")
+
+
+def true_shift(instant):
+    """What takes the clock of the output to that of the position."""
+    return instant - (OFFSET + (1.0 + SKEW) * instant)
+
+
+def files(folder, accel, position):
+    np.savetxt(folder / "accel.csv", np.c_[accel.t, accel.y], "%.9f", ",", header="t_s,accel_m_per_s2", comments="")
+    np.savetxt(
+        folder / "encoder.csv", np.c_[position.t, 1e6 * position.y], "%.6f", ",", header="t_s,position_um", comments=""
+    )
+    return folder / "accel.csv", folder / "encoder.csv"
+
+
+def test_offset_and_skew_lie_within_what_is_stated():
+    scores = []
+    for seed in range(24):
+        motion = Motion(seed)
+        noise, step = 10.0 ** motion.rng.uniform(-3.0, 0.0), 10.0 ** motion.rng.uniform(-6.5, -4.5)
+        found = align(*motion.channels(noise, step, *motion.rng.choice([333.0, 500.0, 1000.0], 2)))
+        scores.append((found.shift - true_shift(found.middle)) / found.std)
+        scores.append((found.skew - SKEW) / found.skew_std)
+        assert not found.is_ambiguous
+    print(f"largest {max(map(abs, scores)):.2f}, rms {np.sqrt(np.mean(np.square(scores))):.2f} standard deviations")
+    assert max(map(abs, scores)) < 4.0
+    assert np.sqrt(np.mean(np.square(scores))) < 1.2
+
+
+def test_the_fit_takes_the_rest(tmp_path):
+    accel, position = files(tmp_path, *Motion(3).channels())
+    recording = accelcal.load(accel, position=position)
+    (note,) = [finding for finding in recording.findings if finding.kind == "alignment"]
+    assert "two loggers: the stamps of the output are shifted by -37.2" in note.text
+    assert "the next-best alignment" in note.text
+    found = accelcal.fit(Model.linear().add("clock_skew"), recording)
+    skew, late = found["clock_skew"], found["time_offset"]
+    assert abs(skew.value - SKEW) < 4.0 * skew.std
+    shift = recording.accel.t[0] - (OFFSET - 15.0)
+    begin = recording.position.t[0]
+    assert abs(shift - late.value - true_shift(begin)) < 4.0 * late.std
+    assert abs(late.value) < recording.rig.offset_tolerance
+
+
+def test_a_motion_that_repeats_is_called_ambiguous():
+    assert align(*Motion(1, tones=1).channels()).is_ambiguous
+
+
+def test_a_longer_record_is_averaged_to_the_grid_of_the_slower():
+    motion = Motion(5)
+    found = align(*motion.channels(noise=0.2, rate=4000.0, position_rate=250.0))
+    assert abs(found.shift - true_shift(found.middle)) < 4.0 * found.std
+
+
+def test_what_is_not_one_motion_is_refused(tmp_path):
+    accel, position = Motion(6).channels()[0], Motion(7).channels()[1]
+    with pytest.raises(RecordingError, match="at no shift of the clocks"):
+        align(accel, position, name="accel.csv")
+    with pytest.raises(RecordingError, match=r'with the other sign; declare .* mount = "reversed"'):
+        align(*Motion(6).channels(sign=-1.0))
+    assert align(*Motion(6).channels(sign=-1.0), polarity=-1.0).correlation > 0.5
+    with pytest.raises(RecordingError, match="has 63 samples, expected at least 64"):
+        align(Channel("accel", accel.t[:63], accel.y[:63], "m/s^2"), position)
+    still = Channel("position", position.t, np.zeros(len(position)), "m")
+    with pytest.raises(RecordingError, match="at no shift of the clocks"):
+        align(accel, still)
+    output, encoder = files(tmp_path, accel, position)
+    with pytest.raises(RecordingError, match=r"no column for accel"):
+        io.load(encoder, position=output)
+    both = tmp_path / "both.csv"
+    both.write_text("t_s,accel_g,position_m\n" + "".join(f"{k / 100},{k % 7},{k}\n" for k in range(200)))
+    with pytest.raises(RecordingError, match=r"both\.csv: this file has a position of its own"):
+        io.load(both, position=encoder)
+    with pytest.raises(RecordingError, match=r"both\.csv: this file has an output of its own"):
+        io.load(output, position=both)
