@@ -1,8 +1,8 @@
 """Amplitude linearity: harmonics give the quadratic and the cubic term, the mean gives rectification.
 
 Behind f(a) = k a + K2 a² + K3 a³ with a = Re(A exp(i w t)) stand k A + 3/4 K3 A|A|² at w, K2 A²/2 at 2w, K3 A³/4
-at 3w and K2|A|²/2 in the mean. Harmonics that the reference shows are motion and are subtracted; what follows the sensor (a
-low-pass, a delay) passes them with its gain at their own frequency.
+at 3w and K2|A|²/2 in the mean. Harmonics that the reference shows are motion and are subtracted; what follows the
+sensor (a low-pass, a delay) passes them with its gain at their own frequency.
 """
 
 from __future__ import annotations

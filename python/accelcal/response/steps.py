@@ -23,6 +23,8 @@ SMOOTHED_CYCLES = 4.0
 """Periods over which the envelope is averaged."""
 LEVEL = 0.8
 """Share of the envelope's top that belongs to a step: amplitudes that differ by a quarter are two steps."""
+FADED = 0.1
+"""Share of a step's amplitude below which its fading no longer counts as part of it."""
 SIGNIFICANT = 60.0
 """Power of a line over the median of its neighbourhood."""
 ALONE = 0.8
@@ -131,8 +133,9 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
     slack = max(0.01, 4.0 * float(np.std(middle)) / plateau if plateau > 0.0 else 0.0)
     steady = np.flatnonzero(inner >= (1.0 - slack) * plateau)
     rise, fall = int(steady[0]), len(inner) - 1 - int(steady[-1])
-    begin = max(0, first - 2 * (rise + window))
-    stop = min(len(x), last + 1 + 2 * (fall + window))
+    outer_first, outer_last = _run(envelope, peak, FADED * plateau)
+    begin = max(outer_first, first - 2 * (rise + window))
+    stop = min(outer_last, last + 2 * (fall + window)) + 1
     start, end = first + rise + window, last - fall - window
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
 
