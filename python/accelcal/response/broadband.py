@@ -88,14 +88,11 @@ def measure_broadband(output: Channel, reference: Reference, frequencies: Sequen
                 f"{output.name}: this recording shows frequencies from {lowest:.4g} to {highest:.4g} Hz, asked for are "
                 f"{chosen[0]:.4g} to {chosen[-1]:.4g} Hz; choose others, or record longer or faster"
             )
-    factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
     noise = _reference_noise(channels[1], segments)
-    delay = 0.0
-    for last in (False, True):  # the windows of the output follow the delay that the first pass finds
-        each = (_point(channels, reference, segments, delay, float(f), factor, noise) for f in chosen)
-        found = [p for p in each if p is not None]
-        if not last:
-            delay = _delay([p for p in found if p.std < COHERENT * p.magnitude], segments)
+    first = _points(channels, reference, segments, 0.0, chosen, noise)
+    # the windows of the output follow the delay that the first pass finds, so that a steep phase does not leak
+    delay = _delay([p for p in first if p.std < COHERENT * p.magnitude], segments)
+    found = _points(channels, reference, segments, delay, chosen, noise)
     return [p for p in found if frequencies is not None or p.std < COHERENT * p.magnitude]
 
 
@@ -127,64 +124,71 @@ def _segments(channels: tuple[Channel, Channel]) -> Segments:
     return Segments(begin, length, (SEGMENTS - 1) * OVERLAP + 1)
 
 
-def amplitudes(channel: Channel, segments: Segments, frequency: float, order: int, delay: float = 0.0) -> Spectrum:
-    """Amplitude of the derivative of an order of a channel in each segment, (m,): the integral of window times sine.
+def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0) -> Spectrum:
+    """Amplitudes (f, m) of the derivative of an order of a channel in each segment: integrals of window times sine.
 
-    The windows lie later by the delay, s; the sine keeps its phase.
+    The windows lie later by the delay, s; the sines keep their phase. The derivative falls on the window and the sine:
+    with D = d/dt, D(w exp(-iwt)) = (w' - iw w) exp(-iwt), and so on; each brings a minus sign.
     """
-    w, step = 2.0 * math.pi * frequency, usual_step(channel.t)
-    found = np.empty(segments.count, dtype=np.complex128)
+    w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
+    turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
+    factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
+    found = np.empty((len(w), segments.count), dtype=np.complex128)
     for i in range(segments.count):
         begin = segments.begin + delay + i * segments.hop
         first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
-        t = channel.t[first:last]
-        zero, one, two = window((t - begin) / segments.length) / segments.length ** np.arange(3.0)[:, None]
-        test = {0: zero + 0j, 1: -(one - 1j * w * zero), 2: two - 2j * w * one - w**2 * zero}[order]
-        found[i] = step * np.sum(test * np.exp(-1j * w * t) * channel.y[first:last])
+        t, y = channel.t[first:last], channel.y[first:last]
+        tests = window((t - begin) / segments.length)[: order + 1] / segments.length ** np.arange(order + 1.0)[:, None]
+        sums = turns[:, : len(t)] @ (tests * y).T
+        total = sum(factor * sums[:, k] for k, factor in enumerate(factors))
+        found[:, i] = step * total * np.exp(-1j * w * t[0])
     return found
 
 
 def _reference_noise(channel: Channel, segments: Segments) -> float:
     """Mean power of the windowed channel where its band ends: noise, taken as white."""
     rate = 1.0 / usual_step(channel.t)
-    power = [np.abs(amplitudes(channel, segments, share * rate, 0)) ** 2 for share in (0.42, 0.44, 0.46)]
-    return float(np.median(power)) / math.log(2.0)
+    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0)
+    return float(np.median(np.abs(at_the_end) ** 2)) / math.log(2.0)
 
 
-def _point(
+def _points(
     channels: tuple[Channel, Channel],
     reference: Reference,
     segments: Segments,
     delay: float,
-    frequency: float,
-    factor: Array,
+    frequencies: Array,
     noise: float,
-) -> Point | None:
-    """One frequency by generalised least squares, corrected for the noise of the reference."""
-    f = np.array([frequency])
-    undone = complex(reference.polarity / reference.filters(f)[0])
-    y = _whitened(factor, amplitudes(channels[0], segments, frequency, 0, delay))
-    raw = undone * amplitudes(channels[1], segments, frequency, reference.order)
-    a = _whitened(factor, raw)
-    power = float(np.sum(np.abs(a) ** 2))
-    of_noise = len(a) * noise * abs(undone) ** 2 * (2.0 * math.pi * frequency) ** (2 * reference.order)
-    if not power > 0.0 or of_noise > NOISE_SHARE * power:
-        return None
-    value = complex(np.vdot(a, y)) / (power - of_noise)
-    degrees = 2 * (len(a) - 1)
-    variance = float(np.sum(np.abs(y - value * a) ** 2)) / degrees
-    energy = 3.0 / 8.0 * 35.0 / 48.0 * segments.length  # the integral of window²: 35/128 of its length
-    return Point(
-        frequency=frequency,
-        value=value,
-        std=math.sqrt(variance * power) / (power - of_noise),
-        degrees=float(degrees),
-        acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw) ** 2)) / energy)),
-        method="broadband",
-        start=segments.begin,
-        end=segments.begin + segments.length * SEGMENTS,
+) -> list[Point]:
+    """Each frequency by generalised least squares, corrected for the noise of the reference."""
+    factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
+    undone = reference.polarity / reference.filters(frequencies)
+    raw = undone[:, None] * amplitudes(channels[1], segments, frequencies, reference.order)
+    outputs = scipy.linalg.solve_triangular(
+        factor, amplitudes(channels[0], segments, frequencies, 0, delay).T, lower=True
     )
-
-
-def _whitened(factor: Array, x: Spectrum) -> Spectrum:
-    return np.asarray(scipy.linalg.solve_triangular(factor, x, lower=True))
+    moved = scipy.linalg.solve_triangular(factor, raw.T, lower=True)
+    degrees = 2 * (segments.count - 1)
+    energy = 35.0 / 128.0 * segments.length  # the integral of the squared window
+    found = []
+    for i, f in enumerate(frequencies):
+        y, a = outputs[:, i], moved[:, i]
+        power = float(np.sum(np.abs(a) ** 2))
+        of_noise = len(a) * noise * abs(undone[i]) ** 2 * (2.0 * math.pi * f) ** (2 * reference.order)
+        if not power > 0.0 or of_noise > NOISE_SHARE * power:
+            continue
+        value = complex(np.vdot(a, y)) / (power - of_noise)
+        variance = float(np.sum(np.abs(y - value * a) ** 2)) / degrees
+        found.append(
+            Point(
+                frequency=float(f),
+                value=value,
+                std=math.sqrt(variance * power) / (power - of_noise),
+                degrees=float(degrees),
+                acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw[i]) ** 2)) / energy)),
+                method="broadband",
+                start=segments.begin,
+                end=segments.begin + segments.length * SEGMENTS,
+            )
+        )
+    return found
