@@ -35,6 +35,9 @@ def response(
     dcc: Annotated[
         Path | None, typer.Option("--dcc", help="Write the table as a DCC result.", callback=writable_file)
     ] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
+    ] = None,
     rig: Rig = None,
     json: Json = False,
 ) -> None:
@@ -65,7 +68,11 @@ def response(
         print_json(to_dict(found))
     else:
         print("\n".join(lines(found)))
-    for path in (csv, dcc):
+    if output is not None:
+        from accelcal import plots
+
+        plots.write(plots.sensitivity(found), output)
+    for path in (csv, dcc, output):
         if path is not None:
             print_status(f"wrote {path}")
 

@@ -22,8 +22,10 @@ from accelcal.signals.transfer import response as gain_of
 
 NEAR = 0.03
 """Relative distance from a frequency that was asked for at which a sine still is it."""
-STEADY = 0.5
-"""Share of the output's power in steady sines from which on a recording is one of sine steps."""
+STEPPED = 0.25
+"""Share of the output's power within steps from which on a recording is one of sine steps,"""
+STEADY = 0.8
+"""where their sines explain this share of it."""
 CHANNELS = 16
 """Samples of each channel below which there is nothing to fit a sine to."""
 
@@ -82,7 +84,7 @@ def frequency_response(
     >>> import numpy as np
     >>> from accelcal import ADXL105_RIG, simulate
     >>> rng = np.random.default_rng(1)
-    >>> made = simulate("sine_steps", seconds=40.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
+    >>> made = simulate("sine_steps", seconds=60.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
     >>> found = frequency_response(made.recording, check=False)
     >>> len(found.points), found.model.best.structure.name
     (16, 'one pole')
@@ -142,7 +144,8 @@ def _sine(recording: Recording, reference: Reference, method: str, asked: Sequen
     """Sines that are asked for, or all; none where the motion is not one of steady sines."""
     rate = 1.0 / max(usual_step(recording.accel.t), usual_step(reference.channel.t))
     steps = _shared(find_steps(recording.accel, HIGHEST * rate), recording, reference)
-    if not steps or (method == "auto" and explained(recording.accel, steps) < STEADY):
+    inside, steady = explained(recording.accel, steps)
+    if method == "auto" and (inside < STEPPED or steady < STEADY):
         return []
     found = [h for step in steps for h in measure_step(recording.accel, reference, step)]
     if asked is None:

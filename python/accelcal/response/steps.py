@@ -26,7 +26,7 @@ LEVEL = 0.8
 FADED = 0.1
 """Share of a step's amplitude below which its fading no longer counts as part of it."""
 SIGNIFICANT = 60.0
-"""Power of a line over the median of its neighbourhood."""
+"""Power of a line over the median of the spectrum; whether it is steady is decided on its envelope."""
 ALONE = 0.8
 """Share of the variance that one sine explains where no other shares its stretch."""
 MOST_STEPS = 300
@@ -81,15 +81,17 @@ def find_steps(channel: Channel, highest: float) -> list[SineStep]:
     return _joined(found)
 
 
-def explained(channel: Channel, steps: Sequence[SineStep]) -> float:
-    """Share of the variance of a channel within the steps that their sines explain, times the energy they cover."""
-    whole = float(np.sum((channel.y - np.median(channel.y)) ** 2))
-    sines = 0.0
+def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float]:
+    """Share of the channel's power that lies within the steps, and share of that which their sines explain."""
+    about = float(np.median(channel.y))
+    whole = float(np.sum((channel.y - about) ** 2))
+    inside = sines = 0.0
     for each in steps:
         part = within(channel, each.start, each.end)
         amplitudes = fit_sines(part, each.frequencies, each.centre).amplitudes
+        inside += float(np.sum((part.y - about) ** 2))
         sines += 0.5 * len(part) * float(np.sum(np.abs(amplitudes) ** 2))
-    return sines / whole if whole > 0.0 else 0.0
+    return (inside / whole, sines / inside) if inside > 0.0 else (0.0, 0.0)
 
 
 def _uniform(channel: Channel) -> tuple[Array, Array]:
@@ -109,8 +111,7 @@ def _strongest(x: Array, step: float, highest: float) -> float | None:
     if last < 8:
         return None
     at = 3 + int(np.argmax(power[3:last]))
-    near = power[max(3, at - 300) : at + 300]
-    if not power[at] > SIGNIFICANT * float(np.median(near)):
+    if not power[at] > SIGNIFICANT * float(np.median(power[3:last])):
         return None
     left, mid, right = np.sqrt(power[at - 1 : at + 2])
     curvature = left - 2.0 * mid + right
