@@ -35,8 +35,8 @@ def response(
     dcc: Annotated[
         Path | None, typer.Option("--dcc", help="Write the table as a DCC result.", callback=writable_file)
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
     ] = None,
     rig: Rig = None,
     json: Json = False,
@@ -68,11 +68,12 @@ def response(
         print_json(to_dict(found))
     else:
         print("\n".join(lines(found)))
-    if output is not None:
-        from accelcal import plots
+    if figure is not None:
+        from accelcal.plots import sensitivity
+        from accelcal.plots.style import save
 
-        plots.write(plots.sensitivity(found), output)
-    for path in (csv, dcc, output):
+        save(sensitivity(found), figure)
+    for path in (csv, dcc, figure):
         if path is not None:
             print_status(f"wrote {path}")
 
