@@ -2,7 +2,7 @@
 
 The amplitude of the acceleration in a segment is the integral of the reference against the derivative of the windowed
 sine, so that nothing is differentiated and a steep spectrum does not leak. Output = H acceleration + noise over all
-segments is a regression whose errors have the known correlation of overlapping windows (derivation D3.12).
+segments is a regression whose errors have the known correlation of overlapping windows (derivation 6.16).
 """
 
 from __future__ import annotations

@@ -335,7 +335,7 @@ def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLi
         size = np.array([amplitude / (2.0 * math.pi * frequency) ** 2])
         sine = Tones(size, np.array([frequency]), np.array([-2.0 * math.pi * frequency * start]))
         parts.append(Windowed(sine, start, start + duration, 0.1 * duration))
-        start += duration + rest
+        start += float(duration) + rest
     return Motion(tuple(parts), start, name="sine_steps")
 
 
