@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-engines bench-references bench-hidden bench-against compare-outputs bench-peers stubs format clean
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-engines bench-references bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -111,6 +111,9 @@ bench-engines: $(STAMP) ## Estimate honest and spoilt records by the replay and 
 
 bench-hidden: $(STAMP) ## Hold the product to records with hidden effects; an hour, restartable.
 	$(BIN)/python -m benches.hidden --write
+
+bench-response: $(STAMP) ## Hold the frequency response to exact simulated shakers: errors and coverage; minutes.
+	$(BIN)/python -m benches.response
 
 format: $(STAMP) ## Rewrite sources in the project's style.
 	cargo fmt --all

@@ -93,7 +93,19 @@ __all__ = [
     "save_model",
     "simulate",
 ]
-PACKAGES = ("campaign", "data", "effects", "experiment", "filters", "fleet", "io", "plots", "report", "simulation")
+PACKAGES = (
+    "campaign",
+    "data",
+    "effects",
+    "experiment",
+    "filters",
+    "fleet",
+    "io",
+    "plots",
+    "report",
+    "response",
+    "simulation",
+)
 """Packages that are reached as attributes, imported on first use."""
 _binding: set[int] = set()
 """Threads that are importing the public names."""

@@ -33,6 +33,7 @@ LAYERS = (
     "calibration",
     "serialization",
     "workflow",
+    "response",
     "formatting",
     "frames",
     "live",

@@ -20,7 +20,7 @@ from accelcal._support.plain_text import visible
 from accelcal._support.stopping import asked_to_end
 from accelcal._support.supervised import continue_in_child
 
-WRITTEN = ("output", "c", "rust", "dcc", "save")
+WRITTEN = ("output", "c", "rust", "dcc", "csv", "figure", "save")
 """Parameters that name an output file."""
 RECORDINGS = (".csv", ".parquet")
 """Endings of recordings that are written, each with a sidecar next to it."""

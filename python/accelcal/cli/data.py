@@ -108,9 +108,10 @@ def cut(
 @with_exit_codes
 def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="Recording to write: .csv or .parquet.")],
-    motion: Annotated[str, typer.Option("--motion", help="tones, interleaved, moves, bursts, fast, chirp, rests.")] = (
-        "interleaved"
-    ),
+    motion: Annotated[
+        str,
+        typer.Option("--motion", help="tones, interleaved, moves, bursts, fast, chirp, rests, sine_steps, sweep."),
+    ] = "interleaved",
     seconds: Annotated[float, typer.Option("--seconds", help="Length, s.")] = 60.0,
     sensor: Annotated[str, typer.Option("--sensor", help="ADXL105 or CXL02.")] = "ADXL105",
     a_rms: Annotated[float | None, typer.Option("--a-rms", help="Rms acceleration, m/s².")] = None,

@@ -18,6 +18,7 @@ from accelcal.plots.static.comparison import (
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
 from accelcal.plots.static.overlay import overlay
+from accelcal.plots.static.sensitivity import sensitivity
 
 __all__ = [
     "MissingExtra",
@@ -31,6 +32,7 @@ __all__ = [
     "overview",
     "parameters",
     "regions",
+    "sensitivity",
     "simulated",
     "write",
 ]

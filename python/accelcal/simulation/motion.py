@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
@@ -24,6 +25,8 @@ FAST_PEAK = 2.0 * STANDARD_GRAVITY
 """Largest acceleration of the profile "fast", m/s²."""
 PAPER_TONES = (2.1, 3.3, 4.7, 6.1)
 """Frequencies of the profile "tones", Hz: no harmonic up to the third meets a base frequency."""
+THIRDS = (5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0, 25.0, 31.5, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0, 160.0)
+"""Frequencies of the profile "sine_steps", Hz: the standard third octaves; "sweep" goes from the first to the last."""
 REST = 20.0
 """Rest at either end of the profile "rests", s."""
 
@@ -110,6 +113,36 @@ class Chirp:
         g = 1j * w - 2.0 * rate / w
         g1 = 1j * rate + 2.0 * rate**2 / w**2
         g2 = -4.0 * rate**3 / w**3
+        return np.stack([z.imag, (g * z).imag, ((g1 + g**2) * z).imag, ((g2 + 3.0 * g * g1 + g**3) * z).imag])
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """A sine of constant acceleration amplitude whose frequency grows by the same factor in equal times.
+
+    p = -A sin(phi)/w², phi' = w = 2 pi f0 (f1/f0)^(t/duration).
+    """
+
+    amplitude: float
+    """A, m/s²; the acceleration reaches it up to terms of order w'/w²."""
+    low: float
+    """f0 at t = 0, Hz."""
+    high: float
+    """f1 at t = duration, Hz."""
+    duration: float
+    """s."""
+
+    start = -math.inf
+    stop = math.inf
+    final = 0.0
+
+    def derivatives(self, t: Array) -> Array:
+        growth = math.log(self.high / self.low) / self.duration
+        w = 2.0 * math.pi * self.low * np.exp(growth * t)
+        # as in `Chirp`, with w' = growth w
+        z = -self.amplitude * np.exp(1j * (w - 2.0 * math.pi * self.low) / growth) / w**2
+        g = 1j * w - 2.0 * growth
+        g1, g2 = 1j * growth * w, 1j * growth**2 * w
         return np.stack([z.imag, (g * z).imag, ((g1 + g**2) * z).imag, ((g2 + 3.0 * g * g1 + g**3) * z).imag])
 
 
@@ -232,7 +265,8 @@ def motion(
         "rest" (nothing moves), "tones" (four steady tones, 2.1 to 6.1 Hz), "chirp" (1 to 20 Hz), "moves" (point to
         point with rests), "bursts" (random, 2 to 15 Hz, faded in and out, with rests), "interleaved" (bursts and moves
         alternate every 3 to 7 s), "rests" (interleaved between two rests of 20 s), "fast" (random, 3 to 12 Hz, up to
-        2 g, over a slow traverse).
+        2 g, over a slow traverse), "sine_steps" (one sine after another, third octaves from 5 to 160 Hz), "sweep" (one
+        sine from 5 to 160 Hz).
     seconds : float
         Length, s.
     rng : numpy.random.Generator
@@ -267,6 +301,44 @@ def motion(
     return planned if v_max is None else _scaled(planned, planned.top_speed, v_max)
 
 
+def sine_steps(frequencies: ArrayLike, amplitudes: ArrayLike, durations: ArrayLike, *, rest: float = 0.2) -> Motion:
+    """A shaker's run: one sine after another, each faded in and out, with a rest before and behind it.
+
+    Parameters
+    ----------
+    frequencies : (m,) Hz, above 0.
+    amplitudes : (m,) or one, of the acceleration, m/s².
+    durations : (m,) or one, of each step, s; a tenth of it at either end is its fading.
+    rest : between steps, s.
+
+    Returns
+    -------
+    The motion; its `seconds` are its length.
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive and finite, or the lengths do not agree.
+
+    Examples
+    --------
+    >>> sine_steps([5.0, 10.0], 2.0, 4.0, rest=0.5).seconds
+    9.5
+    """
+    f = np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
+    each = np.broadcast_arrays(f, np.asarray(amplitudes, np.float64), np.asarray(durations, np.float64))
+    if not (np.isfinite(each).all() and np.min(each, initial=math.inf) > 0.0 and 0.0 <= rest < math.inf and len(f)):
+        raise ValueError("sine_steps: expected frequencies, amplitudes and durations that are positive and finite")
+    parts: list[Part] = []
+    start = rest
+    for frequency, amplitude, duration in zip(*each, strict=True):
+        size = np.array([amplitude / (2.0 * math.pi * frequency) ** 2])
+        sine = Tones(size, np.array([frequency]), np.array([-2.0 * math.pi * frequency * start]))
+        parts.append(Windowed(sine, start, start + duration, 0.1 * duration))
+        start += float(duration) + rest
+    return Motion(tuple(parts), start, name="sine_steps")
+
+
 def _scaled(planned: Motion, now: float, wanted: float) -> Motion:
     if not 0.0 < wanted < math.inf:
         raise ValueError(f"motion {planned.name!r} is to be scaled to {wanted:g}; give a positive number.")
@@ -295,6 +367,20 @@ def _tones(seconds: float, rng: np.random.Generator) -> Motion:
 
 def _chirp(seconds: float, rng: np.random.Generator) -> Motion:
     planned = Motion((Chirp(1.0, 1.0, 20.0, seconds),), seconds)
+    return planned.scaled(STAGE_SPEED / planned.top_speed)
+
+
+def _sine_steps(seconds: float, rng: np.random.Generator) -> Motion:
+    if seconds < 20.0:
+        raise ValueError(f"motion 'sine_steps' needs 20 s or more for its 16 steps: {seconds:g} s is too short.")
+    rest = 0.05 * seconds / (len(THIRDS) + 1)
+    planned = sine_steps(THIRDS, 1.0, 0.95 * seconds / len(THIRDS), rest=rest)
+    return replace(planned.scaled(STAGE_SPEED / planned.top_speed), seconds=seconds)
+
+
+def _sweep(seconds: float, rng: np.random.Generator) -> Motion:
+    sweep = Sweep(1.0, THIRDS[0], THIRDS[-1], seconds)
+    planned = Motion((Windowed(sweep, 0.0, seconds, min(1.0, 0.1 * seconds)),), seconds)
     return planned.scaled(STAGE_SPEED / planned.top_speed)
 
 
@@ -337,6 +423,8 @@ PROFILES: dict[str, Callable[[float, np.random.Generator], Motion]] = {
     "interleaved": _interleaved,
     "rests": _rests,
     "fast": _fast,
+    "sine_steps": _sine_steps,
+    "sweep": _sweep,
 }
 """Motion profiles by name; each takes the length in s and a generator."""
 

@@ -28,6 +28,7 @@ FILES: tuple[type[BaseModel], ...] = (
     results.TriadFile,
     results.LiveFile,
     results.PaperFile,
+    results.ResponseFile,
     Content,
     ContentOfOne,
 )

@@ -844,3 +844,75 @@ class PaperFile(Part):
     items: list[dict[str, Any]]
     figures: list[str]
     statements: list[dict[str, Any]]
+
+
+class ResponsePoint(Part):
+    """Sensitivity at one frequency; expanded uncertainties have k = 2."""
+
+    frequency_hz: Known
+    magnitude: Known
+    magnitude_expanded: Value
+    phase_deg: Known
+    phase_expanded_deg: Value
+    degrees_of_freedom: Known
+    acceleration_m_per_s2: Value
+    method: Literal["sine", "broadband"]
+    start_s: Known
+    end_s: Known
+
+
+class ResponseParameter(Part):
+    """A parameter of a response."""
+
+    name: str
+    unit: str
+    value: Value
+    std: Value
+    expanded: Value
+
+
+class ResponseStructure(Part):
+    """A form of the response, fitted."""
+
+    structure: str
+    parameters: list[ResponseParameter]
+    chi_square: Value
+    degrees_of_freedom: int
+    p: Value
+
+
+class LinearityTerm(Part):
+    """A coefficient of the sensor's curve by one way of measuring it."""
+
+    name: Literal["K2", "K3"]
+    source: str
+    unit: str
+    value: Value
+    std: Value
+    expanded: Value
+    steps: int
+
+
+class TimeDomainPart(Part):
+    """A linear fit in the time domain, to compare with."""
+
+    sentence: str
+    gain: Value
+    gain_std: Value
+    delay_s: Value
+    delay_std_s: Value
+
+
+class ResponseFile(Part):
+    """Sensitivity by frequency: `response`."""
+
+    schema_: Literal["accelcal/response/1"] = Field(alias="schema")
+    recording: str
+    points: list[ResponsePoint]
+    model: ResponseStructure | None
+    not_separated: list[ResponseStructure]
+    fails_at_hz: list[Known]
+    deviations: list[Value]
+    sentences: list[str]
+    linearity: list[LinearityTerm]
+    time_domain: TimeDomainPart | None

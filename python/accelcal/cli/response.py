@@ -1,0 +1,88 @@
+"""The command for sensitivity by frequency."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from accelcal.cli.common import (
+    Json,
+    Rig,
+    RunFile,
+    UsageError,
+    app,
+    print_json,
+    print_status,
+    progress,
+    with_exit_codes,
+    writable_file,
+)
+
+
+@app.command()
+@with_exit_codes
+def response(
+    run: RunFile,
+    frequencies: Annotated[
+        str | None, typer.Option("--frequencies", help="Hz, such as 10,20,40; by default all that are found.")
+    ] = None,
+    method: Annotated[
+        Literal["auto", "sine", "broadband"], typer.Option("--method", help="Steady sines, or any other motion.")
+    ] = "auto",
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write the table as CSV.", callback=writable_file)] = None,
+    dcc: Annotated[
+        Path | None, typer.Option("--dcc", help="Write the table as a DCC result.", callback=writable_file)
+    ] = None,
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
+    ] = None,
+    rig: Rig = None,
+    json: Json = False,
+) -> None:
+    """Measure magnitude and phase of the sensitivity by frequency, from sine steps, a sweep or a random motion.
+
+    Then parameters (gain, poles, resonance, delay), where they fail, amplitude linearity, and a linear fit in the time
+    domain to compare with. The reference is the position; a lag has a negative phase.
+
+    Example: [bold]accelcal response shaker.csv --frequencies 10,20,40,80 --csv table.csv[/bold]
+    """
+    from accelcal import io
+    from accelcal.io import atomic_write, together
+    from accelcal.response.certificate import dcc_table
+    from accelcal.response.measure import frequency_response
+    from accelcal.response.table import lines, to_csv, to_dict
+
+    asked = None if frequencies is None else parse_frequencies(frequencies)
+    with progress("response") as share:
+        recording = io.load(run, rig=rig)
+        share(0.2)
+        found = frequency_response(recording, frequencies=asked, method=method)
+    with together():
+        if csv is not None:
+            atomic_write(csv, to_csv(found))
+        if dcc is not None:
+            atomic_write(dcc, dcc_table(found))
+    if json:
+        print_json(to_dict(found))
+    else:
+        print("\n".join(lines(found)))
+    if figure is not None:
+        from accelcal.plots import sensitivity
+        from accelcal.plots.style import save
+
+        save(sensitivity(found), figure)
+    for path in (csv, dcc, figure):
+        if path is not None:
+            print_status(f"wrote {path}")
+
+
+def parse_frequencies(text: str) -> list[float]:
+    """Parse numbers in Hz separated by commas."""
+    try:
+        return [float(part) for part in text.split(",")]
+    except ValueError:
+        raise UsageError(
+            f"--frequencies {text!r}: expected numbers in Hz separated by commas, such as 10,20,40"
+        ) from None

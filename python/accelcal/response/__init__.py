@@ -1,0 +1,19 @@
+"""Frequency response: sensitivity by frequency from sine steps, a sweep or any motion (ISO 16063-11, -21, -41)."""
+
+from accelcal._support.listing import listing
+from accelcal.response.measure import FrequencyResponse, frequency_response, position_reference
+from accelcal.response.parametric import ResponseModel, fit_response
+from accelcal.response.points import Point, Reference
+
+__all__ = [
+    "FrequencyResponse",
+    "Point",
+    "Reference",
+    "ResponseModel",
+    "fit_response",
+    "frequency_response",
+    "position_reference",
+]
+
+
+__dir__ = listing(globals())

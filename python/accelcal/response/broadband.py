@@ -1,0 +1,194 @@
+"""Sensitivity from a sweep or a random motion: smooth windows on overlapping segments.
+
+The amplitude of the acceleration in a segment is the integral of the reference against the derivative of the windowed
+sine, so that nothing is differentiated and a steep spectrum does not leak. Output = H acceleration + noise over all
+segments is a regression whose errors have the known correlation of overlapping windows (derivation 6.16).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.data.recording import Channel
+from accelcal.data.stamps import usual_step
+from accelcal.response.points import Point, Reference
+from accelcal.signals.transfer import Spectrum
+
+SEGMENTS = 16
+"""Segments that fit end to end into a recording."""
+OVERLAP = 4
+"""Segments that begin within one."""
+LEAST_CYCLES = 8.0
+"""Periods in a segment, for the lowest frequency."""
+COUNT = 40
+"""Frequencies where none are asked for."""
+HIGHEST = 0.4
+"""Share of the lower rate up to which a response is estimated."""
+COHERENT = 0.2
+"""Relative standard uncertainty above which a frequency that was not asked for is left out."""
+NOISE_SHARE = 0.2
+"""Share of the reference's power that its noise may have; beyond it the reference shows no motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Segments:
+    """Where segments lie and how they overlap."""
+
+    begin: float
+    """s"""
+    length: float
+    """s, of one."""
+    count: int
+
+    @property
+    def hop(self) -> float:
+        """From one begin to the next, s."""
+        return self.length / OVERLAP
+
+    def covariance(self) -> Array:
+        """(m, m) correlation of white noise seen through the windows."""
+        u = (np.arange(4000) + 0.5) / 4000
+        first = np.zeros(self.count)
+        for lag in range(min(OVERLAP, self.count)):
+            shifted = u - lag / OVERLAP
+            first[lag] = float(np.mean(np.where(shifted > 0.0, window(u)[0] * window(shifted)[0], 0.0)))
+        return np.asarray(scipy.linalg.toeplitz(first / first[0]))
+
+
+def window(u: Array) -> Array:
+    """sin⁴(pi u) on 0..1 with its two derivatives in u, (3, n): all vanish at both ends."""
+    s, c = np.sin(np.pi * u), np.cos(np.pi * u)
+    return np.stack([s**4, 4 * np.pi * s**3 * c, 4 * np.pi**2 * s**2 * (3 * c**2 - s**2)])
+
+
+def measure_broadband(output: Channel, reference: Reference, frequencies: Sequence[float] | None) -> list[Point]:
+    """Sensitivity at frequencies in Hz, or at those at which output and reference are coherent.
+
+    Raises
+    ------
+    ValueError
+        If a frequency that was asked for is outside what the rates and the length allow.
+    """
+    channels = even(output), even(reference.channel)
+    segments = _segments(channels)
+    highest = HIGHEST / max(usual_step(c.t) for c in channels)
+    lowest = LEAST_CYCLES / segments.length
+    if frequencies is None:
+        chosen = np.geomspace(lowest, highest, COUNT)
+    else:
+        chosen = np.array(sorted(frequencies))
+        if len(chosen) and not (lowest <= chosen[0] and chosen[-1] <= highest):
+            raise ValueError(
+                f"{output.name}: this recording shows frequencies from {lowest:.4g} to {highest:.4g} Hz, asked for are "
+                f"{chosen[0]:.4g} to {chosen[-1]:.4g} Hz; choose others, or record longer or faster"
+            )
+    noise = _reference_noise(channels[1], segments)
+    first = _points(channels, reference, segments, 0.0, chosen, noise)
+    # the windows of the output follow the delay that the first pass finds, so that a steep phase does not leak
+    delay = _delay([p for p in first if p.std < COHERENT * p.magnitude], segments)
+    found = _points(channels, reference, segments, delay, chosen, noise)
+    return [p for p in found if frequencies is not None or p.std < COHERENT * p.magnitude]
+
+
+def _delay(points: Sequence[Point], segments: Segments) -> float:
+    """Slope of the unwrapped phase, s; at most a tenth of a segment."""
+    if not points:
+        return 0.0
+    w = 2.0 * math.pi * np.array([p.frequency for p in points])
+    phase = np.unwrap(np.array([p.phase for p in points]))
+    weight = np.array([(p.magnitude / p.std) ** 2 for p in points])
+    found = -float(np.sum(weight * w * phase) / np.sum(weight * w * w))
+    return float(np.clip(found, -0.1 * segments.length, 0.1 * segments.length))
+
+
+def even(channel: Channel) -> Channel:
+    """The channel on even stamps: as it is, or through a cubic spline at its usual rate."""
+    step = usual_step(channel.t)
+    if np.max(np.abs(np.diff(channel.t) - step)) < 1e-4 * step:
+        return channel
+    t = np.arange(channel.t[0], channel.t[-1], step)
+    return Channel(channel.name, t, scipy.interpolate.CubicSpline(channel.t, channel.y)(t), channel.unit)
+
+
+def _segments(channels: tuple[Channel, Channel]) -> Segments:
+    begin, end = max(float(c.t[0]) for c in channels), min(float(c.t[-1]) for c in channels)
+    length = (end - begin) / SEGMENTS
+    if not length > 64.0 * max(usual_step(c.t) for c in channels):
+        raise ValueError(f"{channels[0].name}: output and reference share {end - begin:.3g} s; record longer")
+    return Segments(begin, length, (SEGMENTS - 1) * OVERLAP + 1)
+
+
+def amplitudes(channel: Channel, segments: Segments, frequencies: Array, order: int, delay: float = 0.0) -> Spectrum:
+    """Amplitudes (f, m) of the derivative of an order of a channel in each segment: integrals of window times sine.
+
+    The windows lie later by the delay, s; the sines keep their phase. The derivative falls on the window and the sine:
+    with D = d/dt, D(w exp(-iwt)) = (w' - iw w) exp(-iwt), and so on; each brings a minus sign.
+    """
+    w, step = 2.0 * math.pi * frequencies, usual_step(channel.t)
+    turns = np.exp(-1j * np.outer(w, step * np.arange(math.ceil(segments.length / step) + 2)))
+    factors = {0: (1.0,), 1: (1j * w, -1.0), 2: (-(w**2), -2j * w, 1.0)}[order]
+    found = np.empty((len(w), segments.count), dtype=np.complex128)
+    for i in range(segments.count):
+        begin = segments.begin + delay + i * segments.hop
+        first, last = np.searchsorted(channel.t, (begin, begin + segments.length))
+        t, y = channel.t[first:last], channel.y[first:last]
+        tests = window((t - begin) / segments.length)[: order + 1] / segments.length ** np.arange(order + 1.0)[:, None]
+        sums = turns[:, : len(t)] @ (tests * y).T
+        total = sum(factor * sums[:, k] for k, factor in enumerate(factors))
+        found[:, i] = step * total * np.exp(-1j * w * t[0])
+    return found
+
+
+def _reference_noise(channel: Channel, segments: Segments) -> float:
+    """Mean power of the windowed channel where its band ends: noise, taken as white."""
+    rate = 1.0 / usual_step(channel.t)
+    at_the_end = amplitudes(channel, segments, rate * np.array([0.42, 0.44, 0.46]), 0)
+    return float(np.median(np.abs(at_the_end) ** 2)) / math.log(2.0)
+
+
+def _points(
+    channels: tuple[Channel, Channel],
+    reference: Reference,
+    segments: Segments,
+    delay: float,
+    frequencies: Array,
+    noise: float,
+) -> list[Point]:
+    """Each frequency by generalised least squares, corrected for the noise of the reference."""
+    factor = scipy.linalg.cholesky(segments.covariance(), lower=True)
+    undone = reference.polarity / reference.filters(frequencies)
+    raw = undone[:, None] * amplitudes(channels[1], segments, frequencies, reference.order)
+    outputs = scipy.linalg.solve_triangular(
+        factor, amplitudes(channels[0], segments, frequencies, 0, delay).T, lower=True
+    )
+    moved = scipy.linalg.solve_triangular(factor, raw.T, lower=True)
+    degrees = 2 * (segments.count - 1)
+    energy = 35.0 / 128.0 * segments.length  # the integral of the squared window
+    found = []
+    for i, f in enumerate(frequencies):
+        y, a = outputs[:, i], moved[:, i]
+        power = float(np.sum(np.abs(a) ** 2))
+        of_noise = len(a) * noise * abs(undone[i]) ** 2 * (2.0 * math.pi * f) ** (2 * reference.order)
+        if not power > 0.0 or of_noise > NOISE_SHARE * power:
+            continue
+        value = complex(np.vdot(a, y)) / (power - of_noise)
+        variance = float(np.sum(np.abs(y - value * a) ** 2)) / degrees
+        found.append(
+            Point(
+                frequency=float(f),
+                value=value,
+                std=math.sqrt(variance * power) / (power - of_noise),
+                degrees=float(degrees),
+                acceleration=complex(math.sqrt(2.0 * float(np.mean(np.abs(raw[i]) ** 2)) / energy)),
+                method="broadband",
+                start=segments.begin,
+                end=segments.begin + segments.length * SEGMENTS,
+            )
+        )
+    return found

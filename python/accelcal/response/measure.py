@@ -1,0 +1,166 @@
+"""From a recording to its frequency response: points, parameters, linearity, and the time-domain fit beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from accelcal._support.immutable import immutable
+from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.stamps import usual_step
+from accelcal.response.broadband import HIGHEST, measure_broadband
+from accelcal.response.cross_check import CrossCheck, cross_check
+from accelcal.response.linearity import Term, linearity
+from accelcal.response.parametric import ResponseModel, fit_response
+from accelcal.response.points import Point, Reference
+from accelcal.response.sine_points import Harmonics, measure_step
+from accelcal.response.steps import SineStep, explained, find_steps
+from accelcal.signals.transfer import response as gain_of
+
+NEAR = 0.03
+"""Relative distance from a frequency that was asked for at which a sine still is it."""
+STEPPED = 0.25
+"""Share of the output's power within steps from which on a recording is one of sine steps,"""
+STEADY = 0.8
+"""where their sines explain this share of it."""
+CHANNELS = 16
+"""Samples of each channel below which there is nothing to fit a sine to."""
+
+
+@immutable
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """Sensitivity by frequency of one recording."""
+
+    recording: str
+    """File name."""
+    points: tuple[Point, ...]
+    """By frequency, then by time."""
+    model: ResponseModel | None
+    """Parameters; None with too few points."""
+    terms: tuple[Term, ...]
+    """Amplitude linearity, from sine steps."""
+    check: CrossCheck | str | None
+    """The time-domain fit, or why there is none; None where it was not asked for."""
+
+    def __repr__(self) -> str:
+        span = f", {self.points[0].frequency:.4g} to {self.points[-1].frequency:.4g} Hz" if self.points else ""
+        return f"FrequencyResponse({self.recording!r}: {len(self.points)} points{span})"
+
+
+def frequency_response(
+    recording: Recording,
+    *,
+    frequencies: Sequence[float] | None = None,
+    method: Literal["auto", "sine", "broadband"] = "auto",
+    reference: Reference | None = None,
+    check: bool = True,
+) -> FrequencyResponse:
+    """Magnitude and phase of the output over the acceleration of the reference, with uncertainties (ISO 16063-11, -41).
+
+    Parameters
+    ----------
+    recording : Recording
+        Its output holds declared filters too: they are part of the response.
+    frequencies : sequence of float, optional
+        Hz. Of sine steps those to keep; of a broadband motion those to estimate. By default all that are found.
+    method : {"auto", "sine", "broadband"}
+        Sine approximation where most of the motion is steady sines, else spectral estimation.
+    reference : Reference, optional
+        A channel and its order; by default the position, of order 2.
+    check : bool
+        Whether to compare with a linear fit in the time domain.
+
+    Raises
+    ------
+    RecordingError
+        If no frequency is found, or one that was asked for is not in the recording.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from accelcal import ADXL105_RIG, simulate
+    >>> rng = np.random.default_rng(1)
+    >>> made = simulate("sine_steps", seconds=60.0, rig=ADXL105_RIG, parameters={"scale_factor": 0.01}, rng=rng)
+    >>> found = frequency_response(made.recording, check=False)
+    >>> len(found.points), found.model.best.structure.name
+    (16, 'one pole')
+    """
+    used = position_reference(recording) if reference is None else reference
+    _require_samples(recording, used)
+    asked = None if frequencies is None else _valid(recording, frequencies)
+    harmonics = [] if method == "broadband" else _sine(recording, used, method, asked)
+    points = [h.point for h in harmonics]
+    if not points:
+        if method == "sine":
+            raise RecordingError(
+                f"{recording.name}: no steady sine was found in output and reference; expected steps of at least six "
+                "periods each. Take --method broadband for a sweep or a random motion"
+            )
+        try:
+            points = measure_broadband(recording.accel, used, asked)
+        except ValueError as error:
+            raise RecordingError(f"{recording.name}: {error}") from None
+    if not points:
+        raise RecordingError(
+            f"{recording.name}: output and reference have no frequency in common that stands out of their noise; "
+            "check that both saw the same motion, or move more"
+        )
+    points.sort(key=lambda p: (p.frequency, p.start))
+    model = fit_response(points)
+    terms = linearity(harmonics, model.best.response) if model is not None and harmonics else ()
+    return FrequencyResponse(
+        recording.name, tuple(points), model, terms, cross_check(recording, points) if check else None
+    )
+
+
+def position_reference(recording: Recording) -> Reference:
+    """The recording's position as the reference, behind its declared filters."""
+    rig = recording.rig
+    filters = gain_of(rig.position_filters, 1.0 / usual_step(recording.position.t))
+    return Reference(recording.position, 2, rig.polarity, filters)
+
+
+def _require_samples(recording: Recording, reference: Reference) -> None:
+    for channel in (recording.accel, reference.channel):
+        if len(channel) < CHANNELS:
+            raise RecordingError(
+                f"{recording.name}: {channel.name} has {len(channel)} samples, expected at least {CHANNELS}; a "
+                "frequency response needs a recording of output and reference"
+            )
+
+
+def _valid(recording: Recording, frequencies: Sequence[float]) -> list[float]:
+    found = [float(f) for f in frequencies]
+    if not found or not all(np.isfinite(f) and f > 0.0 for f in found):
+        raise RecordingError(f"{recording.name}: frequencies {found}, expected positive numbers in Hz")
+    return found
+
+
+def _sine(recording: Recording, reference: Reference, method: str, asked: Sequence[float] | None) -> list[Harmonics]:
+    """Sines that are asked for, or all; none where the motion is not one of steady sines."""
+    rate = 1.0 / max(usual_step(recording.accel.t), usual_step(reference.channel.t))
+    steps = _shared(find_steps(recording.accel, HIGHEST * rate), recording, reference)
+    inside, steady = explained(recording.accel, steps)
+    if method == "auto" and (inside < STEPPED or steady < STEADY):
+        return []
+    found = [h for step in steps for h in measure_step(recording.accel, reference, step)]
+    if asked is None:
+        return found
+    missing = [f for f in asked if not any(abs(h.point.frequency - f) < NEAR * f for h in found)]
+    if missing:
+        there = ", ".join(f"{f:.4g}" for f in sorted({h.point.frequency for h in found}))
+        raise RecordingError(
+            f"{recording.name}: no steady sine at {', '.join(f'{f:.6g}' for f in missing)} Hz; found are: {there} Hz"
+        )
+    return [h for h in found if any(abs(h.point.frequency - f) < NEAR * f for f in asked)]
+
+
+def _shared(steps: Sequence[SineStep], recording: Recording, reference: Reference) -> list[SineStep]:
+    """Steps that lie within the stretch that both channels cover."""
+    begin = max(float(recording.accel.t[0]), float(reference.channel.t[0]))
+    end = min(float(recording.accel.t[-1]), float(reference.channel.t[-1]))
+    return [s for s in steps if s.start >= begin and s.end <= end]

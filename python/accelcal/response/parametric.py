@@ -1,0 +1,278 @@
+"""Parameters of a sensor from its frequency response: gain, delay, a pole, a resonance or second-order low-pass.
+
+Every structure is fitted by complex weighted least squares. The one with the smallest information criterion is chosen;
+all whose criterion is as good within `SAME` are one class that the data do not separate.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from accelcal.data.arrays import Array
+from accelcal.response.points import COVERAGE, Point
+from accelcal.signals.transfer import Spectrum
+
+SAME = 6.0
+"""Difference of the information criterion below which two structures are not separated: odds of 20 to 1."""
+FAILS = 0.01
+"""Probability, adjusted for the number of frequencies, below which a frequency deviates."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One fitted number."""
+
+    name: str
+    unit: str
+    value: float
+    std: float
+    """Standard uncertainty; widened where the structure does not fit."""
+    expanded: float
+    """k = 2"""
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """A form of the response: gain times a pole or a second-order low-pass, times a delay."""
+
+    name: str
+    terms: tuple[str, ...]
+    """Of "delay", "pole" and "second_order"."""
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return 1 + sum(2 if term == "second_order" else 1 for term in self.terms)
+
+    def contains(self, other: Structure) -> bool:
+        """Whether another structure is a special case of this one; a pole is the limit of a second order of low Q."""
+        own = {*self.terms, *(("pole",) if "second_order" in self.terms else ())}
+        return set(other.terms) <= own
+
+    def response(self, theta: Array, frequency: Array) -> Spectrum:
+        """Gain (n,) at frequencies (n,) Hz. theta: gain, then log f0 and log Q, log f_pole, delay in s."""
+        s = 2j * math.pi * np.asarray(frequency, dtype=np.float64)
+        total = np.full(s.shape, theta[0], dtype=np.complex128)
+        at = 1
+        for term in self.terms:
+            if term == "second_order":
+                w0, q = 2.0 * math.pi * math.exp(theta[at]), math.exp(theta[at + 1])
+                total *= w0**2 / (s * s + s * w0 / q + w0**2)
+                at += 2
+            elif term == "pole":
+                w0 = 2.0 * math.pi * math.exp(theta[at])
+                total *= w0 / (s + w0)
+                at += 1
+            else:
+                total *= np.exp(-s * theta[at])
+                at += 1
+        return total
+
+    def starts(self, points: Sequence[Point]) -> list[Array]:
+        """First values to try: corners over the range and beyond it, with several sharpnesses."""
+        f = np.array([p.frequency for p in points])
+        value = np.array([p.value for p in points], dtype=np.complex128)
+        low = float(np.real(value[np.argmin(f)]) or 1.0)
+        gain = math.copysign(abs(value[np.argmin(f)]), low)
+        lag = _delay(f, value * math.copysign(1.0, gain))
+        corners = np.geomspace(0.5 * np.max(f) / 2.0, 30.0 * np.max(f), 7)
+        tried: list[list[float]] = [[gain]]
+        for term in self.terms:
+            if term == "second_order":
+                pairs = [(math.log(c), math.log(q)) for c in corners for q in (0.5, 1.0, 5.0, 30.0)]
+                tried = [[*t, *pair] for t in tried for pair in pairs]
+            elif term == "pole":
+                tried = [[*t, math.log(c)] for t in tried for c in corners]
+            else:
+                tried = [[*t, d] for t in tried for d in (lag, 0.5 * lag, 0.0)]
+        return [np.array(t) for t in tried]
+
+    def parameters(self, theta: Array, covariance: Array, factor: float) -> tuple[Parameter, ...]:
+        """Names, units and uncertainties; logarithms are undone."""
+        std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        found = [Parameter("k", "1", float(theta[0]), float(std[0]), factor * float(std[0]))]
+        kinds: list[tuple[str, str, bool]] = []
+        for term in self.terms:
+            kinds += {
+                "second_order": [("f0", "Hz", True), ("Q", "1", True)],
+                "pole": [("f_pole", "Hz", True)],
+                "delay": [("delay", "s", False)],
+            }[term]
+        for i, (name, unit, logarithm) in enumerate(kinds, start=1):
+            value = math.exp(min(theta[i], 300.0)) if logarithm else float(theta[i])
+            spread = float(std[i]) * (value if logarithm else 1.0)
+            found.append(Parameter(name, unit, value, spread, factor * spread))
+        return tuple(found)
+
+
+STRUCTURES = (
+    Structure("gain", ()),
+    Structure("gain and delay", ("delay",)),
+    Structure("one pole", ("pole",)),
+    Structure("one pole and delay", ("pole", "delay")),
+    Structure("second order", ("second_order",)),
+    Structure("second order and delay", ("second_order", "delay")),
+    Structure("second order and pole", ("second_order", "pole")),
+)
+"""All that are tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """One structure at its best parameters."""
+
+    structure: Structure
+    parameters: tuple[Parameter, ...]
+    theta: Array
+    criterion: float
+    """Bayesian information criterion; smaller is better."""
+    chi_square: float
+    degrees: int
+    p_value: float
+    """Probability of so large a chi-square if the structure is right."""
+    deviations: Array
+    """(n,) |measured - fitted| in standard uncertainties of its two parts, sqrt(chi-square of two degrees)."""
+
+    def response(self, frequency: Array) -> Spectrum:
+        """Fitted sensitivity (n,) at frequencies (n,) Hz."""
+        return self.structure.response(self.theta, frequency)
+
+    def __getitem__(self, name: str) -> Parameter:
+        return next(p for p in self.parameters if p.name == name)
+
+
+@dataclass(frozen=True, slots=True)
+class ResponseModel:
+    """The chosen structure, those that the data do not separate from it, and where it fails."""
+
+    best: Fitted
+    rivals: tuple[Fitted, ...]
+    """As good within `SAME`."""
+    failing: tuple[float, ...]
+    """Frequencies at which the structure deviates, Hz."""
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """For people."""
+        best = self.best
+        found = [
+            f"{best.structure.name}: {_values(best)}; chi-square {best.chi_square:.4g} on {best.degrees} degrees of "
+            f"freedom (p = {best.p_value:.2g})"
+        ]
+        if self.rivals:
+            others = "; ".join(f"{r.structure.name} ({_values(r)})" for r in self.rivals)
+            found.append(f"not separated at these frequencies from: {others}. {self._further}")
+        if self.failing:
+            places = ", ".join(f"{f:.4g} Hz" for f in self.failing[:6])
+            found.append(f"it fails at {places}: the response there is not of this form")
+        elif best.p_value < FAILS:
+            found.append("it fails over all frequencies together, at none of them alone")
+        return tuple(found)
+
+    @property
+    def _further(self) -> str:
+        terms = {t for f in (self.best, *self.rivals) for t in f.structure.terms}
+        what = "a delay and a low-pass are one class here; " if "delay" in terms and len(terms) > 1 else ""
+        return f"{what}they differ in magnitude at higher frequencies".capitalize()
+
+
+def _values(fitted: Fitted) -> str:
+    return ", ".join(
+        f"{p.name} = {p.value:.6g} +- {p.expanded:.2g} {p.unit}".removesuffix(" 1") for p in fitted.parameters
+    )
+
+
+def fit_response(points: Sequence[Point]) -> ResponseModel | None:
+    """Fit every structure that has fewer parameters than the points have numbers; None with fewer than two points."""
+    if len(points) < 2:
+        return None
+    fitted = [found for s in STRUCTURES if s.size < 2 * len(points) - 1 and (found := _fit(s, points)) is not None]
+    if not fitted:
+        return None
+    best = min(fitted, key=lambda each: each.criterion)
+    rivals = [f for f in fitted if f is not best and f.criterion < best.criterion + SAME and _own(f, best, fitted)]
+    limit = math.sqrt(float(scipy.special.chdtri(2, FAILS / len(points))))
+    failing = tuple(p.frequency for p, d in zip(points, best.deviations, strict=True) if d > limit)
+    return ResponseModel(best, tuple(sorted(rivals, key=lambda each: each.criterion)), failing)
+
+
+def _own(rival: Fitted, best: Fitted, fitted: Sequence[Fitted]) -> bool:
+    """Whether a rival explains in another way: not a structure as good with a term, or an order, more."""
+    as_good = [f.structure for f in fitted if f is not rival and f.criterion <= best.criterion + SAME]
+    return not any(rival.structure.contains(s) for s in as_good)
+
+
+def _fit(structure: Structure, points: Sequence[Point]) -> Fitted | None:
+    f = np.array([p.frequency for p in points])
+    value = np.array([p.value for p in points])
+    # the expectation of chi-square is that of known variances
+    std = np.array([p.std * math.sqrt(p.degrees / max(p.degrees - 2.0, 1.0)) for p in points])
+    std = np.maximum(std, 1e-12 * np.abs(value))
+
+    def residual(theta: Array) -> Array:
+        with np.errstate(all="ignore"):
+            apart = (structure.response(theta, f) - value) / std
+        both = np.concatenate([apart.real, apart.imag])
+        return np.asarray(np.nan_to_num(both, nan=1e12, posinf=1e12, neginf=-1e12))
+
+    starts = sorted(structure.starts(points), key=lambda theta: float(np.sum(residual(theta) ** 2)))
+    low, high = _bounds(structure, f)
+    trials = [
+        scipy.optimize.least_squares(
+            residual, np.clip(start, low, high), x_scale="jac", bounds=(low, high), max_nfev=200
+        )
+        for start in starts[:4]
+    ]
+    best = min(trials, key=lambda each: float(each.cost))
+    chi_square, degrees = 2.0 * float(best.cost), 2 * len(points) - structure.size
+    if np.linalg.matrix_rank(best.jac / (np.linalg.norm(best.jac, axis=0) + 1e-300)) < structure.size:
+        return None
+    widened = max(1.0, chi_square / degrees)
+    covariance = np.linalg.inv(best.jac.T @ best.jac) * widened
+    factor = float(scipy.special.stdtrit(_degrees(points, degrees, widened), 0.5 + 0.5 * COVERAGE))
+    half = len(points)
+    return Fitted(
+        structure,
+        structure.parameters(best.x, covariance, factor),
+        best.x,
+        chi_square + structure.size * math.log(2 * len(points)),
+        chi_square,
+        degrees,
+        float(scipy.special.chdtrc(degrees, chi_square)),
+        np.hypot(best.fun[:half], best.fun[half:]),
+    )
+
+
+def _degrees(points: Sequence[Point], degrees: int, widened: float) -> float:
+    """Degrees of freedom of the uncertainty: those of the points together, or of the fit where it was widened."""
+    return float(degrees) if widened > 2.0 else float(sum(p.degrees for p in points))
+
+
+def _bounds(structure: Structure, f: Array) -> tuple[Array, Array]:
+    """Corners lie within a factor of 1000 of the frequencies, Q between 0.05 and 1e4."""
+    low, high = [-np.inf], [np.inf]
+    corner = math.log(1e-3 * float(np.min(f))), math.log(1e3 * float(np.max(f)))
+    for term in structure.terms:
+        if term == "second_order":
+            low += [corner[0], math.log(0.05)]
+            high += [corner[1], math.log(1e4)]
+        elif term == "pole":
+            low.append(corner[0])
+            high.append(corner[1])
+        else:
+            low.append(-np.inf)
+            high.append(np.inf)
+    return np.array(low), np.array(high)
+
+
+def _delay(f: Array, value: Spectrum) -> float:
+    """Delay from the slope of the unwrapped phase, s."""
+    order = np.argsort(f)
+    phase = np.unwrap(np.angle(value[order]))
+    w = 2.0 * math.pi * f[order]
+    return float(-(w @ phase) / (w @ w))

@@ -1,0 +1,211 @@
+"""Sensitivity by frequency against exact shakers: errors, coverage, structures, linearity, the command."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_runs
+
+import accelcal as ac
+from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.response import Point, Reference, fit_response, frequency_response
+from accelcal.response.table import to_dict
+from accelcal.simulation.motion import sine_steps
+from tests.schemas import require_published
+from tests.worlds.shaker import SecondOrder, Step, published_sensor, run
+
+RATE = 2000.0
+STEPS = [Step(f, 10.0, 1.0 + 8.0 / f) for f in (8.0, 15.0, 28.0, 50.0, 90.0, 160.0)]
+SENSOR = SecondOrder(1.02, 400.0, 2.0, 50e-6)
+
+
+def shaken(sensor: SecondOrder = SENSOR, steps=STEPS, *, jitter: float = 0.0, seed: int = 1) -> Recording:
+    """Two clocks, the output with stamps that scatter by a share of their spacing."""
+    rng = np.random.default_rng(seed)
+    seconds = sum(s.seconds for s in steps) + 0.1 * (len(steps) + 1)
+    t = (np.arange(0.0, seconds, 1.0 / RATE) + jitter / RATE * rng.uniform(-0.5, 0.5, math.ceil(seconds * RATE))).clip(
+        0
+    )
+    tz = np.arange(0.0, seconds, 1.0 / 3000.0) + 7e-5
+    output, displacement = run(steps, sensor, t, tz, 0.1)
+    output = output + 0.02 * rng.standard_normal(len(t))
+    displacement = displacement + 1e-9 * rng.standard_normal(len(tz))
+    units = {"t": "s", "accel": "m/s^2", "position": "m"}
+    return Recording.from_arrays(t, output, displacement, position_t=tz, units=units, name="shaker")
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return shaken()
+
+
+def test_the_shaker_world_is_continuous_and_obeys_its_equation():
+    # x'' + w0/Q x' + w0² x = k w0² p'' by central differences inside each phase
+    sensor, h = SecondOrder(1.02, 50.0, 2.0, 0.0), 1e-4
+    t = np.arange(0.0, 3.3, h)
+    x, p = run([Step(10.0, 5.0, 3.0)], sensor, t, t, 0.2)
+    w0 = 2 * np.pi * sensor.f0
+    second = lambda y: (y[2:] - 2 * y[1:-1] + y[:-2]) / h**2  # noqa: E731
+    error = second(x) + w0 / sensor.Q * (x[2:] - x[:-2]) / (2 * h) + w0**2 * x[1:-1] - sensor.k * w0**2 * second(p)
+    assert np.median(np.abs(error)) < 2e-5 * w0**2 * 5.0
+    assert np.max(np.abs(np.diff(x))) < 1.1 * 5.2 * 2 * np.pi * 10.0 * h
+
+
+def test_a_laser_vibrometer_measures_within_a_thousandth_and_a_tenth_of_a_degree():
+    found = vibrometer_runs(5, seed=11)
+    print(found.text())
+    assert largest(found.magnitude) < 1e-3
+    assert largest(found.phase) < 0.1
+    assert largest(found.parameters["f0"]) < 0.005
+    assert largest(found.parameters["Q"]) < 0.05
+    assert found.covered > 0.90  # 160 intervals: 0.955 with a standard deviation of 0.016
+    assert found.lost == 0
+
+
+def test_the_published_response_of_a_low_pass_with_delay_comes_back():
+    found = mpu9250_runs(3, seed=12)
+    print(published_sensor(), found.text())
+    assert largest(found.magnitude) < 5e-3
+    assert largest(found.phase) < 0.3
+    assert found.lost == 0
+
+
+def test_a_sweep_is_covered():
+    found = broadband_runs("sweep", 2, seed=13)
+    print(found.text())
+    assert 0.88 < float(np.mean(np.abs(found.scores) < 1.0)) < 0.99
+
+
+def test_uneven_stamps_of_the_output_change_nothing():
+    found = frequency_response(shaken(jitter=0.4), check=False)
+    assert len(found.points) == len(STEPS)
+    for point in found.points:
+        truth = complex(SENSOR.response(np.array([point.frequency]))[0])
+        assert abs(point.value - truth) < 4.0 * math.sqrt(2.0) * point.std
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_the_reference_may_be_acceleration_velocity_or_position(order):
+    made = ac.simulate(
+        sine_steps([10.0, 30.0], 5.0, 3.0),
+        seconds=6.6,
+        rig=ac.Rig(sensor=ac.Sensor(noise=1e-4)),
+        parameters={"scale_factor": 0.02, "time_offset": 1e-4},
+        rng=np.random.default_rng(1),
+    )
+    t = np.arange(0.0, 6.6, 1e-3)
+    y = made.truth.motion.derivatives(t)[2 - order]
+    reference = Reference(Channel("reference", t, y, ("m/s^2", "m/s", "m")[order]), order)
+    for point in frequency_response(made.recording, reference=reference, check=False).points:
+        expected = 1.02 * np.exp(-2j * math.pi * point.frequency * 1e-4)
+        assert abs(point.value - expected) < 5e-4
+
+
+def test_delay_and_low_pass_are_one_class_where_magnitude_does_not_tell_them_apart():
+    f = np.array([5.0, 10.0, 20.0, 40.0])
+    value = np.exp(-2j * math.pi * f * 1e-4)
+    rng = np.random.default_rng(3)
+
+    def model(std):
+        noise = std * (rng.standard_normal(4) + 1j * rng.standard_normal(4))
+        points = [
+            Point(float(a), complex(b), std, 100.0, 1.0 + 0j, "sine", 0.0, 1.0)
+            for a, b in zip(f, value + noise, strict=True)
+        ]
+        found = fit_response(points)
+        assert found is not None
+        return found
+
+    blurred, sharp = model(1e-3), model(1e-7)
+    names = {s.structure.name for s in (blurred.best, *blurred.rivals)}
+    assert {"gain and delay", "one pole"} <= names
+    assert "one class" in " ".join(blurred.sentences)
+    assert sharp.best.structure.name == "gain and delay"
+    assert not sharp.rivals
+    assert sharp.best["delay"].value == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_frequency_that_no_structure_describes_is_named():
+    f = np.geomspace(10.0, 300.0, 12)
+    value = SENSOR.response(f)
+    value[7] *= 1.01  # a mode of the mount
+    points = [
+        Point(float(a), complex(b), 1e-4, 32.0, 1.0 + 0j, "sine", 0.0, 1.0) for a, b in zip(f, value, strict=True)
+    ]
+    found = fit_response(points)
+    assert found is not None
+    assert f[7] in found.failing
+    assert "it fails at" in " ".join(found.sentences)
+
+
+def test_harmonics_and_levels_give_quadratic_and_cubic_terms():
+    levels = [2.0, 5.0, 10.0, 15.0, 20.0]
+    made = ac.simulate(
+        sine_steps([20.0] * 5 + [35.0] * 5, levels * 2, 1.6),
+        seconds=18.2,
+        rig=ac.Rig(sensor=ac.Sensor(noise=1e-3)),
+        parameters={"scale_factor": 0.01, "quadratic": 1e-3, "cubic": 1e-4},
+        rng=np.random.default_rng(4),
+        position_noise=1e-8,
+    )
+    found = frequency_response(made.recording, check=False)
+    assert len(found.points) == 10
+    terms = {(t.name, t.source): t for t in found.terms}
+    assert set(terms) == {("K2", "harmonic 2"), ("K3", "harmonic 3"), ("K2", "rectification"), ("K3", "fundamental")}
+    for (name, source), term in terms.items():
+        truth = {"K2": 1e-3, "K3": 1e-4}[name]
+        print(name, source, term.value, term.expanded)
+        assert abs(term.value - truth) < 2.5 * term.expanded + 0.01 * truth
+
+
+def test_frequencies_that_are_asked_for_are_kept_or_said_to_be_missing(recording):
+    found = frequency_response(recording, frequencies=[15.0, 50.0], check=False)
+    assert [round(p.frequency) for p in found.points] == [15, 50]
+    with pytest.raises(RecordingError, match=r"no steady sine at 33 Hz; found are: 8, 15"):
+        frequency_response(recording, frequencies=[33.0], check=False)
+    with pytest.raises(RecordingError, match="positive numbers in Hz"):
+        frequency_response(recording, frequencies=[-1.0])
+
+
+def test_rest_has_no_response():
+    made = ac.simulate("rest", seconds=10.0, rig=ac.ADXL105_RIG, parameters={}, rng=np.random.default_rng(1))
+    with pytest.raises(RecordingError, match="no frequency in common"):
+        frequency_response(made.recording)
+
+
+def test_the_command_writes_table_certificate_and_json(recording, tmp_path):
+    from accelcal.cli import write_recording
+
+    path = tmp_path / "s.csv"
+    write_recording(recording, path)
+    script = Path(sys.executable).with_name("accelcal")
+    out = subprocess.run(
+        [script, "response", path, "--json", "--csv", tmp_path / "t.csv", "--dcc", tmp_path / "t.xml"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    content = json.loads(out.stdout)
+    require_published(content)
+    assert content["model"]["structure"].startswith("second order")
+    assert "time-domain fit" in content["time_domain"]["sentence"]
+    with (tmp_path / "t.csv").open() as text:
+        rows = list(csv.DictReader(text))
+    assert [float(r["magnitude"]) for r in rows] == [p["magnitude"] for p in content["points"]]
+    table = ElementTree.parse(tmp_path / "t.xml").getroot()
+    lists = [node.text.split() for node in table.iter("{https://ptb.de/si}valueXMLList")]
+    assert [len(numbers) for numbers in lists] == [len(STEPS)] * 3
+
+
+def test_the_json_of_every_kind_of_motion_follows_its_schema(recording):
+    made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
+    for each in (recording, made.recording):
+        require_published(json.loads(json.dumps(to_dict(frequency_response(each)))))
