@@ -16,6 +16,7 @@ from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_r
 
 import accelcal as ac
 from accelcal.data.recording import Channel, Recording, RecordingError
+from accelcal.data.references import integrated
 from accelcal.response import Point, Reference, fit_response, frequency_response
 from accelcal.response.table import to_dict
 from accelcal.simulation.motion import sine_steps
@@ -209,3 +210,19 @@ def test_the_json_of_every_kind_of_motion_follows_its_schema(recording):
     made = ac.simulate("interleaved", seconds=20.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
     for each in (recording, made.recording):
         require_published(json.loads(json.dumps(to_dict(frequency_response(each)))))
+
+
+def test_a_recorded_velocity_is_the_reference():
+    """The recording alone says which of the two it was."""
+    position = shaken()
+    t, p = position.position.t, position.position.y
+    velocity = Channel("velocity", t[1:-1], (p[2:] - p[:-2]) / (t[2:] - t[:-2]), "m/s")
+    run_of_velocity = Recording(position.accel, integrated(velocity), position.rig, reference=velocity)
+    step = t[1] - t[0]
+    for one, other in zip(
+        frequency_response(position, check=False).points,
+        frequency_response(run_of_velocity, check=False).points,
+        strict=True,
+    ):
+        w = 2.0 * math.pi * one.frequency * step
+        assert other.magnitude * math.sin(w) / w == pytest.approx(one.magnitude, rel=2e-3)

@@ -10,6 +10,7 @@ import numpy as np
 
 from accelcal._support.immutable import immutable
 from accelcal.data.recording import Recording, RecordingError
+from accelcal.data.references import POSITION_ORDER, require_reference
 from accelcal.data.stamps import usual_step
 from accelcal.response.broadband import HIGHEST, measure_broadband
 from accelcal.response.cross_check import CrossCheck, cross_check
@@ -89,7 +90,7 @@ def frequency_response(
     >>> len(found.points), found.model.best.structure.name
     (16, 'one pole')
     """
-    used = position_reference(recording) if reference is None else reference
+    used = recorded_reference(recording) if reference is None else reference
     _require_samples(recording, used)
     asked = None if frequencies is None else _valid(recording, frequencies)
     harmonics = [] if method == "broadband" else _sine(recording, used, method, asked)
@@ -117,11 +118,12 @@ def frequency_response(
     )
 
 
-def position_reference(recording: Recording) -> Reference:
-    """The recording's position as the reference, behind its declared filters."""
-    rig = recording.rig
-    filters = gain_of(rig.position_filters, 1.0 / usual_step(recording.position.t))
-    return Reference(recording.position, 2, rig.polarity, filters)
+def recorded_reference(recording: Recording) -> Reference:
+    """What the recording was referred to, its position or a velocity or acceleration, behind its declared filters."""
+    rig, read = recording.rig, recording.reference
+    channel, order = (recording.position, POSITION_ORDER) if read is None else (read, require_reference(read)[0])
+    filters = gain_of(rig.position_filters, 1.0 / usual_step(channel.t))
+    return Reference(channel, order, rig.polarity, filters)
 
 
 def _require_samples(recording: Recording, reference: Reference) -> None:

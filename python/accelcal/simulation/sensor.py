@@ -64,8 +64,10 @@ PARAMETERS: Mapping[str, str] = MappingProxyType(
 """What a simulated sensor may be given, with units: K0, k, delay (positive = output late), K2, K3, Kin of (7), and the
 angle by which the input axis leans towards the vertical."""
 
-REFERENCE_NOISE: Mapping[str, float] = {"velocity": 1e-4, "reference_acceleration": 1e-2}
-"""Noise of one reading of a laser vibrometer, m/s, and of a reference accelerometer, m/s²."""
+READING_NOISE: Mapping[str, float] = MappingProxyType(
+    {"position": 1e-6, "velocity": 1e-4, "reference_acceleration": 1e-2}
+)
+"""Noise of one reading of an encoder, m, a laser vibrometer, m/s, and a reference accelerometer, m/s²."""
 MOST_SAMPLES = 20_000_000
 """Largest number of samples of one channel."""
 _FINE_RATE = 1e4
@@ -114,7 +116,7 @@ class Truth:
     noise: float
     """One-sided noise density of the sensor, (m/s²)/sqrt(Hz)."""
     position_noise: float
-    """Standard deviation of the white encoder noise before rounding, m."""
+    """Standard deviation of the white noise of the encoder before rounding, m; of another reference in its unit."""
 
     def __repr__(self) -> str:
         hidden = ", ".join(f"{name} {value:g}" for name, value in self.parameters.items() if value)
@@ -159,9 +161,8 @@ def simulate(
     position_rate: float = 833.5,
     accel_phase: float = 0.0,
     position_phase: float = 0.0,
-    position_noise: float = 1e-6,
+    position_noise: float | None = None,
     reference: Reference = "position",
-    reference_noise: float | None = None,
     missing: float = 0.0,
     vibration: Vibration | None = None,
     lsb: float | None = None,
@@ -192,14 +193,12 @@ def simulate(
         Hz.
     accel_phase, position_phase : float
         Time of the first sample of either clock, s.
-    position_noise : float
-        Standard deviation of white noise on the position before it is rounded to the resolution, m.
+    position_noise : float, optional
+        Standard deviation of white noise on the readings of the reference, before those of a position are rounded to
+        the resolution, in its unit; by default `READING_NOISE`.
     reference : str
         What tells the motion in place of an encoder: "velocity", or "reference_acceleration". Its filters are those of
         the position.
-    reference_noise : float, optional
-        Standard deviation of white noise of its readings, m/s or m/s²; by default `REFERENCE_NOISE`.
-        `position_noise` then has no part.
     missing : float
         Probability that a sample is absent, on either channel.
     vibration : Vibration, optional
@@ -248,10 +247,8 @@ def simulate(
     output = _converted(output, lsb, full_scale)
 
     t_position = _clock(seconds, position_rate, position_phase)
-    true, noise = _read(motion, reference), position_noise
+    true, noise = _read(motion, reference), READING_NOISE[reference] if position_noise is None else position_noise
     if reference != "position":
-        noise = reference_noise if reference_noise is not None else REFERENCE_NOISE[reference]
-        position_noise = 0.0
         rig = replace(rig, resolution=None)  # that of an encoder
     reading = true(t_position)
     if rig.position_filters:
@@ -269,7 +266,7 @@ def simulate(
         name=f"simulated {motion.name}".strip(),
         reference=None if reference == "position" else read,
     )
-    return Simulated(recording, Truth(motion, theta, density, position_noise))
+    return Simulated(recording, Truth(motion, theta, density, noise))
 
 
 def _read(motion: Motion, reference: Reference) -> Callable[[Array], Array]:

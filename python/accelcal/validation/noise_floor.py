@@ -113,7 +113,7 @@ class ReadingNoise:
 
     std: float
     """Of one reading that is white as a position, m."""
-    walk: float = 0.0
+    random_walk: float = 0.0
     """Density of a random walk, m²/s: that of a velocity with white noise."""
     acceleration: float = 0.0
     """Density of white noise of an acceleration, (m/s²)²/Hz."""
@@ -125,7 +125,7 @@ class ReadingNoise:
         std, density = report.all.reading, report.all.reading**2 * run.reading_step / run.every
         if report.reference == "position":
             return cls(std)
-        return cls(0.0, walk=density) if report.reference == VELOCITY else cls(0.0, acceleration=density)
+        return cls(0.0, random_walk=density) if report.reference == VELOCITY else cls(0.0, acceleration=density)
 
 
 def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Iterator[_NoisyRecord]:
@@ -144,8 +144,8 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
         moved = h / 2.0 * gained + np.sqrt(q * h**3 / 12.0) * rng.standard_normal(len(h))
         speed = np.cumsum(gained)
         z = np.cumsum(h * (speed - gained) + moved) + reading * rng.standard_normal(len(h))
-        if encoder.walk:
-            z += np.cumsum(np.sqrt(encoder.walk * h) * rng.standard_normal(len(h)))
+        if encoder.random_walk:
+            z += np.cumsum(np.sqrt(encoder.random_walk * h) * rng.standard_normal(len(h)))
         track = run_filter(ahead.run, replace(d, z=z, first=still, second=still), ahead.noise)
         e, S = track.series("e"), track.series("S")
         evidence = np.cumsum(np.where(ahead.counts, ahead.unit_e * e / S, 0.0))

@@ -75,8 +75,8 @@ def test_the_covariance_is_that_of_drawn_noise() -> None:
     state = solution("interleaved").states[0]
     rows, draws, rng = WeakRows(state), 400, case_rng("weak form drawn", 0)
     part = slice(0, 200)
-    samples, of_output = rows._of_output(part)
-    readings, of_readings = rows._of_readings(part)
+    samples, of_output = rows._of_output(part, 0.0)
+    readings, of_readings = rows._of_readings(part, rows.order)
     q, r, step = state.noise.q, state.noise.r, state.run.accel_step
     noise = of_readings @ rng.normal(0.0, np.sqrt(r), (readings.stop - readings.start, draws))
     noise -= of_output @ rng.normal(0.0, np.sqrt(q / step), (samples.stop - samples.start, draws))

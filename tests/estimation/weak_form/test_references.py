@@ -1,0 +1,73 @@
+"""A velocity and an acceleration as reference: estimates as right as they say, noise of the right kind."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+import accelcal as ac
+from accelcal.data.references import integrated
+from accelcal.serialization import model_file
+
+TRUTH = {"bias": 0.05, "scale_factor": 0.01, "time_offset": 3e-4}
+RECORDS = 6
+LEAST, MOST = chi2.ppf([0.0005, 0.9995], 3 * RECORDS)
+"""Of the sum of squared z values; their false-alarm rate is 1e-3."""
+
+
+def recordings(reference):
+    for seed in range(RECORDS):
+        rng = np.random.default_rng([7, seed])
+        settings = {"seconds": 20.0, "rig": ac.CXL02_RIG, "parameters": TRUTH, "rng": rng}
+        yield ac.simulate("tones", reference=reference, **settings).recording
+
+
+def squares(found):
+    z = [(e.value - TRUTH[e.name]) / e.std for fitted in found for e in fitted.free]
+    return float(np.sum(np.square(z)))
+
+
+@pytest.mark.parametrize("reference", ["velocity", "reference_acceleration"])
+def test_estimates_through_a_reference_are_as_right_as_they_say(reference):
+    found = [ac.fit(ac.Model.linear(), one) for one in recordings(reference)]
+    assert all(fitted.method == "weak" for fitted in found)
+    assert LEAST < squares(found) < MOST
+    noise = found[0].runs[0].noise
+    assert noise.reference == reference
+    assert noise.all.reading == pytest.approx({"velocity": 1e-4}.get(reference, 1e-2), rel=0.05)
+    assert noise.ratio == pytest.approx(1.0, abs=0.15)
+
+
+def test_a_reference_whose_scale_is_off_by_a_ten_thousandth_is_noticed():
+    """The twin: some eleven standard deviations of the scale factor, in each record."""
+    found = []
+    for one in recordings("velocity"):
+        off = dataclasses.replace(one.reference, y=1.0001 * one.reference.y)
+        found.append(ac.fit(ac.Model.linear(), dataclasses.replace(one, reference=off, position=integrated(off))))
+    assert squares(found) > MOST
+
+
+def test_a_reference_that_is_cut_stays_one():
+    one = next(recordings("velocity"))
+    part = one.part(2.0, 12.0).without((5.0, 6.0))
+    assert part.reference is not None
+    assert np.array_equal(part.reference.t, part.position.t)
+    fitted = ac.fit(ac.Model.linear(), part)
+    assert fitted.free[1].value == pytest.approx(0.01, abs=5 * fitted.free[1].std)
+
+
+def test_the_floor_of_the_error_has_the_noise_of_the_reference():
+    """Simulated noise covers the error of the true model, whose readings are the integral of white noise."""
+    one = next(recordings("velocity"))
+    fitted = ac.fit(ac.Model.linear(), one)
+    seen = ac.compare(fitted, one)
+    floor = seen.noise_floor.drift[1.0]
+    assert floor.low < seen.coast_rms[1.0] < floor.high
+
+
+def test_the_model_file_keeps_what_the_reference_is(tmp_path):
+    fitted = ac.fit(ac.Model.linear(), next(recordings("velocity")))
+    path = tmp_path / "model.json"
+    model_file.save(fitted, path)
+    assert model_file.load(path).runs[0].noise.reference == "velocity"
