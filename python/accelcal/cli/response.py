@@ -44,7 +44,8 @@ def response(
     """Measure magnitude and phase of the sensitivity by frequency, from sine steps, a sweep or a random motion.
 
     Then parameters (gain, poles, resonance, delay), where they fail, amplitude linearity, and a linear fit in the time
-    domain to compare with. The reference is the position, or the velocity or acceleration that was recorded in its place; a lag has a negative phase.
+    domain to compare with. The reference is the position, or the velocity or acceleration that was recorded in
+    its place; a lag has a negative phase.
 
     Example: [bold]accelcal response shaker.csv --frequencies 10,20,40,80 --csv table.csv[/bold]
     """

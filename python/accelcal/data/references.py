@@ -14,9 +14,11 @@ Reference = Literal["position", "velocity", "reference_acceleration"]
 """What tells the motion of the stage."""
 VELOCITY: Final = "velocity"
 ACCELERATION: Final = "reference_acceleration"
-POSITION_ORDER = 2
+POSITION_ORDER: Final = 2
 """Derivatives of a position that make an acceleration."""
-ORDERS: Final[dict[str, tuple[int, str]]] = {ACCELERATION: (0, "m/s^2"), VELOCITY: (1, "m/s")}
+Order = Literal[0, 1, 2]
+"""Derivatives of a reference that make an acceleration."""
+ORDERS: Final[dict[str, tuple[Order, str]]] = {ACCELERATION: (0, "m/s^2"), VELOCITY: (1, "m/s")}
 """By channel name: how many derivatives of it make an acceleration, and its unit."""
 UNITS = {"position": "m", **{name: unit for name, (_, unit) in ORDERS.items()}}
 """SI unit of the readings, by reference."""
@@ -48,7 +50,7 @@ def integrated(reference: Channel) -> Channel:
     return Channel("position", reference.t, spline.antiderivative(POSITION_ORDER - order)(reference.t), "m")
 
 
-def require_reference(channel: Channel) -> tuple[int, str]:
+def require_reference(channel: Channel) -> tuple[Order, str]:
     """How many derivatives of a reference make an acceleration, and its unit.
 
     Raises

@@ -121,9 +121,9 @@ def frequency_response(
 def recorded_reference(recording: Recording) -> Reference:
     """What the recording was referred to, its position or a velocity or acceleration, behind its declared filters."""
     rig, read = recording.rig, recording.reference
-    channel, order = (recording.position, POSITION_ORDER) if read is None else (read, require_reference(read)[0])
+    channel = recording.position if read is None else read
     filters = gain_of(rig.position_filters, 1.0 / usual_step(channel.t))
-    return Reference(channel, order, rig.polarity, filters)
+    return Reference(channel, POSITION_ORDER if read is None else require_reference(read)[0], rig.polarity, filters)
 
 
 def _require_samples(recording: Recording, reference: Reference) -> None:
