@@ -73,3 +73,21 @@ def test_arrays_may_be_a_velocity(moved):
     assert np.allclose(run.position.y, p, atol=1e-9)
     with pytest.raises(ac.RecordingError, match="no unit"):
         ac.Recording.from_arrays(t, a, v, units={"accel": "m/s^2"}, reference="velocity")
+
+
+def test_a_live_filter_refuses_what_it_would_take_for_a_position():
+    settings = {"seconds": 4.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
+    made = ac.simulate("tones", reference="velocity", **settings).recording
+    with pytest.raises(ac.RecordingError, match="reads positions, and here is velocity"):
+        ac.fit_recursive(ac.FilterChoice("aci", "linear"), made)
+
+
+def test_two_loggers_keep_the_reference(tmp_path):
+    settings = {"seconds": 20.0, "rig": ac.CXL02_RIG, "parameters": {}, "rng": np.random.default_rng(3)}
+    made = ac.simulate("interleaved", reference="velocity", **settings).recording
+    t, v = made.reference.t, made.reference.y
+    output = table(tmp_path / "output.csv", ("t_s", made.accel.t), ("accel_m_per_s2", made.accel.y))
+    motion = table(tmp_path / "motion.csv", ("t_s", t + 3.0), ("velocity_m_per_s", v))
+    run = io.load(output, position=motion)
+    assert np.array_equal(run.reference.y, v)
+    assert run.accel.t[0] == pytest.approx(3.0 + made.accel.t[0], abs=2e-3)

@@ -80,6 +80,11 @@ def fit_recursive(
             f"{recording.name or 'recording'}: {turning}: a fit by a live filter takes gravity along the axis as "
             "constant; use the replay"
         )
+    if recording.reference is not None:
+        raise RecordingError(
+            f"{recording.name or 'recording'}: a fit by a live filter reads positions, and here is "
+            f"{recording.reference.name}, whose integral has other noise; fit it by the weak form"
+        )
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
     replayed = estimate(model, recording, start=start, end=end)
     offset = replayed["time_offset"]

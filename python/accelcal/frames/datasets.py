@@ -33,8 +33,9 @@ def dataset(variables: Any, coordinates: Any, about: Any = None) -> Dataset:
 
 
 def of_recording(recording: Recording) -> Dataset:
-    """Channels, each on a time axis of its own: accel on t_accel, position on t_position."""
-    channels = [recording.accel, recording.position, *recording.side.values()]
+    """Channels, each on a time axis of its own: accel on t_accel, position on t_position, and a reference beside it."""
+    reference = [] if recording.reference is None else [recording.reference]
+    channels = [recording.accel, recording.position, *reference, *recording.side.values()]
     return dataset(
         {c.name: variable(f"t_{c.name}", c.y, c.unit) for c in channels},
         {f"t_{c.name}": variable(f"t_{c.name}", c.t, "s") for c in channels},

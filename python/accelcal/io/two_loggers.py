@@ -46,4 +46,5 @@ def joined(output: Recording, reference: Recording) -> Recording:
         digest=hashlib.sha256(f"{output.digest} at {found.shift!r} on {reference.digest}".encode()).hexdigest(),
         findings=(note, *output.findings, *reference.findings),
         position_steps=reference.position_steps,
+        reference=reference.reference,
     )
