@@ -36,4 +36,12 @@
   };
   button.addEventListener("click", () => choose(root.dataset.theme === "dark" ? "light" : "dark"));
   choose(window.matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+  let before = root.dataset.theme; // paper is white
+  window.matchMedia("print").addEventListener("change", (print) => {
+    if (print.matches) {
+      before = root.dataset.theme;
+      root.dataset.theme = "light";
+      plots.forEach(draw);
+    } else choose(before);
+  });
 })();
