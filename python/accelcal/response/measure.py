@@ -21,6 +21,8 @@ from accelcal.response.sine_points import Harmonics, measure_step
 from accelcal.response.steps import SineStep, explained, find_steps
 from accelcal.signals.transfer import response as gain_of
 
+Method = Literal["auto", "sine", "broadband"]
+"""Steady sines, any other motion, or whichever of the two the record holds."""
 NEAR = 0.03
 """Relative distance from a frequency that was asked for at which a sine still is it."""
 STEPPED = 0.25
@@ -56,7 +58,7 @@ def frequency_response(
     recording: Recording,
     *,
     frequencies: Sequence[float] | None = None,
-    method: Literal["auto", "sine", "broadband"] = "auto",
+    method: Method = "auto",
     reference: Reference | None = None,
     check: bool = True,
 ) -> FrequencyResponse:
