@@ -126,3 +126,15 @@ def test_a_refined_grid_holds_cubics() -> None:
     t = np.arange(0.0, 1.0, 0.01)
     fine, matrix = refined(t, 3)
     assert np.allclose(matrix @ (t**3 - t), fine**3 - fine, atol=1e-13)
+
+
+def test_nothing_to_divide_never_reaches_lapack(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without a row, or with more rows than the factor has, dtbtrs writes where it must not."""
+
+    def refused(*given: object, **named: object) -> None:
+        raise AssertionError("dtbtrs was called")
+
+    monkeypatch.setattr(scipy.linalg.lapack, "dtbtrs", refused)
+    assert weak.solved(np.empty((10, 0)), np.empty((0, 3))).shape == (0, 3)
+    with pytest.raises(ValueError, match="2 rows of a factor, 1 of what it divides"):
+        weak.solved(np.ones((10, 2)), np.ones((1, 3)))

@@ -435,6 +435,10 @@ def factor(diagonals: Array) -> Array:
 
 def solved(factor: Array, y: Array) -> Array:
     """Forward substitution, (rows, m)."""
+    if factor.shape[1] != len(y):  # LAPACK would write beyond the end
+        raise ValueError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
+    if len(y) == 0:  # as it does without any row
+        return y
     found, info = scipy.linalg.lapack.dtbtrs(np.asfortranarray(factor), np.asfortranarray(y), uplo=b"L")
     assert info == 0
     return np.asarray(found)
