@@ -20,7 +20,7 @@ from accelcal.app.session_file import CONTENT, MOST_FILE, MOST_MEMBER, SessionEr
 from accelcal.app.state import Change
 from accelcal.app.workbench import Workbench
 from accelcal.serialization import model_file
-from accelcal.serialization.schema.session import MOST_MODELS
+from accelcal.serialization.schema.session import MOST_GUESTS, MOST_MODELS
 
 from ..schemas import require_published
 from .case import case_rng, cases
@@ -191,6 +191,8 @@ def bomb(size: int) -> bytes:
     return b" " * size
 
 
+MOST_PARTS = MOST_MODELS + MOST_GUESTS + 1
+"""Parts of the archive: the models, and what says what they are."""
 REFUSED: list[tuple[str, Callable[[bytes], bytes], str]] = [
     ("no zip", lambda raw: b"no zip at all", "cannot be read as a session file"),
     ("empty", lambda raw: b"", "cannot be read as a session file"),
@@ -205,7 +207,7 @@ REFUSED: list[tuple[str, Callable[[bytes], bytes], str]] = [
         lambda raw: packed({f"models/{i}.json": bomb(MOST_MEMBER) for i in range(MOST_FILE // MOST_MEMBER + 1)}),
         "unpacks to more than",
     ),
-    ("many parts", lambda raw: packed({f"{i}": b"" for i in range(MOST_MODELS + 2)}), "more than a session can have"),
+    ("many parts", lambda raw: packed({f"{i}": b"" for i in range(MOST_PARTS + 1)}), "more than a session can have"),
     ("deep", lambda raw: packed({**parts(raw), CONTENT: b"[" * 100_000}), "expected the schema|cannot be read"),
     ("digits", lambda raw: packed({**parts(raw), CONTENT: b"9" * 6000}), "expected the schema|cannot be read"),
     ("not UTF-8", lambda raw: packed({**parts(raw), CONTENT: b"\xff\xfe"}), "cannot be read|expected the schema"),
