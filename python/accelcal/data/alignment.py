@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from accelcal.data import units
 from accelcal.data.arrays import Array
@@ -144,8 +144,8 @@ def _on_grid(channel: Channel, step: float) -> Array:
 def _shared(a: Array, b: Array, step: float) -> tuple[Array, Array]:
     """Both signals, with the frequencies at which one has far more power than the other turned down."""
     length = min(len(a), len(b), _SEGMENT)
-    frequency, of_a = signal.welch(a, 1.0 / step, nperseg=length)
-    _, of_b = signal.welch(b, 1.0 / step, nperseg=length)
+    frequency, of_a = scipy.signal.welch(a, 1.0 / step, nperseg=length)
+    _, of_b = scipy.signal.welch(b, 1.0 / step, nperseg=length)
     share = np.minimum(of_a, of_b) / np.maximum(np.maximum(of_a, of_b), _TINY)
     gain = np.sqrt(share) / np.maximum(of_a * of_b, _TINY) ** 0.125  # some of the way to a white spectrum: sharp peaks
     return _filtered(a, step, frequency, gain), _filtered(b, step, frequency, gain)
@@ -155,9 +155,9 @@ def _coherent(a: Array, b: Array, step: float, lag: int) -> tuple[Array, Array]:
     """Both signals, once they are aligned, at the frequencies at which they are coherent."""
     first, last = max(0, -lag), min(len(b), len(a) - lag)
     length = min(last - first, max(FEWEST, min(_SEGMENT, (last - first) // 8)))
-    frequency, of_a = signal.welch(a[first + lag : last + lag], 1.0 / step, nperseg=length)
-    _, of_b = signal.welch(b[first:last], 1.0 / step, nperseg=length)
-    _, cross = signal.csd(b[first:last], a[first + lag : last + lag], 1.0 / step, nperseg=length)
+    frequency, of_a = scipy.signal.welch(a[first + lag : last + lag], 1.0 / step, nperseg=length)
+    _, of_b = scipy.signal.welch(b[first:last], 1.0 / step, nperseg=length)
+    _, cross = scipy.signal.csd(b[first:last], a[first + lag : last + lag], 1.0 / step, nperseg=length)
     coherence = np.abs(cross) ** 2 / np.maximum(of_a * of_b, _TINY)
     gain = np.sqrt(np.where(coherence > _COHERENT, coherence, 0.0))
     return _filtered(a, step, frequency, gain), _filtered(b, step, frequency, gain)
