@@ -1,12 +1,10 @@
 """Binary containers, each written by its own library."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
+from tests.io.installed import leave_numpy_alone
 
 from accelcal import io
 from accelcal.data.recording import Channel, Recording, RecordingError
@@ -96,13 +94,7 @@ def test_mat_7_3_is_read_as_hdf5(tmp_path):
 def test_missing_h5py_is_named_with_the_cure(tmp_path, monkeypatch):
     path = tmp_path / "run.h5"
     path.write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    installed = Path(np.__file__).parents[1]  # with NumPy alone, in place of the folder with everything
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    for name in ("numpy", "numpy.libs"):
-        if (installed / name).exists():
-            (alone / name).symlink_to(installed / name)
-    monkeypatch.setattr("sys.path", [str(alone) if Path(p) == installed else p for p in sys.path])
+    leave_numpy_alone(tmp_path / "alone", monkeypatch)
     with pytest.raises(RecordingError, match=r"needs h5py; install it with: pip install 'accelcal\[hdf5\]'"):
         io.load(path)
 

@@ -1,11 +1,10 @@
 """TDMS, UFF, MF4, miniSEED, C3D, MCAP and ROS bags: each written by its own library, read to the bit, or refused."""
 
 import importlib.util
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.io.installed import leave_numpy_alone
 from tests.io.recorders import RECORDERS
 
 from accelcal import io
@@ -126,13 +125,7 @@ def test_a_missing_library_is_named_with_the_command(tmp_path, suffix, monkeypat
     path = written(tmp_path, suffix)
     chosen = OF_SUFFIX[suffix]
     assert importlib.util.find_spec(chosen.library)
-    installed = Path(np.__file__).parents[1]
-    alone = tmp_path / "alone"
-    alone.mkdir()
-    for name in ("numpy", "numpy.libs"):
-        if (installed / name).exists():
-            (alone / name).symlink_to(installed / name)
-    monkeypatch.setattr("sys.path", [str(alone) if Path(p) == installed else p for p in sys.path])
+    leave_numpy_alone(tmp_path / "alone", monkeypatch)
     with pytest.raises(RecordingError, match=rf"install it with: pip install 'accelcal\[{chosen.extra}\]'"):
         io.load(path)
 

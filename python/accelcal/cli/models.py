@@ -114,7 +114,7 @@ def fit(
                     f"--{name} is an option of the recursive filters; add --method aci or --method cwpa, or omit it"
                 )
         with progress("fit") as report:
-            recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
+            recordings = read_runs(runs, position, rig)
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
             engine: Literal["weak", "replay"] = "weak" if method == "weak" else "replay"
@@ -123,7 +123,7 @@ def fit(
         if vary:
             raise UsageError(f"--vary needs --method replay or weak; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
-        recordings = [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
+        recordings = read_runs(runs, position, rig)
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
             raise UsageError(f"--method {method} accepts one recording and no --band; replay and weak accept several")
         from accelcal.estimation.recursive import fit_recursive
@@ -300,6 +300,11 @@ def finish_fit(found: Fit, recordings: Sequence[Recording | Dwells], output: Pat
         print_json(model_file.to_dict(found))
     else:
         show_fit(found, *(one for one in recordings if isinstance(one, Recording)))
+
+
+def read_runs(runs: Sequence[Path], position: Path | None, rig: Path | None) -> list[Recording | Dwells]:
+    """Read recordings or dwells, or the one recording of two loggers."""
+    return [load_run(path, rig) for path in runs] if position is None else [of_two(runs, position, rig)]
 
 
 def of_two(runs: Sequence[Path], position: Path, rig: Path | None) -> Recording:

@@ -84,7 +84,7 @@ class PreparedRun:
     """Times (s) and positions (m) of all readings, where only some are used."""
     engine: Engine = "replay"
 
-    @property
+    @cached_property
     def order(self) -> int:
         """How many derivatives of what the reference reads make an acceleration: 2 of a position, 1, 0."""
         reference = self.recording.reference

@@ -13,11 +13,14 @@ from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY
+
+Numbers = NDArray[np.inexact]
+"""Real or complex."""
 
 STAGE_SPEED = 0.1
 """Largest speed that the paper's encoder follows, m/s (paper II-A)."""
@@ -84,6 +87,12 @@ class Tones:
         return out
 
 
+def derivatives_of(z: Numbers, g: Numbers, g1: Numbers, g2: Numbers) -> Array:
+    """Imaginary parts (4, n) of a complex motion with z' = g z, and of its derivatives: z'' = (g' + g²) z and
+    z''' = (g'' + 3 g g' + g³) z; `g1` and `g2` are g' and g''."""
+    return np.stack([z.imag, (g * z).imag, ((g1 + g**2) * z).imag, ((g2 + 3.0 * g * g1 + g**3) * z).imag])
+
+
 @dataclass(frozen=True, slots=True)
 class Chirp:
     """A sine of constant acceleration amplitude whose frequency rises at a steady rate.
@@ -108,12 +117,12 @@ class Chirp:
         rate = 2.0 * math.pi * (self.high - self.low) / self.duration
         w = 2.0 * math.pi * self.low + rate * t
         phi = (2.0 * math.pi * self.low + 0.5 * rate * t) * t
-        # z = -A exp(i phi)/w² and z' = g z, from which z'' = (g' + g²) z, z''' = (g'' + 3 g g' + g³) z
+        # z = -A exp(i phi)/w² and z' = g z
         z = -self.amplitude * np.exp(1j * phi) / w**2
         g = 1j * w - 2.0 * rate / w
         g1 = 1j * rate + 2.0 * rate**2 / w**2
         g2 = -4.0 * rate**3 / w**3
-        return np.stack([z.imag, (g * z).imag, ((g1 + g**2) * z).imag, ((g2 + 3.0 * g * g1 + g**3) * z).imag])
+        return derivatives_of(z, g, g1, g2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +152,7 @@ class Sweep:
         z = -self.amplitude * np.exp(1j * (w - 2.0 * math.pi * self.low) / growth) / w**2
         g = 1j * w - 2.0 * growth
         g1, g2 = 1j * growth * w, 1j * growth**2 * w
-        return np.stack([z.imag, (g * z).imag, ((g1 + g**2) * z).imag, ((g2 + 3.0 * g * g1 + g**3) * z).imag])
+        return derivatives_of(z, g, g1, g2)
 
 
 @dataclass(frozen=True, slots=True)

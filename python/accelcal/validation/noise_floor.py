@@ -133,9 +133,8 @@ def _records(ahead: Prediction, sensor: SensorNoise, scale: float, encoder: Read
     rng = np.random.default_rng(SEED)
     d, still = ahead.drive, np.zeros(len(ahead.drive.t))
     h = np.where(d.restart, 0.0, np.diff(d.t, prepend=d.t[0]))
-    reading = np.sqrt(
-        encoder.std**2 + (d.extra_r if len(d.extra_r) else 0.0)
-    )  # a prescribed band has an `r` of its own
+    varying = d.extra_r if len(d.extra_r) else 0.0
+    reading = np.sqrt(encoder.std**2 + varying)  # a prescribed band has an `r` of its own
     relative = sensor.std / sensor.density
     for _ in range(min(DRAWS, max(LEAST_DRAWS, MOST_NUMBERS // (3 * len(h))))):
         density = sensor.density * math.exp(relative * rng.standard_normal()) / scale
