@@ -93,6 +93,11 @@ WRITERS: Mapping[str, Writer] = {
         tuple(f"figures/figure{n}.png" for n in (3, 4, 5)),
         heavy=True,
     ),
+    "response": Writer(
+        ("response", "shaker.csv", "--csv", "table.csv", "--dcc", "table.xml", "--figure", "table.svg"),
+        ("table.csv", "table.xml", "table.svg"),
+        heavy=True,
+    ),
     "fleet": Writer(("fleet", "sensors/a", "--workers", "2", "-o", "fleet.html"), ("fleet.html",), heavy=True),
 }
 """By name of the command."""
@@ -110,6 +115,9 @@ def make_inputs(folder: Path) -> None:
             model_file.save(estimate(ac.Model.cubic(), made.recording), folder / "m2.json")
         if name == "curved":
             model_file.save(estimate(ac.Model.linear(), made.recording), folder / "m3.json")
+    rng = np.random.default_rng(4)
+    steps = ac.simulate("sine_steps", seconds=20.0, rig=ac.ADXL105_RIG, parameters={}, rng=rng)
+    write_recording(steps.recording, folder / "shaker.csv")
     (folder / "bare.csv").write_bytes((folder / "other.csv").read_bytes())
     (folder / "sensors" / "a").mkdir(parents=True)
     for seed in (1, 2):

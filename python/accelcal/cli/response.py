@@ -65,15 +65,15 @@ def response(
             atomic_write(csv, to_csv(found))
         if dcc is not None:
             atomic_write(dcc, dcc_table(found))
+        if figure is not None:
+            from accelcal.plots import sensitivity
+            from accelcal.plots.style import save
+
+            save(sensitivity(found), figure)
     if json:
         print_json(to_dict(found))
     else:
         print("\n".join(lines(found)))
-    if figure is not None:
-        from accelcal.plots import sensitivity
-        from accelcal.plots.style import save
-
-        save(sensitivity(found), figure)
     for path in (csv, dcc, figure):
         if path is not None:
             print_status(f"wrote {path}")
