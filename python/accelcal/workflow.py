@@ -44,7 +44,7 @@ from accelcal.estimation.estimate import (
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.estimation.run import Engine
+from accelcal.estimation.run import Method
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
@@ -234,7 +234,7 @@ def fit(
     band: float | None = None,
     origins: Origins | None = None,
     reject_outliers: bool = True,
-    method: Engine = "replay",
+    method: Method = "auto",
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a model to one or several recordings; samples that the noise of their channel does not allow are rejected.
@@ -247,7 +247,8 @@ def fit(
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
     origins : zero of time, position and temperature; by default those of the first recording.
     method : "replay", a filter on position and velocity, or "weak", integrals against smooth test functions
-        (derivations 6.15); both give the same estimates where the record is what it should be.
+        (derivations 6.15); both give the same estimates where the record is what it should be. "auto" takes the weak
+        form where the reference is so good that it meets the noise of the output above a tenth of its sampling rate.
     reject_outliers : if False, every sample is used, as in :func:`accelcal.estimation.estimate.estimate`.
     report : called with the share of the work that is done, 0 to 1.
 

@@ -134,7 +134,7 @@ def test_millimetres_read_as_metres_are_warned_about(tmp_path):
         (["fit"], 2, "Missing argument"),
         (["fit", "one.csv", "--model", "quartic"], 2, "expected linear or cubic"),
         (["fit", "one.csv", "--band", "5 m"], 2, "does not measure a frequency"),
-        (["fit", "one.csv", "--method", "magic"], 2, "expected one of replay, weak, aci, cwpa"),
+        (["fit", "one.csv", "--method", "magic"], 2, "expected one of auto, replay, weak, aci, cwpa"),
         (["fit", "one.csv", "--method", "aci", "--order", "3"], 2, "--order"),
         (["fit", "absent.csv"], 3, "absent.csv"),
         (["compare", "one.csv", "one.csv"], 3, "The model comes first"),

@@ -21,9 +21,6 @@ from scipy.signal import lfilter, lfiltic
 from .numerics import Array, double_integral, interpolate
 from .world import (
     ACCEL_RATE,
-    ENCODER_NOISE,
-    ENCODER_RATE,
-    RESOLUTION,
     SENSORS,
     Chain,
     Hidden,
@@ -110,7 +107,7 @@ def _with(world: World, index: int, magnitude: float) -> World:
 
 def encoder_variance(world: World) -> float:
     """Return R per stamp, m²: white noise and rounding; missing stamps count as proportionally more noise."""
-    return (ENCODER_NOISE**2 + RESOLUTION**2 / 12) / (1 - world.nuisances.missing)
+    return (world.encoder_noise**2 + world.resolution**2 / 12) / (1 - world.nuisances.missing)
 
 
 def whiten(columns: Array, q: float, r: float, dt: float) -> Array:
@@ -155,7 +152,7 @@ def _seen(world: World, chain: Chain, output: Array) -> Array:
 
 
 def _encoder_times(world: World) -> Array:
-    return np.arange(int(world.seconds * ENCODER_RATE)) / ENCODER_RATE
+    return np.arange(int(world.seconds * world.encoder_rate)) / world.encoder_rate
 
 
 def _base(world: World, chain: Chain, base: Sequence[str]) -> list[Array]:
@@ -180,7 +177,7 @@ def _projected(world: World, chain: Chain, indices: Sequence[int], base: Sequenc
         output = chain.contributions[index].output
         encoder = encoder_error(world, chain, index, _encoder_times(world))
         columns.append(encoder if output is None else _seen(world, chain, output))
-    white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / ENCODER_RATE)
+    white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / world.encoder_rate)
     return _project(white, len(base))
 
 
@@ -202,7 +199,7 @@ def _random_process(world: World, hidden: Hidden, chain: Chain, index: int, base
     else:
         waves = list((np.cos(np.outer(t, w)) / w**2).T)
     columns = [*_base(world, chain, base), *waves]
-    white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / ENCODER_RATE)
+    white = whiten(np.column_stack(columns), _intensity(world), encoder_variance(world), 1 / world.encoder_rate)
     gram, rank = white.T @ white, len(base)
     given_base = gram[rank:, rank:] - gram[rank:, :rank] @ np.linalg.solve(gram[:rank, :rank], gram[:rank, rank:])
     coarse = (np.arange(800) + 0.5) / 800 * world.seconds
@@ -242,7 +239,7 @@ def _variance(world: World, hidden: Hidden, chain: Chain, index: int) -> float:
     if hidden.name == "accelerometer_outliers":
         return n * contamination(shape["share"], float(np.mean(1 / np.mean(noise, axis=0))) ** -0.5, m)
     if hidden.name == "encoder_outliers":
-        readings = world.seconds * ENCODER_RATE * (1 - world.nuisances.missing)
+        readings = world.seconds * world.encoder_rate * (1 - world.nuisances.missing)
         return readings * contamination(shape["share"], _reading_deviation(world), m)
     if hidden.name == "quantisation":
         power = np.asarray(m**2 / 12 / noise)
@@ -258,7 +255,7 @@ def _reading_deviation(world: World) -> float:
     impulse = np.zeros((4000, 1))
     impulse[2000] = 1.0
     plain = replace(world, nuisances=replace(world.nuisances, missing=0.0))
-    white = whiten(impulse, _intensity(world), encoder_variance(plain), 1 / ENCODER_RATE)
+    white = whiten(impulse, _intensity(world), encoder_variance(plain), 1 / world.encoder_rate)
     return float(np.sum(white**2) ** -0.5)
 
 

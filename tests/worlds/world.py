@@ -134,6 +134,12 @@ class World:
     """k; None = drawn."""
     reference: Reference = "position"
     """What tells the motion: an encoder, a laser vibrometer or an accelerometer."""
+    encoder_rate: float = ENCODER_RATE
+    """Hz"""
+    encoder_noise: float = ENCODER_NOISE
+    """Standard deviation of white noise before the encoder rounds, m."""
+    resolution: float = RESOLUTION
+    """m"""
 
     def settled(self) -> World:
         """Return this world with bias, scale factor and every shape parameter fixed as they were drawn."""
@@ -290,14 +296,15 @@ class Record:
         }
         extra = {
             "accel": f'lowpass = {{ kind = "RC", fc = "{CUTOFF:g} Hz", tolerance = {nuisances.lowpass_tolerance!r} }}',
-            "position": f'resolution = "{RESOLUTION * 1e6:g} um"',
+            "position": f'resolution = "{self.world.resolution * 1e6:g} um"',
         }
         tables = {
             "sensor": {"model": sensor.name, "noise": sensor.declared_noise, "range": sensor.declared_range},
             "rig": {"axis": "level", "mount": self.world.mount, "gravity_along_axis": "0 m/s^2"},
             "clock": {"offset_tolerance": f"{nuisances.clock_tolerance * 1e6:g} us"},
         }
-        return write(Path(directory), name, channels, extra, tables)
+        digits = 9 if self.world.resolution >= 1e-9 else 13  # of an interferometer nothing may be lost
+        return write(Path(directory), name, channels, extra, tables, digits)
 
 
 def _measure(world: World, chain: Chain) -> Record:
@@ -318,7 +325,7 @@ def _measure(world: World, chain: Chain) -> Record:
     hidden = tuple(replace(h, shape=shape) for h, shape in zip(world.hidden, chain.shapes, strict=True))
     settled = replace(world, hidden=hidden, bias=chain.bias, scale_factor=chain.scale_factor, unit=world._unit)
     noise = SENSORS[world.sensor].noise
-    return Record(settled, t_accel, accel, t_position, position, side, chain, noise, ENCODER_NOISE)
+    return Record(settled, t_accel, accel, t_position, position, side, chain, noise, world.encoder_noise)
 
 
 def _stamps(rate: float, seconds: float, rng: np.random.Generator) -> Array:
@@ -379,11 +386,11 @@ def encoder_error(world: World, chain: Chain, index: int, at: Array) -> Array:
 
 
 def _read_encoder(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Array, Array]:
-    stamps = _stamps(ENCODER_RATE, world.seconds, rng)
-    z = interpolate(chain.scene.t[0], chain.scene.p, stamps) + ENCODER_NOISE * rng.standard_normal(len(stamps))
+    stamps = _stamps(world.encoder_rate, world.seconds, rng)
+    z = interpolate(chain.scene.t[0], chain.scene.p, stamps) + world.encoder_noise * rng.standard_normal(len(stamps))
     z += sum(encoder_error(world, chain, j, stamps) for j in range(len(world.hidden)))
     z += _on_samples(world, chain, "encoder_outliers", z)
-    return stamps, RESOLUTION * np.rint(z / RESOLUTION)
+    return stamps, world.resolution * np.rint(z / world.resolution)
 
 
 def _read_rate(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -394,11 +401,11 @@ def _read_rate(world: World, chain: Chain, rng: np.random.Generator) -> tuple[Ar
     """
     if any(hidden.effect.place in ("scale", "encoder") or hidden.name == "encoder_outliers" for hidden in world.hidden):
         raise ValueError("an effect of the encoder, where there is none")
-    stamps = _stamps(ENCODER_RATE, world.seconds, rng)
+    stamps = _stamps(world.encoder_rate, world.seconds, rng)
     sensor = SENSORS[world.sensor].noise
-    encoder = np.sqrt((ENCODER_NOISE**2 + RESOLUTION**2 / 12) * 2 / ENCODER_RATE)
+    encoder = np.sqrt((world.encoder_noise**2 + world.resolution**2 / 12) * 2 / world.encoder_rate)
     moving, density = (
         (chain.scene.v, np.sqrt(sensor * encoder)) if world.reference == "velocity" else (chain.scene.a, sensor)
     )
-    noise = density * np.sqrt(ENCODER_RATE / 2) * rng.standard_normal(len(stamps))
+    noise = density * np.sqrt(world.encoder_rate / 2) * rng.standard_normal(len(stamps))
     return stamps, interpolate(chain.scene.t[0], moving, stamps) + noise

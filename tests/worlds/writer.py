@@ -14,18 +14,24 @@ Channels = Mapping[str, tuple[Array, Array, str]]
 
 
 def write(
-    directory: Path, name: str, channels: Channels, extra: Mapping[str, str], tables: Mapping[str, Mapping[str, str]]
+    directory: Path,
+    name: str,
+    channels: Channels,
+    extra: Mapping[str, str],
+    tables: Mapping[str, Mapping[str, str]],
+    digits: int = 9,
 ) -> Path:
     """Write NAME.csv and NAME.toml into a directory; return the path of the CSV.
 
-    A reading that is nan becomes an empty cell; a channel that ends early leaves both of its cells empty.
+    A reading that is nan becomes an empty cell; a channel that ends early leaves both of its cells empty. Stamps have
+    as many decimals, and readings as many digits, as `digits` says.
     """
     directory.mkdir(parents=True, exist_ok=True)
     columns: list[list[str]] = []
     heads: list[str] = []
     for channel, (t, y, _) in channels.items():
         heads += [f"t_{channel}", channel]
-        columns += [[f"{x:.9f}" for x in t.tolist()], _cells(y)]
+        columns += [[f"{x:.{digits}f}" for x in t.tolist()], _cells(y, digits)]
     path = directory / f"{name}.csv"
     rows = map(",".join, zip_longest(*columns, fillvalue=""))
     path.write_text("\n".join([",".join(heads), *rows]) + "\n", encoding="utf-8")
@@ -33,9 +39,9 @@ def write(
     return path
 
 
-def _cells(y: Array) -> list[str]:
+def _cells(y: Array, digits: int) -> list[str]:
     missing = np.isnan(y)
-    return ["" if gone else f"{x:.9g}" for x, gone in zip((y + 0.0).tolist(), missing.tolist(), strict=True)]
+    return ["" if gone else f"{x:.{digits}g}" for x, gone in zip((y + 0.0).tolist(), missing.tolist(), strict=True)]
 
 
 def _sidecar(channels: Channels, extra: Mapping[str, str], tables: Mapping[str, Mapping[str, str]]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import typer
 
@@ -74,7 +74,7 @@ def fit(
     start: From = None,
     end: To = None,
     band: Band = None,
-    method: Annotated[str, typer.Option("--method", help="replay, weak, aci or cwpa.")] = "replay",
+    method: Annotated[str, typer.Option("--method", help="auto, replay, weak, aci or cwpa.")] = "auto",
     form: Annotated[str, typer.Option("--form", help="aci: forward or inverse.")] = "forward",
     interpolation: Annotated[str, typer.Option("--interpolation", help="aci: hold, linear or cubic.")] = "cubic",
     integrator: Annotated[str, typer.Option("--integrator", help="aci: rk2, rk4 or exact.")] = "exact",
@@ -97,6 +97,7 @@ def fit(
     from accelcal.cli.printing import show_fit
     from accelcal.data.dwells import Dwells
     from accelcal.data.recording import Recording
+    from accelcal.estimation.run import Method
     from accelcal.model import Model
     from accelcal.serialization import model_file
     from accelcal.workflow import fit as fit_runs
@@ -106,7 +107,7 @@ def fit(
         raise UsageError(f"--model {model!r}: expected linear or cubic")
     begin, stop = parse_quantity(start, "time", "--from"), parse_quantity(end, "time", "--to")
     width = parse_quantity(band, "frequency", "--band")
-    if method in ("replay", "weak"):
+    if method in get_args(Method):
         for name in FILTER_OPTIONS:
             source = context.get_parameter_source(name)
             if source is not None and source.name == "COMMANDLINE":
@@ -117,15 +118,17 @@ def fit(
             recordings = read_runs(runs, position, rig)
             base = chosen() if position is None else chosen().add("clock_skew")
             wanted, part = varying(base, vary or []), within(report, LOADED, 1.0)
-            engine: Literal["weak", "replay"] = "weak" if method == "weak" else "replay"
+            engine = cast("Method", method)
             found = fit_runs(wanted, recordings, start=begin, end=stop, band=width, method=engine, report=part)
     else:
         if vary:
-            raise UsageError(f"--vary needs --method replay or weak; {method} accepts one recording")
+            raise UsageError(f"--vary needs --method auto, replay or weak; {method} accepts one recording")
         choice = filter_choice(method, model, form, interpolation, integrator, order, carrier)
         recordings = read_runs(runs, position, rig)
         if len(recordings) != 1 or band is not None or isinstance(recordings[0], Dwells):
-            raise UsageError(f"--method {method} accepts one recording and no --band; replay and weak accept several")
+            raise UsageError(
+                f"--method {method} accepts one recording and no --band; auto, replay and weak accept several"
+            )
         from accelcal.estimation.recursive import fit_recursive
 
         with progress("fit"):
@@ -166,9 +169,11 @@ def filter_choice(
         ("--order", order, (1, 2)),
         ("--carrier", carrier, ("dense", "factored")),
     )
+    from accelcal.estimation.run import Method
+
     for option, value, known in allowed:
         if value not in known:
-            expected = ", ".join(str(k) for k in (*(("replay", "weak") if option == "--method" else ()), *known))
+            expected = ", ".join(str(k) for k in (*(get_args(Method) if option == "--method" else ()), *known))
             raise UsageError(f"{option} {value!r}: expected one of {expected}")
     return FilterChoice(
         system=method,  # type: ignore[arg-type]

@@ -35,6 +35,8 @@ BLOCKS = 512
 """Stretches of which the earliest and the latest stamp bound the clock."""
 CLEARLY = 0.1
 """Coherence with the mean spacing beyond that with the median one from which on the mean one is the period."""
+DECIMALS = tuple(10.0**-k for k in range(13))
+"""Steps of stamps that are written with so many decimals, s."""
 SQRT12 = math.sqrt(12.0)
 
 
@@ -89,6 +91,18 @@ def stamp_grid(t: Array) -> float:
         count = np.rint(spacing / step)
         step = float(spacing @ count) / float(count @ count)
     return step if float(np.max(np.abs(spacing - count * step))) < 2.0 * fine else 0.0
+
+
+def decimal_step(t: Array) -> float:
+    """Largest power of ten of a second of which all stamps (n,) are multiples, s: a clock that is written with so many
+    decimals; 0 where it is written with all that a double holds."""
+    last = float(np.spacing(np.max(np.abs(t), initial=0.0)))
+    for step in DECIMALS:
+        if step <= 16.0 * last:
+            return 0.0
+        if float(np.max(np.abs(t - np.rint(t / step) * step), initial=0.0)) <= 2.0 * last:
+            return step
+    return 0.0
 
 
 def uniform_clock(t: Array) -> UniformClock:

@@ -36,7 +36,7 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, PreparedRun, prepare
+from accelcal.estimation.run import Engine, Method, PreparedRun, prepare
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -44,6 +44,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
+from accelcal.estimation.weak_form.rows import NoWeakForm
 from accelcal.model import Estimate, Model, Prior, terms_of
 from accelcal.signals.signals import Origins
 
@@ -255,9 +256,10 @@ def estimate(
     end: float | None = None,
     band: float | None = None,
     origins: Origins | None = None,
+    method: Method = "auto",
     report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
-    """Estimate the free parameters of a model by the replay with smoothed regressors.
+    """Estimate the free parameters of a model by the replay, or the weak form, with smoothed regressors.
 
     Parameters
     ----------
@@ -270,6 +272,7 @@ def estimate(
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
     origins : zero points of t, p and temperature; by default those of the first recording.
+    method : "replay", "weak", or "auto": the weak form where a reference is too good for the replay.
     report : called with the share of the work that is done, 0 to 1.
 
     Returns
@@ -291,7 +294,10 @@ def estimate(
     several = listed(recordings)
     if not several:
         raise ValueError("a fit needs at least one recording")
-    return result(solve_runs(model, several, start=start, end=end, band=band, origins=origins, report=report))
+    solution = solve_runs(
+        model, several, start=start, end=end, band=band, origins=origins, engine=method, report=report
+    )
+    return result(solution)
 
 
 def solve_runs(
@@ -303,7 +309,7 @@ def solve_runs(
     band: float | None = None,
     origins: Origins | None = None,
     others_whole: bool = False,
-    engine: Engine = "replay",
+    engine: Method = "auto",
     report: Callable[[float], None] = lambda share: None,
 ) -> Solution:
     """The solution of a completed model; where the noise is not white, in the band that determines the scale best.
@@ -319,10 +325,28 @@ def solve_runs(
     first = prepare(recordings[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
     runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
-    runs = [run.by(engine) for run in runs]
     for run in runs:
         require_motion(run)
         require_band(run, band)
+    if engine == "auto" and band is None and any(run.suits_weak_form for run in runs):
+        try:
+            return _solved(asked, model, recordings, [run.by("weak") for run in runs], band, report)
+        except RecordingError as error:
+            if not isinstance(error.__cause__, NoWeakForm):
+                raise
+    runs = [run.by("weak" if engine == "weak" else "replay") for run in runs]
+    return _solved(asked, model, recordings, runs, band, report)
+
+
+def _solved(
+    asked: Model,
+    model: Model,
+    recordings: Sequence[Recording],
+    runs: Sequence[PreparedRun],
+    band: float | None,
+    report: Callable[[float], None],
+) -> Solution:
+    """The solution of prepared runs by their engines; `model` is the completed one that was `asked` for."""
     solution = iterate(model, runs, [band] * len(runs), report)
     unlike, seen = differing(solution)
     if unlike:

@@ -86,7 +86,7 @@ def fit_recursive(
             f"{recording.reference.name}, whose integral has other noise; fit it by the weak form"
         )
     model = Model.cubic() if choice.model == "cubic" else Model.linear()
-    replayed = estimate(model, recording, start=start, end=end)
+    replayed = estimate(model, recording, start=start, end=end, method="replay")
     offset = replayed["time_offset"]
     prepared = prepare(recording, replayed.origins, start=start, end=end)
     accel = Channel("accel", prepared.accel.t - offset.value, stage_output(prepared), "m/s^2")

@@ -32,6 +32,11 @@ from accelcal.signals.unresolved import jumps, prediction_scores
 
 Engine = Literal["replay", "weak"]
 """What makes the rows of the regression: the filter on position and velocity, or the weak form."""
+Method = Literal["auto", "replay", "weak"]
+"""One of both, or the one that suits the recordings."""
+NEAR_RATE = 0.1
+"""Crossover in sampling rates of the output above which the weak form suits a recording better: what the output does
+between its samples, which the replay assumes, then matters beside its noise."""
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
 TOO_GOOD = 0.2
@@ -54,6 +59,29 @@ LEAST_PRIOR_SHARE = 1e-12
 """Variance of a reading over that which the diffuse start adds in one step, least: the filter subtracts the two."""
 FAR_FROM_ZERO = 3.0
 """An encoder whose zero is farther from the travel than this many travels is counted from the middle of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unpredicted:
+    """Standard deviations of what eight neighbours do not predict of a sample: noise, where no motion is left."""
+
+    sample: float
+    """Of the output, m/s²."""
+    reading: float
+    """Of the position, no less than what its counts round, m."""
+    crossover: float
+    """Where both determine the acceleration equally well, in sampling rates of the output; 0 where one shows none."""
+
+    @classmethod
+    def of(cls, t: Array, z: Array, accel: Channel, step: float, resolution: float) -> Unpredicted:
+        """Of readings (n,) of a `resolution`, m, beside an output whose samples come every `step`, s."""
+        few = slice(0, NOISE_SAMPLES)
+        sample, reading = (interpolation_spread(at[few], y[few]) for at, y in ((accel.t, accel.y), (t, z)))
+        reading = math.hypot(reading, resolution / math.sqrt(12.0))
+        if reading <= 0.0 or sample <= 0.0:  # nothing to compare
+            return cls(sample, reading, 0.0)
+        between = float(np.median(np.diff(t)))
+        return cls(sample, reading, (sample**2 * step**5 / (reading**2 * between)) ** 0.25 / (2.0 * np.pi))
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +111,8 @@ class PreparedRun:
     read: tuple[Array, Array] | None = None
     """Times (s) and positions (m) of all readings, where only some are used."""
     engine: Engine = "replay"
+    unpredicted: Unpredicted = Unpredicted(0.0, 0.0, 0.0)
+    """Noise of both channels before anything is fitted."""
 
     @cached_property
     def order(self) -> int:
@@ -93,6 +123,12 @@ class PreparedRun:
     def by(self, engine: Engine) -> PreparedRun:
         """The run for an engine; where the reference is no position only the weak form can fit it."""
         return replace(self, engine=engine if self.order == POSITION_ORDER else "weak")
+
+    @property
+    def suits_weak_form(self) -> bool:
+        """Whether its reference is so good that the weak form should fit it, and it has one."""
+        filtered = self.filters.blocking or (self.filters.acts and self.read is not None)
+        return self.unpredicted.crossover > NEAR_RATE and not filtered
 
     @property
     def reference_readings(self) -> tuple[Array, Array]:
@@ -323,7 +359,9 @@ def prepare(
     covered = slice(*np.searchsorted(accel.t, [t[0] - margin, t[-1] + margin]))
     part = Channel(accel.name, accel.t[covered], accel.y[covered], accel.unit)
     period = usual_step(part.t)
-    every = reading_stride(t, z, part, period, recording.rig.resolution or grid_step(z[:NOISE_SAMPLES]))
+    resolution = recording.rig.resolution or grid_step(z[:NOISE_SAMPLES])
+    unpredicted = Unpredicted.of(t, z, part, period, resolution)
+    every = reading_stride(t, part, period, unpredicted)
     starts = new_starts(recording, t)
     read = (t, z) if every > 1 else None
     if every > 1:
@@ -340,6 +378,7 @@ def prepare(
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
         every=every,
         read=read,
+        unpredicted=unpredicted,
     )
     return run if every_reading else without_repeated_counts(run)
 
@@ -365,22 +404,12 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None)
 
 
-def reading_stride(t: Array, z: Array, accel: Channel, step: float, resolution: float) -> int:
+def reading_stride(t: Array, accel: Channel, step: float, unpredicted: Unpredicted) -> int:
     """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good, the
-    fewer, the faster the motion.
-
-    The crossover is estimated from what eight neighbours do not predict of either channel, where no motion is left;
-    samples of the output come every `step`, s, and readings are no better than their `resolution`, m.
-    """
-    between = float(np.median(np.diff(t)))
-    few = slice(0, NOISE_SAMPLES)
-    sample, reading = (interpolation_spread(channel_t[few], y[few]) for channel_t, y in ((accel.t, accel.y), (t, z)))
-    reading = math.hypot(reading, resolution / math.sqrt(12.0))
-    if reading <= 0.0 or sample <= 0.0:  # nothing to compare
+    fewer, the faster the motion; samples of the output come every `step`, s."""
+    if unpredicted.crossover < TOO_GOOD:
         return 1
-    crossover = (sample**2 * step / (reading**2 * between)) ** 0.25 / (2.0 * np.pi)
-    if crossover * step < TOO_GOOD:
-        return 1
+    between, sample = float(np.median(np.diff(t))), unpredicted.sample
     apart = min(max(0.5 / (motion_bound(accel.y, sample) + 1e-12), SAMPLES_BETWEEN[0]), SAMPLES_BETWEEN[1])
     wanted = math.ceil(apart * step / between)
     return 1 if len(t) // wanted < MIN_READINGS else max(1, wanted)

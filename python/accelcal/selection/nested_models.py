@@ -10,7 +10,7 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import find
-from accelcal.estimation.estimate import Fit, estimate
+from accelcal.estimation.estimate import Fit, engine_of, estimate
 from accelcal.model import Model
 from accelcal.validation.comparison import HELD_OUT, Comparison, NoiseFloor, RmsInterval
 from accelcal.validation.evaluation import compare
@@ -118,7 +118,7 @@ def nested_models(
     def member(effect: str, model: Model, in_model: bool, ready: Fit | None = None) -> tuple[str, bool, Fit]:
         found = ready
         if found is None:
-            found = estimate(model, recording, start=begin, end=split, origins=fitted.origins)
+            found = estimate(model, recording, start=begin, end=split, origins=fitted.origins, method=engine_of(fitted))
         return effect, in_model, found
 
     # Effects that a turned sensor or the tolerance of a low-pass added depend on the recordings, not on the model.

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 from scipy.sparse import csr_array as Sparse
 
 from accelcal.data.arrays import Array
 from accelcal.estimation.channel_filters import GRID_ERROR
 from accelcal.estimation.weak_form.splines import Splines
 from accelcal.signals.processing import low_pass
+from accelcal.signals.series import lagrange_weights
 
 CARRIER_CUTOFF = 0.3
 """Bandwidth of the smooth carrier of an uneven channel over the rate of the test functions."""
@@ -19,6 +21,10 @@ RINGS = 10.0
 """Steps of the test functions over which what the carrier makes of a break dies away."""
 CARRIER_DEGREE = 5
 """Of the splines that lead from uneven stamps to even ones and back."""
+NEIGHBOURS = 4
+"""Samples on either side from which a lost one of an even clock is interpolated."""
+MOST_LOST = 1.0
+"""Lost samples over those that are there, beyond which a clock is not taken for an even one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +32,9 @@ class SampledChannel:
     """Samples, the time that each stands for, and what a smooth carrier of uneven samples adds.
 
     A sum over even samples against a test function is its integral but for aliases, which the test function does not
-    pass. Of uneven samples a smooth carrier is taken off, whose integral is found on even times: what is left is noise,
-    and the sum of it needs no more than the trapezoid rule.
+    pass. Samples that an even clock lost are those of the polynomial through their neighbours, so that the sum stays
+    linear in the samples that are there. Of uneven samples a smooth carrier is taken off, whose integral is found on
+    even times: what is left is noise, and the sum of it needs no more than the trapezoid rule.
     """
 
     t: Array
@@ -35,21 +42,32 @@ class SampledChannel:
     y: Array
     """(n,), the carrier taken off."""
     weight: Array
-    """Time that each sample stands for, (n,) s."""
+    """Time that each sample stands for, (n,) s; of an even clock that lost some, that each tick stands for."""
     carrier_t: Array
     """Even times, (m,) s; empty where the samples are even themselves."""
     carrier_y: Array
     """(m,)"""
+    ticks: Array | None = None
+    """Times of an even clock that lost samples, (N,) s; None where it lost none, or is uneven."""
+    filled: Sparse | None = None
+    """What leads from the samples to the ticks, (N, n)."""
 
     @classmethod
     def of(cls, t: Array, y: Array, step: float, rate: float, rounded: float = 0.0) -> SampledChannel:
         """A channel with samples every `step` s, whose stamps are rounded to some s, for test functions at a rate in
         Hz."""
-        none = np.empty(0)
+        none, near = np.empty(0), max(GRID_ERROR**2 * step, min(rounded, GRID_ERROR * step))
         even = float(t[-1] - t[0]) / max(1, len(t) - 1)
         clock = t[0] + even * np.arange(len(t))
-        if float(np.max(np.abs(t - clock), initial=0.0)) < max(GRID_ERROR**2 * step, rounded):
+        if float(np.max(np.abs(t - clock), initial=0.0)) < near:
             return cls(clock, y, np.full(len(t), even), none, none)
+        number = np.concatenate([[0], np.cumsum(np.maximum(1, np.rint(np.diff(t) / step)))]).astype(np.intp)
+        even = float(t[-1] - t[0]) / max(1, int(number[-1]))
+        clock, count = t[0] + even * number, int(number[-1]) + 1
+        apart = float(np.max(np.abs(t - clock), initial=0.0))
+        if apart < near and 2 * NEIGHBOURS < count <= (1.0 + MOST_LOST) * len(t):
+            ticks = t[0] + even * np.arange(count)
+            return cls(clock, y, np.full(count, even), none, none, ticks, from_neighbours(number, count))
         weight = np.gradient(t)
         at = np.arange(t[0], t[-1] + 0.5 * step, step)
         at = at[at <= t[-1]]
@@ -60,6 +78,18 @@ class SampledChannel:
         """Breaks (n, 2), s, wide enough that the carrier has died away behind them."""
         reach = RINGS / rate if len(self.carrier_t) else 0.0
         return np.column_stack([begin - reach, end + reach])
+
+    def against(self, splines: Splines, order: int, tau: float = 0.0) -> tuple[slice, Sparse]:
+        """Samples within some test functions, and what they weigh in each sum over a derivative; `tau` is that of a
+        low-pass that is undone."""
+        if self.ticks is None or self.filled is None:
+            rows = covering(self.t, splines)
+            return rows, splines.weights(self.t[rows], order, self.weight[rows], tau)
+        near = covering(self.ticks, splines)
+        weights = splines.weights(self.ticks[near], order, self.weight[near], tau) @ self.filled[near]
+        used = np.unique(weights.indices)
+        rows = slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 0)
+        return rows, weights[:, rows].tocsr()
 
     def sums(self, splines: Splines, order: int, weights: Sparse, rows: slice, tau: float = 0.0) -> Array:
         """Integrals of the channel against the derivatives of the test functions, a low-pass undone, (count,).
@@ -73,6 +103,26 @@ class SampledChannel:
             step = float(self.carrier_t[1] - self.carrier_t[0])
             found += splines.weights(t, order, np.full(len(t), step), tau) @ y
         return found
+
+
+def from_neighbours(number: NDArray[np.intp], count: int) -> Sparse:
+    """What leads from the samples of an even clock, of a `number` each, (n,), to all its ticks, (count, n).
+
+    A lost one is that of the polynomial through as many samples on either side.
+    """
+    there = np.zeros(count, dtype=np.bool_)
+    there[number] = True
+    lost = np.flatnonzero(~there)
+    width = min(2 * NEIGHBOURS, len(number))
+    first = np.clip(np.searchsorted(number, lost) - width // 2, 0, len(number) - width)
+    columns = first[:, None] + np.arange(width)
+    offsets = (number[columns] - lost[:, None]).astype(np.float64)
+    weights = np.column_stack(lagrange_weights(list(offsets.T))) if len(lost) else np.empty((0, width))
+    rows = np.concatenate([number, np.repeat(lost, width)])
+    found = np.concatenate([np.ones(len(number)), weights.ravel()])
+    return Sparse(
+        (found, (rows, np.concatenate([np.arange(len(number)), columns.ravel()]))), shape=(count, len(number))
+    )
 
 
 def through(t: Array, y: Array) -> scipy.interpolate.BSpline:

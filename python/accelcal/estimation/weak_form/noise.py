@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.likelihood import blocks
 from accelcal.estimation.noise import most_likely_noise
 from accelcal.estimation.values import Noise
@@ -14,6 +15,8 @@ from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows, factor, sol
 
 MOST_OF_BOTH = 0.9
 """Largest share of the sensor in the noise of two accelerations."""
+READINGS_KNOWN = math.log(3.0)
+"""Standard deviation of what the readings themselves tell of the logarithm of their variance."""
 BLOCK_ROWS = 2048
 """Rows of one of the blocks that the likelihood is taken over."""
 
@@ -21,15 +24,17 @@ BLOCK_ROWS = 2048
 def with_noise(rows: WeakRows, width: float = 0.3) -> WeakRows:
     """The rows at the noise that is most likely near theirs; first steps in log q and log r are `width`.
 
-    What varies along the record stays as it is.
+    What varies along the record stays as it is. Readings so good that the rows do not show their noise have the one
+    that their neighbours do not predict.
     """
-    start = rows.noise
+    start, told = rows.noise, rows.state.run.unpredicted.reading
     if rows.order == 0:
         return rows.at_noise(shared(rows))
+    known = 2.0 * math.log(told) if told > 0.0 and rows.order == POSITION_ORDER else None
     parts = [(rows.covariance.part(block), rows.raw[block][:, None]) for block in blocks(rows.rows, BLOCK_ROWS)]
 
     def log_likelihood(log_q: float, log_r: float) -> float:
-        total = 0.0
+        total = 0.0 if known is None else -0.5 * ((log_r - known) / READINGS_KNOWN) ** 2
         for covariance, y in parts:
             try:
                 L = factor(covariance.at(math.exp(log_q), math.exp(log_r)))

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array as Sparse
 
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.references import POSITION_ORDER
+from accelcal.data.stamps import decimal_step
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run import MOST_CROSSOVER
@@ -37,6 +38,9 @@ RESOLVED = 1.2
 """Steps of a channel between two test functions, least, where it is no whole number: aliases then stay below 1e-8."""
 WHOLE = 1e-3
 """Distance from a whole number that counts as one."""
+RESOLVING = 0.05
+"""Frequency over the slower of both rates up to which test functions resolve, most: closer to them a sum stands on a
+few samples, and of the noise nothing more is told."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -99,11 +103,12 @@ class WeakRows:
         begin, end = max(t[0], stamps[0]), min(t[-1], stamps[-1], run.t[-1] - self._clock)
         self.splines = splines_over(float(begin), float(end), self._step(float(end - begin)))
         self._gain = run.rig.polarity / values.scale
-        rounded = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
+        last = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
+        written = [max(last, decimal_step(each)) for each in (run.all_readings[0], run.driving.t)]
         zero = float(np.mean(z)) if self.order else 0.0
-        self._readings = SampledChannel.of(t, z - zero, self.reading_step, self.rate, rounded)
+        self._readings = SampledChannel.of(t, z - zero, self.reading_step, self.rate, written[0])
         output = run.driving.y - values.bias * run.filters.at_rest
-        self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, rounded)
+        self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, written[1])
         self._kept = self._whole_ones(stamps)
         if int(np.count_nonzero(self._kept)) < FEWEST_ROWS:
             raise NoWeakForm("the record is too short, or breaks off too often")
@@ -177,7 +182,8 @@ class WeakRows:
             crossover = (noise.q / (noise.r * self.reading_step)) ** 0.25 / (2.0 * np.pi)
         else:  # of two accelerations neither is the better one beyond the motion
             crossover = run.crossover(noise) if self.order else 0.0
-        highest = max(self.signals.cutoff, crossover)
+        rate = 1.0 / max(self.reading_step, run.accel_step)
+        highest = min(max(self.signals.cutoff, crossover), RESOLVING * rate)
         widest = min(1.0 / (OVERSAMPLING * highest), span / LEAST_STEPS)
         every = max(1, int(widest / self.reading_step))
         while not resolved(every * self.reading_step / run.accel_step):
@@ -258,10 +264,12 @@ class WeakRows:
             samples, weights = self._of_output(part, 0.0)
             noise[samples] -= weights.T @ weight[part]
         noise *= (self.noise.q + held_after(state.drive, self._clock + self._output.t)) / step
+        # beyond what the rows resolve nothing tells motion from noise of the output
+        cutoff = min(self.signals.cutoff, self.rate / OVERSAMPLING)
         t = uniform_times(run)
         subtracted = np.interp(t - self._clock, self._output.t, noise, left=0.0, right=0.0)
         found = smoothed_signals(
-            run, state.drive, state.track, state.noise, state.values, self.signals, self.signals.cutoff, subtracted
+            run, state.drive, state.track, state.noise, state.values, self.signals, cutoff, subtracted
         )
         return replace(found, reach=self.signals.reach)
 
@@ -276,7 +284,8 @@ class WeakRows:
         lost = np.flatnonzero(np.diff(stamps) > LOST * run.accel_step)
         spans = [self._output.around(stamps[lost], stamps[lost + 1], self.rate)]
         t, step = self._readings.t, self.reading_step
-        lost = np.flatnonzero(np.diff(t) > min(max(self.splines.step, LOST * step), HOLE * step))
+        widest = HOLE * step if self._readings.ticks is not None else max(self.splines.step, LOST * step)
+        lost = np.flatnonzero(np.diff(t) > min(widest, HOLE * step))
         spans.append(self._readings.around(t[lost], t[lost + 1], self.rate))
         again = np.flatnonzero(self.state.drive.restart[1:])
         used = run.t - self._clock
@@ -345,9 +354,7 @@ class WeakRows:
 
         White noise in front of the low-pass is then <phi, noise>.
         """
-        splines = self.splines.part(part.start, part.stop)
-        samples = covering(self._output.t, splines)
-        return samples, splines.weights(self._output.t[samples], 0, self._output.weight[samples], tau)
+        return self._output.against(self.splines.part(part.start, part.stop), 0, tau)
 
     def _added_to_position(self) -> Array | None:
         """What the model adds to the position, at the times of the readings, m; None where it adds nothing."""
@@ -359,9 +366,7 @@ class WeakRows:
 
     def _of_readings(self, part: slice, order: int) -> tuple[slice, Sparse]:
         """Readings within some test functions, and their weights in a derivative."""
-        splines = self.splines.part(part.start, part.stop)
-        readings = covering(self._readings.t, splines)
-        return readings, splines.weights(self._readings.t[readings], order, self._readings.weight[readings])
+        return self._readings.against(self.splines.part(part.start, part.stop), order)
 
     def _of_grid(self, part: slice) -> tuple[slice, Sparse]:
         """Rows of the signals within some test functions, and their weights; refined where the grid is coarse."""
