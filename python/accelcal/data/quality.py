@@ -21,7 +21,8 @@ implausible travel   warning: more than 100 m, or faster than 1000 m/s, looks li
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -304,8 +305,9 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     """Drop readings that a logger wrote again because the sensor had no new one yet.
 
     Chance makes a quantised reading equal to the one before, most often at rest. So the question is asked only
-    right after a clear change, of more than three quantisation steps. There chance makes the next reading equal as
-    often as it makes it one code higher or lower; clearly more often (five standard deviations, and 2 %) means held.
+    right after a clear change, of more than three quantisation steps. There chance makes the next reading equal about as
+    often as it makes it one or two codes higher or lower (`equal_by_chance`); clearly more often (five standard
+    deviations, and 2 %) means held.
     """
     step = np.abs(np.diff(y))
     quantum = _quantum(step)
@@ -314,7 +316,8 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     if asked < _FEWEST_CHANGES:
         return t, y, []
     repeated = int(np.count_nonzero(clear & (step[1:] == 0)))
-    by_chance = np.count_nonzero(clear & (step[1:] > 0) & (step[1:] < 1.5 * quantum)) / 2
+    codes = np.rint(np.diff(y)[1:][clear] / quantum)
+    by_chance = equal_by_chance([int(np.count_nonzero(codes == code)) for code in (-2, -1, 1, 2)])
     if repeated - by_chance < max(0.02 * asked, 5.0 * np.sqrt(repeated + by_chance)):
         return t, y, []
 
@@ -348,6 +351,17 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     )
     # A value is written at the first tick after the sensor's own instant: late by half a tick on average.
     return instants - 0.5 * tick, y[kept], [Finding(HELD, name, dropped, first, text, "warning", tick, common, jitter)]
+
+
+def equal_by_chance(counts: Sequence[int]) -> float:
+    """How often a reading equals the one before where it is so often (4,) two lower, one lower, one higher and two higher.
+
+    Noise of about a code piles up about its middle. Of a normal distribution, wherever its middle is, the logarithms of
+    these numbers lie on a parabola, which gives the one in between; no less than the mean of both neighbours.
+    """
+    far_below, below, above, far_above = (count + 0.5 for count in counts)
+    near, far = math.sqrt(below * above), math.sqrt(far_below * far_above)
+    return max((counts[1] + counts[2]) / 2.0, near * (near / far) ** (1.0 / 3.0) - 0.5)
 
 
 _DISTINCT = 0.9  # share of values that never recur, above which none repeats by chance

@@ -34,14 +34,12 @@ Engine = Literal["replay", "weak"]
 """What makes the rows of the regression: the filter on position and velocity, or the weak form."""
 Method = Literal["auto", "replay", "weak"]
 """One of both, or the one that suits the recordings."""
-NEAR_RATE = 0.1
-"""Crossover in sampling rates of the output above which the weak form suits a recording better: what the output does
-between its samples, which the replay assumes, then matters beside its noise."""
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
-TOO_GOOD = 0.2
-"""Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
-that of the same samples, interpolated, and no longer white from reading to reading."""
+TOO_GOOD = 0.1
+"""Crossover in sampling rates of the output above which readings are thinned, and the weak form suits a recording
+better: closer to it the noise of two readings is that of the same samples, interpolated, and no longer white from
+reading to reading, and what the output does between its samples, which the replay assumes, matters."""
 SAMPLES_BETWEEN = 8, 16
 """Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
 interpolation between samples into every other reading."""
@@ -128,7 +126,7 @@ class PreparedRun:
     def suits_weak_form(self) -> bool:
         """Whether its reference is so good that the weak form should fit it, and it has one."""
         filtered = self.filters.blocking or (self.filters.acts and self.read is not None)
-        return self.unpredicted.crossover > NEAR_RATE and not filtered
+        return self.unpredicted.crossover >= TOO_GOOD and not filtered
 
     @property
     def reference_readings(self) -> tuple[Array, Array]:
