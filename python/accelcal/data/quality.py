@@ -305,8 +305,8 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
     """Drop readings that a logger wrote again because the sensor had no new one yet.
 
     Chance makes a quantised reading equal to the one before, most often at rest. So the question is asked only
-    right after a clear change, of more than three quantisation steps. There chance makes the next reading equal about as
-    often as it makes it one or two codes higher or lower (`equal_by_chance`); clearly more often (five standard
+    right after a clear change, of more than three quantisation steps. There chance makes the next reading equal as
+    often as it makes it one or two codes higher or lower, about (`equal_by_chance`); clearly more often (five standard
     deviations, and 2 %) means held.
     """
     step = np.abs(np.diff(y))
@@ -354,14 +354,14 @@ def _without_held(name: str, t: Array, y: Array) -> tuple[Array, Array, list[Fin
 
 
 def equal_by_chance(counts: Sequence[int]) -> float:
-    """How often a reading equals the one before where it is so often (4,) two lower, one lower, one higher and two higher.
+    """How often a reading equals the one before where it is so often two lower, one lower, one higher and two higher.
 
     Noise of about a code piles up about its middle. Of a normal distribution, wherever its middle is, the logarithms of
     these numbers lie on a parabola, which gives the one in between; no less than the mean of both neighbours.
     """
     far_below, below, above, far_above = (count + 0.5 for count in counts)
     near, far = math.sqrt(below * above), math.sqrt(far_below * far_above)
-    return max((counts[1] + counts[2]) / 2.0, near * (near / far) ** (1.0 / 3.0) - 0.5)
+    return max((counts[1] + counts[2]) / 2.0, near * math.cbrt(near / far) - 0.5)
 
 
 _DISTINCT = 0.9  # share of values that never recur, above which none repeats by chance

@@ -142,15 +142,32 @@ def smoothed_signals(
     p += filters.before_position(missed, run.accel_step)
     for hole in unread:
         p[hole] = np.interp(t[hole], run.t, p_smooth)
+    return shrunk(run, noise, values, grid, SmoothedMotion(grid.thin(p), v, a, jerk), cutoff, reach)
+
+
+def given_signals(run: PreparedRun, noise: Noise, values: Values, motion: SmoothedMotion, cutoff: float) -> Signals:
+    """Signals of a motion (n,) that was smoothed by other means, at `uniform_times`; its bandwidth in Hz."""
+    grid = Thinning.of(uniform_times(run), run.accel_step, cutoff)
+    thinned = SmoothedMotion(*(grid.thin(y) for y in (motion.p, motion.v, motion.a, motion.jerk)))
+    return shrunk(run, noise, values, grid, thinned, cutoff, cutoff)
+
+
+def shrunk(
+    run: PreparedRun, noise: Noise, values: Values, grid: Thinning, motion: SmoothedMotion, cutoff: float, reach: float
+) -> Signals:
+    """Signals of a motion on a thinned grid, shrunk where noise in it would bias what is regressed on it."""
+    filters, v, a, jerk = run.filters, motion.v, motion.a, motion.jerk
+    rate, corner = 1.0 / run.accel_step, corner_of(values, cutoff)
     shrinkage = Shrinkage.of(jerk, rate / grid.every, run, noise, cutoff, values.time_offset)
     if shrinkage is not None:
         v, a = shrinkage(v), shrinkage(a)
         jerk = derivative(a, grid.every * run.accel_step)
     p_std, v_std, a_std = smoothed_std(run, noise, corner, shrinkage)
-    motion = (grid.thin(p), v, a, jerk)
+    motion = SmoothedMotion(motion.p, v, a, jerk)
     if filters.blocking:
-        motion = filters.recoupled(motion, np.interp(grid.t, run.t, run.blocked), float(grid.t[1] - grid.t[0]))
-    smooth = sensor_signals(run, grid.t, SmoothedMotion(*motion), values, cutoff)
+        blocked = np.interp(grid.t, run.t, run.blocked)
+        motion = SmoothedMotion(*filters.recoupled((motion.p, v, a, jerk), blocked, float(grid.t[1] - grid.t[0])))
+    smooth = sensor_signals(run, grid.t, motion, values, cutoff)
     return replace(smooth, reach=reach, p_std=p_std, v_std=v_std, a_std=a_std)
 
 

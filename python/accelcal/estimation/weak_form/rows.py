@@ -20,11 +20,19 @@ from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
-from accelcal.estimation.smoothing import held_after, smoothed_signals, uniform_times
+from accelcal.estimation.smoothing import (
+    SmoothedMotion,
+    corner_of,
+    given_signals,
+    held_after,
+    smoothed_signals,
+    uniform_times,
+)
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.channel import SampledChannel, covering
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
 from accelcal.model import Term
+from accelcal.signals.processing import cubic, derivative, low_pass
 from accelcal.signals.series import lagrange_weights
 from accelcal.signals.signals import Signals
 
@@ -41,6 +49,8 @@ WHOLE = 1e-3
 RESOLVING = 0.05
 """Frequency over the slower of both rates up to which test functions resolve, most: closer to them a sum stands on a
 few samples, and of the noise nothing more is told."""
+TWICE_DIFFERENTIATED = 7
+"""Degree of the splines through the readings whose second derivatives are taken."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
 
@@ -105,8 +115,8 @@ class WeakRows:
         self._gain = run.rig.polarity / values.scale
         last = 4.0 * float(np.spacing(abs(self._clock) + t[-1]))
         written = [max(last, decimal_step(each)) for each in (run.all_readings[0], run.driving.t)]
-        zero = float(np.mean(z)) if self.order else 0.0
-        self._readings = SampledChannel.of(t, z - zero, self.reading_step, self.rate, written[0])
+        self._zero = float(np.mean(z)) if self.order else 0.0
+        self._readings = SampledChannel.of(t, z - self._zero, self.reading_step, self.rate, written[0])
         output = run.driving.y - values.bias * run.filters.at_rest
         self._output = SampledChannel.of(stamps, output, run.accel_step, self.rate, written[1])
         self._kept = self._whole_ones(stamps)
@@ -255,23 +265,53 @@ class WeakRows:
 
     def _smoothed(self) -> Signals:
         """The motion smoothed by these rows: the share of either channel is then that of the innovations, so that the
-        error of the regressors is not correlated with them."""
-        run, state, step = self.state.run, self.state, self.state.run.accel_step
+        error of the regressors is not correlated with them.
+
+        The noise that the rows show of a channel is taken off it; of the readings, where they are the better ones
+        throughout, so that errors of the sums are small against the noise that is left.
+        """
+        run, state = self.state.run, self.state
         weight = np.zeros(self.splines.count)
         weight[self._kept] = scipy.linalg.cho_solve_banded((self.factor, True), self.raw)
-        noise = np.zeros(len(self._output.t))
-        for part in self._parts(TOGETHER):
-            samples, weights = self._of_output(part, 0.0)
-            noise[samples] -= weights.T @ weight[part]
-        noise *= (self.noise.q + held_after(state.drive, self._clock + self._output.t)) / step
         # beyond what the rows resolve nothing tells motion from noise of the output
         cutoff = min(self.signals.cutoff, self.rate / OVERSAMPLING)
         t = uniform_times(run)
-        subtracted = np.interp(t - self._clock, self._output.t, noise, left=0.0, right=0.0)
-        found = smoothed_signals(
-            run, state.drive, state.track, state.noise, state.values, self.signals, cutoff, subtracted
-        )
+        readings = self._readings
+        whole = self.order == POSITION_ORDER and not len(readings.carrier_t) and bool(np.all(self._kept))
+        if whole and cutoff < run.crossover(self.of_positions):
+            motion = self._of_smoothed_readings(weight, cutoff, t - self._clock)
+            found = given_signals(run, state.noise, state.values, motion, cutoff)
+        else:
+            noise = self._noise_of_output(weight, t)
+            found = smoothed_signals(
+                run, state.drive, state.track, state.noise, state.values, self.signals, cutoff, noise
+            )
         return replace(found, reach=self.signals.reach)
+
+    def _noise_of_output(self, weight: Array, t: Array) -> Array:
+        """Noise of the output at times `t`, s, as the weighted rows show it, with the sign and scale of the stage."""
+        found = np.zeros(len(t))
+        for part in self._parts(TOGETHER):
+            splines = self.splines.part(part.start, part.stop)
+            near = covering(t - self._clock, splines)
+            found[near] -= splines.weights(t[near] - self._clock, 0, np.ones(near.stop - near.start)).T @ weight[part]
+        return found * (self.noise.q + held_after(self.state.drive, t))
+
+    def _of_smoothed_readings(self, weight: Array, cutoff: float, t: Array) -> SmoothedMotion:
+        """Motion at times `t` from the readings without the noise that the weighted rows show of them."""
+        readings = self._readings
+        noise = np.zeros(len(readings.t))
+        for part in self._parts(TOGETHER):
+            rows, weights = self._of_readings(part, self.order)
+            noise[rows] += weights.T @ weight[part]
+        extra_r = self.state.drive.extra_r
+        added = np.interp(self._clock + readings.t, self.state.run.t, extra_r) if len(extra_r) else 0.0
+        smooth = readings.on_ticks(readings.y - (self.noise.r + added) * noise)
+        ticks = readings.t if readings.ticks is None else readings.ticks
+        curve = scipy.interpolate.make_interp_spline(ticks, smooth, k=TWICE_DIFFERENTIATED)
+        rate, corner = (len(ticks) - 1) / float(ticks[-1] - ticks[0]), corner_of(self.state.values, cutoff)
+        p, v, a = (cubic(ticks, low_pass(np.asarray(curve(ticks, order)), rate, corner), t) for order in (0, 1, 2))
+        return SmoothedMotion(p + self._zero, v, a, derivative(a, self.state.run.accel_step))
 
     def _parts(self, most: int) -> list[slice]:
         """Test functions in stretches of at most so many."""
