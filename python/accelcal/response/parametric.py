@@ -170,9 +170,14 @@ class ResponseModel:
         if self.failing:
             places = ", ".join(f"{f:.4g} Hz" for f in self.failing[:6])
             found.append(f"it fails at {places}: the response there is not of this form")
-        elif best.p_value < FAILS:
+        elif self.fails_together:
             found.append("it fails over all frequencies together, at none of them alone")
         return tuple(found)
+
+    @property
+    def fails_together(self) -> bool:
+        """Whether the structure deviates over all frequencies together, at none of them alone."""
+        return not self.failing and self.best.p_value < FAILS
 
     @property
     def _further(self) -> str:

@@ -141,6 +141,8 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
     outer_first, outer_last = stretch_about(envelope >= FADED * plateau, peak)
     begin = max(outer_first, first - 2 * (rise + window))
     stop = min(outer_last, last + 2 * (fall + window)) + 1
+    begin += int(np.argmin(envelope[begin : first + 1]))  # where it rises again stands another step
+    stop = last + int(np.argmin(envelope[last:stop])) + 1
     start, end = first + rise + window, last - fall - window
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
 
