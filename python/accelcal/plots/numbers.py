@@ -10,11 +10,10 @@ import numpy as np
 from scipy import special
 
 from accelcal import formatting
-from accelcal.data.arrays import Array, Flags
+from accelcal.data.arrays import Array
 from accelcal.data.units import MICRO_G, instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
-from accelcal.response import FrequencyResponse
 from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison, Region
 from accelcal.validation.sensor_noise import SOURCES, Source
@@ -252,87 +251,3 @@ def signed(value: float) -> str:
     """
     shown = f"{value:+.0f}".replace("-", "−")
     return "0" if shown in ("+0", "−0") else shown
-
-
-@dataclass(frozen=True, slots=True)
-class ResponsePanel:
-    """One quantity of a frequency response against frequency."""
-
-    quantity: str
-    unit: str
-    measured: Array
-    """(n,)"""
-    expanded: Array
-    """(n,) k = 2"""
-    fitted: Array | None
-    """(m,) the parametric fit at `ResponseCurves.grid`; None where there is none."""
-    is_deviation: bool = False
-    """Whether it is measured minus fitted."""
-
-    def reach(self) -> tuple[float, float]:
-        """Least and largest value that is drawn, with a margin."""
-        drawn = [self.measured - self.expanded, self.measured + self.expanded]
-        drawn += [] if self.fitted is None else [self.fitted]
-        low, high = float(min(map(np.min, drawn))), float(max(map(np.max, drawn)))
-        return low - 0.06 * (high - low), high + 0.06 * (high - low)
-
-
-@dataclass(frozen=True, slots=True)
-class ResponseCurves:
-    """What a figure of a frequency response shows."""
-
-    frequency: Array
-    """(n,) Hz, rising."""
-    failing: Flags
-    """(n,) where the structure deviates."""
-    grid: Array
-    """(m,) Hz, at which the fit is drawn."""
-    structure: str
-    """Name of the fitted structure; empty where there is none."""
-    panels: tuple[ResponsePanel, ...]
-    """Magnitude and phase, each followed by its deviation from the fit."""
-    sentence: str
-    """Whether the structure describes the response, and where not."""
-
-    def ends(self) -> tuple[float, float]:
-        """First and last frequency of the axis, Hz."""
-        return float(0.92 * self.frequency[0]), float(1.08 * self.frequency[-1])
-
-
-def response_curves(found: FrequencyResponse) -> ResponseCurves:
-    """Magnitude (1), phase (°, unwrapped) and their deviations (% and °) with expanded uncertainties."""
-    f = np.array([p.frequency for p in found.points])
-    value = np.array([p.value for p in found.points])
-    magnitude, wide = np.abs(value), np.array([p.expanded for p in found.points])
-    phase, wide_phase = np.unwrap(np.angle(value)), np.degrees([p.expanded_phase for p in found.points])
-    grid = np.geomspace(f[0], f[-1], 400)
-    span = f"Sensitivity from {f[0]:.4g} to {f[-1]:.4g} Hz"
-    if found.model is None:
-        bare = (
-            ResponsePanel("magnitude", "1", magnitude, wide, None),
-            ResponsePanel("phase", "°", np.degrees(phase), wide_phase, None),
-        )
-        return ResponseCurves(f, np.zeros(len(f), dtype=np.bool_), grid, "", bare, span)
-    best = found.model.best
-    there, along = best.response(f), best.response(grid)
-    turns = np.unwrap(np.angle(along))
-    turns += 2.0 * np.pi * round((phase[0] - turns[0]) / (2.0 * np.pi))
-    relative = value / there
-    panels = (
-        ResponsePanel("magnitude", "1", magnitude, wide, np.abs(along)),
-        ResponsePanel(
-            "deviation", "%", 100.0 * (np.abs(relative) - 1.0), 100.0 * wide / np.abs(there), np.zeros(len(grid)), True
-        ),
-        ResponsePanel("phase", "°", np.degrees(phase), wide_phase, np.degrees(turns)),
-        ResponsePanel("deviation", "°", np.degrees(np.angle(relative)), wide_phase, np.zeros(len(grid)), True),
-    )
-    failing = np.isin(f, found.model.failing)
-    if np.any(failing):
-        places = ", ".join(f"{at:.4g}" for at in f[failing][:6])
-        more = f" and {np.sum(failing) - 6} more" if np.sum(failing) > 6 else ""
-        verdict = f"{best.structure.name} fails at {places}{more} Hz"
-    elif found.model.fails_together:
-        verdict = f"{best.structure.name} fails over all frequencies together"
-    else:
-        verdict = f"{best.structure.name} fails at none of {len(f)} points"
-    return ResponseCurves(f, failing, grid, best.structure.name, panels, f"{span}: {verdict}")

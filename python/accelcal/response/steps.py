@@ -29,6 +29,10 @@ SIGNIFICANT = 60.0
 """Power of a line over the median of the spectrum; whether it is steady is decided on its envelope."""
 ALONE = 0.8
 """Share of the variance that one sine explains where no other shares its stretch."""
+FIRST_LOOK = 3
+"""Strongest lines that are looked at before a whole search,"""
+CLEAR = 0.9
+"""and the share of the power within their steps that their sines explain where steps are many: a sweep leaves more."""
 MOST_STEPS = 300
 MOST_FAILURES = 20
 """Lines in succession that are no step, after which the search ends."""
@@ -83,6 +87,12 @@ def find_steps(channel: Channel, highest: float, *, lines: int | None = None) ->
             x[begin:stop] -= np.real(fitted.amplitudes[0] * turns)
         found.append(sine)
     return _joined(found)
+
+
+def may_be_stepped(channel: Channel, highest: float) -> bool:
+    """Whether most of the strongest lines are steady sines; where they are not, a whole search would be in vain."""
+    found = find_steps(channel, highest, lines=FIRST_LOOK)
+    return 2 * sum(len(s.frequencies) for s in found) > FIRST_LOOK and explained(channel, found)[1] >= CLEAR
 
 
 def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from accelcal.data.arrays import Flags
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import ResponseCurves, ResponsePanel, response_curves
+from accelcal.plots.response import ResponseCurves, ResponsePanel, response_curves
 from accelcal.plots.style import LineStyle, Theme, ThemeName
 from accelcal.response import FrequencyResponse
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from accelcal.formatting import label
 from accelcal.plots import style
-from accelcal.plots.numbers import ResponseCurves, ResponsePanel, response_curves
+from accelcal.plots.response import ResponseCurves, ResponsePanel, response_curves
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.response import FrequencyResponse
 
