@@ -8,17 +8,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.formatting import number, probability, readable, typeset, with_unit
+from accelcal.formatting import number, probability, typeset, with_unit
 from accelcal.response import FrequencyResponse, Point
 from accelcal.response.parametric import Fitted
 
 RESPONSE_HEAD = ("f, Hz", "|H|", "U (k = 2)", "phase, °", "U (k = 2), °", "a, m/s²", "lack of fit, σ")
 RESPONSE_NOTE = (
-    "H is output over acceleration of the reference, a lag is negative, a the amplitude of a steady sine. U is of type A: "
-    "the calibration of the reference is not in it. Lack of fit: distance of H from the parametric fit in standard "
-    "uncertainties, sqrt(chi-square of two degrees of freedom)."
+    "H is output over acceleration of the reference, a lag is negative, a the amplitude of a steady sine. U is of "
+    "type A: the calibration of the reference is not in it. Lack of fit: distance of H from the parametric fit in "
+    "standard uncertainties, sqrt(chi-square of two degrees of freedom)."
 )
-FIT_HEAD = ("structure", "parameters ± U (k = 2)", "chi-square", "degrees of freedom", "p", "")
+FIT_HEAD = ("structure", "parameters ± U (k = 2)", "chi-square", "degrees of freedom", "p", "class")
 LINEARITY_HEAD = ("term", "from", "value ± U (k = 2)", "steps")
 
 
@@ -100,18 +100,17 @@ def _fit_cells(fitted: Fitted, role: str) -> tuple[str, ...]:
 
 def linearity_rows(found: FrequencyResponse) -> list[tuple[str, ...]]:
     """Quadratic and cubic term by each way of measuring them, under `LINEARITY_HEAD`."""
-    return [
-        (t.name, t.source, with_expanded(t.value, t.expanded, t.unit), str(t.count))
-        for t in found.terms
-    ]
+    return [(t.name, t.source, with_expanded(t.value, t.expanded, t.unit), str(t.count)) for t in found.terms]
 
 
 def response_sentences(found: FrequencyResponse) -> list[str]:
     """What was concluded beyond the tables: where the fit fails, what is confounded, the fit in the time domain."""
     model, check = found.model, found.check
-    texts = list(model.sentences[1:]) if model is not None else ["too few points for a parametric fit"]
-    texts += [] if check is None else [check if isinstance(check, str) else check.sentence]
-    return [readable(f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}") for text in texts]
+    texts = ["too few points for a parametric fit"] if model is None else [model.failure, model.further]
+    if model is not None and not model.failure:
+        texts[0] = f"{model.best.structure.name} fails at none of the {len(found.points)} points"
+    texts.append("" if check is None else check if isinstance(check, str) else check.sentence)
+    return [f"{text[:1].upper()}{text[1:]}.".replace("+-", "±").replace(" us", " µs") for text in texts if text]
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +186,6 @@ def response_curves(found: FrequencyResponse) -> ResponseCurves:
         ResponsePanel("deviation", "°", np.degrees(np.angle(relative)), wide_phase, np.zeros(len(grid)), True),
     )
     failing = np.isin(f, found.model.failing)
-    if np.any(failing):
-        places = ", ".join(f"{at:.4g}" for at in f[failing][:6])
-        more = f" and {np.sum(failing) - 6} more" if np.sum(failing) > 6 else ""
-        verdict = f"{best.structure.name} fails at {places}{more} Hz"
-    elif found.model.fails_together:
-        verdict = f"{best.structure.name} fails over all frequencies together"
-    else:
-        verdict = f"{best.structure.name} fails at none of {len(f)} points"
-    return ResponseCurves(f, failing, grid, best.structure.name, panels, f"{span}: {verdict}")
+    verdict = found.model.failure.partition(":")[0].removeprefix("it ") or f"fails at none of {len(f)} points"
+    sentence = f"{span}: {best.structure.name} {verdict}"
+    return ResponseCurves(f, failing, grid, best.structure.name, panels, sentence)

@@ -161,7 +161,7 @@ def _response(c: Content) -> Iterator[Entry]:
         yield Entry(
             "sensitivity",
             "response",
-            f"{found.recording or 'Recording'}, with expanded uncertainty (k = 2). Deviation: measured − parametric fit.",
+            f"{found.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit.",
             lambda theme: interactive.sensitivity(found, theme=theme),
             lambda theme: sensitivity(found, theme=theme),
         )
