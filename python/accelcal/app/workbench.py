@@ -526,9 +526,11 @@ class Workbench:
             if run.role == "leave out":
                 raise Refused(f"{run.name} is left out; give it another role on the Data tab")
             data = run.data
+            if data.digest in state.responded:
+                return state
             if data.digest not in self._responses:
                 self._responses[data.digest] = self._done(tasks.responded, data, report=report)
-            return replace(state, responded=tuple(dict.fromkeys((*state.responded, data.digest))))
+            return replace(state, responded=(*state.responded, data.digest))
 
         self._perform("computing the frequency response", work)
 

@@ -38,7 +38,7 @@ def card(page: Page) -> None:
             made.set_enabled(bench.job is None)
             return
         page.pictures(("response", id(found)), lambda theme: [figures.response(found, theme)], height=700)
-        widgets.lines(response_sentences(found), "finding")
+        widgets.lines(response_sentences(found), "")
         if found.model is not None:
             widgets.table(FIT_HEAD, fit_rows(found), "Parametric fit")
         with ui.expansion("Table by frequency", icon="table_rows").classes("full"):
@@ -52,9 +52,8 @@ def card(page: Page) -> None:
 
 def downloads(page: Page, found: FrequencyResponse) -> None:
     """The table as CSV, and all of it as a draft certificate."""
-    run = page.bench.state.run
-    assert run is not None and run.recording is not None
-    stem, sensor = run.file.stem, run.recording.rig.sensor
+    data = page.bench.state.drawn
+    stem, sensor = data.file.stem, data.data.rig.sensor
     with ui.row().classes("line"):
         widgets.button(
             "Response (.csv)", "table_rows", lambda: ui.download.content(to_csv(found), f"{stem}_response.csv")
@@ -62,7 +61,5 @@ def downloads(page: Page, found: FrequencyResponse) -> None:
         widgets.button(
             "Draft certificate of the response (.xml)",
             "workspace_premium",
-            lambda: ui.download.content(
-                draft_response(found, sensor, Laboratory()).text, f"{stem}_response.xml"
-            ),
+            lambda: ui.download.content(draft_response(found, sensor, Laboratory()).text, f"{stem}_response.xml"),
         )
