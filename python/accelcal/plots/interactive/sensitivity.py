@@ -50,6 +50,7 @@ def sensitivity(found: FrequencyResponse, *, theme: ThemeName = "light") -> Figu
     drawing.format_figure(figure, palette, curves.sentence, height=sum(heights) + 72 + drawing.BOTTOM)
     figure.update_xaxes(**drawing.logarithmic(*curves.ends()))
     figure.update_xaxes(title_text=drawing.axis_title("frequency", "Hz"), row=len(heights), col=1)
+    figure.update_yaxes(tickfont_size=11)  # four digits beside a title, also on a phone
     for row, panel in enumerate(curves.panels, 1):
         figure.update_yaxes(
             title_text=drawing.axis_title(panel.quantity, panel.unit), range=panel.reach(), row=row, col=1
