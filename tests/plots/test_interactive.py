@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.plots.test_plots import SHORT, a_comparison
+from tests.plots.test_sensitivity import responded
 
 import accelcal as ac
 from accelcal import formatting
@@ -85,6 +86,7 @@ class Example:
             "timeline": interactive.timeline(self.run, self.marks, theme=theme),
             "overlay": interactive.overlay(nested_comparisons(self.nested), theme=theme),
             "live_tracks": interactive.live_tracks(followed(), theme=theme),
+            "sensitivity": interactive.sensitivity(responded(), theme=theme),
             "linked": interactive.linked(self.run, seen, previous=seen, theme=theme),
         }
 

@@ -15,14 +15,18 @@ import pytest
 from benches.response import broadband_runs, largest, mpu9250_runs, vibrometer_runs
 
 import accelcal as ac
+from accelcal.calibration.export import Laboratory
 from accelcal.data.recording import Channel, Recording, RecordingError
 from accelcal.data.references import integrated
-from accelcal.response import Point, Reference, fit_response, frequency_response
+from accelcal.response import Point, Reference, fit_response, frequency_response, stepped_response
+from accelcal.response.certificate import draft_response
 from accelcal.response.table import to_dict
 from accelcal.simulation.motion import sine_steps
+from tests.calibration.export.order import require_order
 from tests.schemas import require_published
 from tests.worlds.shaker import SecondOrder, Step, published_sensor, run
 
+DCC, SI = "{https://ptb.de/dcc}", "{https://ptb.de/si}"
 RATE = 2000.0
 STEPS = [Step(f, 10.0, 1.0 + 8.0 / f) for f in (8.0, 15.0, 28.0, 50.0, 90.0, 160.0)]
 SENSOR = SecondOrder(1.02, 400.0, 2.0, 50e-6)
@@ -203,7 +207,81 @@ def test_the_command_writes_table_certificate_and_json(recording, tmp_path):
     assert [float(r["magnitude"]) for r in rows] == [p["magnitude"] for p in content["points"]]
     table = ElementTree.parse(tmp_path / "t.xml").getroot()
     lists = [node.text.split() for node in table.iter("{https://ptb.de/si}valueXMLList")]
-    assert [len(numbers) for numbers in lists] == [len(STEPS)] * 3
+    assert [len(numbers) for numbers in lists] == [len(STEPS)] * 4
+    assert [float(text) for text in lists[1]] == [p["magnitude"] for p in content["points"]]
+    assert "is a draft; missing: certificate.identifier" in out.stderr
+
+
+def test_steps_of_close_frequencies_are_all_found():
+    steps = [Step(float(f), 10.0, 0.8 + 8.0 / float(f)) for f in np.geomspace(10.0, 350.0, 16)]
+    found = frequency_response(shaken(steps=steps), check=False)
+    np.testing.assert_allclose([p.frequency for p in found.points], [s.frequency for s in steps], rtol=1e-3)
+
+
+@pytest.mark.parametrize("motion", ["tones", "interleaved", "sweep", "chirp", "moves", "rest"])
+def test_other_motions_are_not_one_of_steps_and_a_moment_tells(motion, monkeypatch):
+    from accelcal.response import measure
+
+    made = ac.simulate(motion, seconds=60.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(2)).recording
+    monkeypatch.setattr(measure, "_sine", lambda *_: pytest.fail("the whole search"))
+    assert stepped_response(made) is None
+
+
+def test_steps_have_a_response_from_three_frequencies_on(recording):
+    found = stepped_response(recording, check=False)
+    assert found is not None
+    assert found.points == frequency_response(recording, check=False).points
+    assert stepped_response(shaken(steps=STEPS[:2]), check=False) is None
+    assert stepped_response(shaken(steps=STEPS[:3]), check=False) is not None
+
+
+def test_the_certificate_is_whole_and_states_the_table(recording):
+    found = frequency_response(recording, check=False)
+    sensor = ac.Sensor(model="QFLEX", serial="7", scale=-0.02, scale_unit="V")
+    made = draft_response(found, sensor, Laboratory())
+    assert made.missing == Laboratory().missing
+    require_order(made.text)
+    root = ElementTree.fromstring(made.text)
+    results = root.findall(f"{DCC}measurementResults/{DCC}measurementResult/{DCC}results/{DCC}result")
+    names = [r.findtext(f"{DCC}name/{DCC}content") for r in results]
+    assert names == [
+        "Frequency response of the sensitivity",
+        "Parametric fit of the frequency response",
+        "Amplitude linearity",
+    ]
+    columns = {
+        q.findtext(f"{DCC}name/{DCC}content"): q.find(f"{SI}realListXMLList") for q in results[0].iter(f"{DCC}quantity")
+    }
+    units = {name: column.findtext(f"{SI}unitXMLList") for name, column in columns.items()}
+    assert units["phase of output over acceleration"] == r"\degree"
+    assert units["magnitude of the sensitivity"] == r"\volt\metre\tothe{-1}\second\tothe{2}"
+
+    def numbers(name, tag):
+        return [float(text) for text in columns[name].findtext(tag).split()]
+
+    magnitude, spread = "magnitude of output over acceleration", f"{SI}expandedUncXMLList/{SI}"
+    assert numbers(magnitude, f"{SI}valueXMLList") == [p.magnitude for p in found.points]
+    stated = zip(
+        numbers(magnitude, f"{spread}uncertaintyXMLList"),
+        numbers(magnitude, f"{spread}coverageFactorXMLList"),
+        strict=True,
+    )
+    for (expanded, factor), point in zip(stated, found.points, strict=True):
+        assert expanded / factor == pytest.approx(point.std, rel=1e-3)
+    volts = numbers("magnitude of the sensitivity", f"{SI}valueXMLList")
+    np.testing.assert_allclose(volts, [0.02 * p.magnitude for p in found.points])
+    f0 = next(q for q in results[1].iter(f"{DCC}quantity") if q.findtext(f"{DCC}name/{DCC}content") == "f0")
+    assert f0.findtext(f"{SI}real/{SI}unit") == r"\hertz"
+    assert "no contribution of the calibration of the reference" in made.text
+
+
+def test_a_sweep_is_certified_without_amplitudes():
+    made = ac.simulate("sweep", seconds=20.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1)).recording
+    found = frequency_response(made, method="broadband", check=False)
+    text = draft_response(found, made.rig.sensor, Laboratory()).text
+    require_order(text)
+    assert "Spectral estimation" in text
+    assert "amplitude of the acceleration" not in text
 
 
 def test_the_json_of_every_kind_of_motion_follows_its_schema(recording):

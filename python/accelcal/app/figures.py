@@ -22,6 +22,7 @@ from accelcal.plots import interactive, style
 from accelcal.plots.interactive.linked import CHOSEN
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
+from accelcal.response import FrequencyResponse
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.stretches import headline_horizon, quoted_error
@@ -194,6 +195,11 @@ def coasting(state: State, theme: ThemeName) -> Picture:
 def live(history: LiveHistory, theme: ThemeName) -> Picture:
     """A running measurement so far."""
     return picture(interactive.live_tracks(history, theme=theme))
+
+
+def response(found: FrequencyResponse, theme: ThemeName) -> Picture:
+    """Sensitivity by frequency, and where the parametric fit deviates."""
+    return picture(interactive.sensitivity(found, theme=theme))
 
 
 def where(found: Diagnosis, theme: ThemeName) -> list[Picture]:

@@ -18,10 +18,13 @@ def python(state: State) -> str:
         return "\n".join(["import accelcal as ac", "", *own, "# load a recording first"]) + "\n"
     named = Named.of(state)
     summarised = [] if state.path else ["from accelcal.data.summary import summarise"]
-    lines = ["import accelcal as ac", *summarised, "", *own]
+    responding = responses(state, named)
+    asked = ["from accelcal.response import frequency_response"] if responding else []
+    lines = ["import accelcal as ac", *summarised, *asked, "", *own]
     for run, name in named.pairs:
         lines += loading(run, name, named)
     lines += division(state, named)
+    lines += responding
     if not state.path:
         return "\n".join([*lines, *(f"print(summarise({n}))" for r, n in named.pairs if r.recording)]) + "\n"
     names = [f"m{i}" for i in range(len(state.path))]
@@ -31,7 +34,7 @@ def python(state: State) -> str:
         lines.append(f"{names[i]} = {made}")
     lines += ["", f"models = [{', '.join(names)}]", *comparing(state)]
     if sum(run.role == "fit" and run.recording is not None for run in in_use(state)) > 1:
-        lines.insert(1 + len(summarised), "from accelcal.workflow import run_values")
+        lines.insert(1 + len(summarised) + len(asked), "from accelcal.workflow import run_values")
         lines += [f"print(run_values({names[-1]}, train))  # whether the recordings agree"]
     lines += [
         f"print(ac.diagnose({names[-1]}, train).sentence)",
@@ -86,6 +89,23 @@ def loading(run: Run, name: str, named: Named) -> list[str]:
     return lines
 
 
+def responded(state: State) -> list[Run]:
+    """Files whose frequency response was asked for."""
+    return [r for r in in_use(state) if r.recording is not None and r.data.digest in state.responded]
+
+
+def responses(state: State, named: Named) -> list[str]:
+    """Lines that print the frequency response of recordings."""
+    return [
+        line
+        for run in responded(state)
+        for line in (
+            f"for point in frequency_response({named.name(run)}).points:",
+            "    print(point.frequency, point.magnitude, point.expanded, point.phase, point.expanded_phase)",
+        )
+    ]
+
+
 def division(state: State, named: Named) -> list[str]:
     """Lines that say what is fitted and what is held out; of one recording they are two parts."""
     if len(named.pairs) == 1:
@@ -122,6 +142,8 @@ def command_line(state: State) -> str:
         return "# load a recording first\n"
     used = in_use(state)
     lines = [f"accelcal check {shlex.quote(run.name)}{rig_of(run)}" for run in used if run.recording is not None]
+    for run in responded(state):
+        lines += response_command(run)
     train, moving, unseen = [], [], []
     for run in used:
         made, fitted, held = cut(run, alone=len(used) == 1)
@@ -140,6 +162,18 @@ def command_line(state: State) -> str:
         lines += [f"accelcal history {' '.join(names)} --on {one}{option}" for one in unseen]
         lines.append(f"accelcal report {names[-1]} {moving[0]} --holdout {unseen[0]}{option} -o report.html")
     return "\n".join(lines) + "\n"
+
+
+def response_command(run: Run) -> list[str]:
+    """Commands that write the frequency response of a recording."""
+    file, rig = run.name, rig_of(run)
+    table, draft = (shlex.quote(f"{run.file.stem}_response{ending}") for ending in (".csv", ".xml"))
+    parts = f"{option('--only', [run.used] if run.breaks else [])}{option('--without', run.excluded)}"
+    made = []
+    if parts:
+        used = f"{run.file.stem}_used.csv"
+        made, file, rig = [f"accelcal cut {shlex.quote(file)}{rig}{parts} -o {shlex.quote(used)}"], used, ""
+    return [*made, f"accelcal response {shlex.quote(file)}{rig} --csv {table} --dcc {draft}"]
 
 
 def rig_of(run: Run) -> str:

@@ -110,6 +110,8 @@ class State:
     current: int | None = None
     guests: tuple[Guest, ...] = ()
     """Models from elsewhere."""
+    responded: tuple[str, ...] = ()
+    """SHA-256 of the data whose frequency response was asked for."""
     opened: OpenedSession | None = None
     """A session that waits for a recording, in place of all else."""
 

@@ -25,6 +25,7 @@ from accelcal.model import Model
 from accelcal.plots.interactive import marks
 from accelcal.plots.interactive.timeline import Marks
 from accelcal.report import gather, html
+from accelcal.response import FrequencyResponse, frequency_response
 from accelcal.serialization import model_file
 from accelcal.signals.signals import Origins
 from accelcal.validation.comparison import Comparison
@@ -93,6 +94,11 @@ def judged(
     for number, one in enumerate(data):
         found.append(compare_models(fits, one, ruler, within(report, number * part, (number + 1) * part), base=base))
     return tuple(zip(*found, strict=True))
+
+
+def responded(recording: Recording, *, report: Report) -> FrequencyResponse:
+    """Sensitivity by frequency."""
+    return frequency_response(recording)
 
 
 def diagnosed(found: Fit, train: Data, own: Sequence[str], *, report: Report) -> Diagnosis:

@@ -37,6 +37,7 @@ from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.estimation.estimate import Fit, require_distinct
 from accelcal.io.formats import READABLE
 from accelcal.model import Model
+from accelcal.response import FrequencyResponse
 from accelcal.serialization import model_file
 from accelcal.serialization.schema.session import MOST_GUESTS
 from accelcal.signals.signals import Origins
@@ -80,6 +81,8 @@ class Workbench:
         """By key of the model and number of user effects among the candidates."""
         self._run_values: dict[int, RunValues] = {}
         """By key of the model."""
+        self._responses: dict[str, FrequencyResponse] = {}
+        """By digest of the data."""
         self._keys = itertools.count(1)
         self._lock = threading.RLock()
         self._whole: tuple[tuple[int, int, str], Comparison] | None = None
@@ -514,6 +517,30 @@ class Workbench:
     def run_values(self) -> RunValues | None:
         """Parameters of each fitted recording under the current model; None until it is diagnosed, or of one alone."""
         return None if self.state.current is None else self._run_values.get(self.state.current)
+
+    def respond(self) -> None:
+        """Compute the frequency response of the recording on the time line; see `response`."""
+
+        def work(state: State, report: Report) -> State:
+            run = shown(state)
+            if run.role == "leave out":
+                raise Refused(f"{run.name} is left out; give it another role on the Data tab")
+            data = run.data
+            if data.digest in state.responded:
+                return state
+            if data.digest not in self._responses:
+                self._responses[data.digest] = self._done(tasks.responded, data, report=report)
+            return replace(state, responded=(*state.responded, data.digest))
+
+        self._perform("computing the frequency response", work)
+
+    @property
+    def response(self) -> FrequencyResponse | None:
+        """Frequency response of the recording on the time line; None until it was asked for."""
+        run = self.state.run
+        if run is None or run.recording is None or run.data.digest not in self.state.responded:
+            return None
+        return self._responses.get(run.data.digest)
 
     def look_at(self, key: int) -> None:
         """Make another model of the tree the current one; adding to it begins a branch."""

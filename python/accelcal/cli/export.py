@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from accelcal._support.progress import within
+from accelcal.cli.certificates import Dcc, Lab, Schema, checked, laboratory_of, require_usable, tell
 from accelcal.cli.common import (
     EffectsFile,
     Holdout,
@@ -130,11 +131,9 @@ def export(
     model: ModelFile,
     c: Annotated[Path | None, typer.Option("--c", help="Write a C99 header.", callback=writable_file)] = None,
     rust: Annotated[Path | None, typer.Option("--rust", help="Write a Rust module.", callback=writable_file)] = None,
-    dcc: Annotated[
-        Path | None, typer.Option("--dcc", help="Write a draft certificate (DCC 3.2.1).", callback=writable_file)
-    ] = None,
-    lab: Annotated[Path | None, typer.Option("--lab", help="TOML with the administrative data of --dcc.")] = None,
-    schema: Annotated[Path | None, typer.Option("--schema", help="Validate --dcc against this dcc.xsd.")] = None,
+    dcc: Dcc = None,
+    lab: Lab = None,
+    schema: Schema = None,
     without: Annotated[
         list[str] | None, typer.Option("--without", help="Omit an effect that cannot be exported.")
     ] = None,
@@ -154,9 +153,8 @@ def export(
 
     if not (c or rust or dcc or json):
         raise UsageError("nothing to write: give --c sensor.h, --rust sensor.rs, --dcc draft.xml or --json")
-    if dcc is None and (lab or schema):
-        raise UsageError("--lab and --schema apply to a certificate; add --dcc draft.xml")
-    for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",)), ("--dcc", dcc, (".xml",))):
+    require_usable(dcc, lab, schema)
+    for option, path, endings in (("--c", c, (".h", ".c")), ("--rust", rust, (".rs",))):
         if path is not None and path.suffix not in endings:
             raise UsageError(f"{option} {path}: expected a name that ends in {' or '.join(endings)}")
     load_own_effects(effects_file)
@@ -167,9 +165,7 @@ def export(
     if rust is not None:
         files[rust] = exports.module(made)
     if dcc is not None:
-        certificate = exports.draft(made, exports.Laboratory() if lab is None else exports.read_laboratory(lab))
-        if schema is not None:
-            exports.require_valid(certificate.text, schema)
+        certificate = checked(exports.draft(made, laboratory_of(lab)), schema)
         files[dcc] = certificate.text
     with together():
         for path, text in files.items():
@@ -181,9 +177,7 @@ def export(
     for path in files:
         print_status(f"wrote {path}")
     if dcc is not None:
-        print_status(f"{dcc} is a draft; missing: {', '.join(certificate.missing) or 'nothing'}")
-        checked = "not validated; give --schema dcc.xsd" if schema is None else f"valid against {schema}"
-        print_status(f"{dcc} is {checked}")
+        tell(dcc, certificate, schema)
 
 
 @app.command("app")

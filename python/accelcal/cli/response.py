@@ -7,6 +7,7 @@ from typing import Annotated, cast, get_args
 
 import typer
 
+from accelcal.cli.certificates import Dcc, Lab, Schema, checked, laboratory_of, require_usable, tell
 from accelcal.cli.common import (
     Json,
     Rig,
@@ -30,9 +31,9 @@ def response(
     ] = None,
     method: Annotated[str, typer.Option("--method", help="auto, sine or broadband.")] = "auto",
     csv: Annotated[Path | None, typer.Option("--csv", help="Write the table as CSV.", callback=writable_file)] = None,
-    dcc: Annotated[
-        Path | None, typer.Option("--dcc", help="Write the table as a DCC result.", callback=writable_file)
-    ] = None,
+    dcc: Dcc = None,
+    lab: Lab = None,
+    schema: Schema = None,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Figure to write: .png, .svg or .pdf.", callback=writable_file)
     ] = None,
@@ -49,22 +50,27 @@ def response(
     """
     from accelcal import io
     from accelcal.io import atomic_write, together
-    from accelcal.response.certificate import dcc_table
+    from accelcal.response.certificate import draft_response
     from accelcal.response.measure import Method, frequency_response
     from accelcal.response.table import lines, to_csv, to_dict
 
+    require_usable(dcc, lab, schema)
     if method not in get_args(Method):
         raise UsageError(f"--method {method!r}: expected {', '.join(get_args(Method))}")
     asked = None if frequencies is None else parse_frequencies(frequencies)
+    laboratory = laboratory_of(lab)
     with progress("response") as share:
         recording = io.load(run, rig=rig)
         share(0.2)
         found = frequency_response(recording, frequencies=asked, method=cast("Method", method))
+    certificate = draft_response(found, recording.rig.sensor, laboratory)
+    if dcc is not None:
+        checked(certificate, schema)
     with together():
         if csv is not None:
             atomic_write(csv, to_csv(found))
         if dcc is not None:
-            atomic_write(dcc, dcc_table(found))
+            atomic_write(dcc, certificate.text)
         if figure is not None:
             from accelcal.plots import sensitivity
             from accelcal.plots.style import save
@@ -77,6 +83,8 @@ def response(
     for path in (csv, dcc, figure):
         if path is not None:
             print_status(f"wrote {path}")
+    if dcc is not None:
+        tell(dcc, certificate, schema)
 
 
 def parse_frequencies(text: str) -> list[float]:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from accelcal.data import units
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, stretch_about
 from accelcal.data.recording import Channel, RecordingError
 
 MOST = 1 << 22
@@ -205,22 +205,13 @@ class _Peaks:
                 f"{name}: at no shift of the clocks is the output like the second derivative of the position "
                 f"(correlation {self.correlation:.2f}, expected at least {ALIKE}); check that both files are of one run"
             )
-        begin, end = _lobe(heights, best)
+        begin, end = stretch_about(heights > 0.0, best)
         self.reach = max(2, min(best - begin, end - best))
         outside = heights.copy()
         outside[begin : end + 1] = 0.0
         second = int(np.argmax(outside))
         self.next_lag = int(self.lags[second])
         self.next_height = float(max(0.0, outside[second]) / heights[best])
-
-
-def _lobe(heights: Array, best: int) -> tuple[int, int]:
-    """First and last index about a peak between which it stays positive."""
-    below = np.flatnonzero(heights <= 0.0)
-    place = int(np.searchsorted(below, best))
-    begin = int(below[place - 1]) + 1 if place else 0
-    end = int(below[place]) - 1 if place < len(below) else len(heights) - 1
-    return begin, end
 
 
 class _Stretches:

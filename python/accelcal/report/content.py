@@ -20,6 +20,7 @@ from accelcal.estimation.parameter_tracks import Track, track
 from accelcal.estimation.shape_functions import Shape, shapes
 from accelcal.experiment import Power, power
 from accelcal.plots.interactive.timeline import Marks, marks
+from accelcal.response import FrequencyResponse, stepped_response
 from accelcal.selection.nested_models import NestedModels, nested_models
 from accelcal.validation.comparison import Comparison
 from accelcal.workflow import MOST_AT_ONCE, compare, diagnose
@@ -50,6 +51,8 @@ class Content:
     power: Power | None
     track: Track | None
     shapes: tuple[Shape, ...]
+    response: FrequencyResponse | None
+    """Of `recording`; None where its motion is not one of sine steps."""
     remarks: tuple[str, ...]
     """What could not be computed, and why."""
     command: str = ""
@@ -115,11 +118,15 @@ def gather(
     def follow(report: Report) -> Track | None:
         return attempt("the parameter tracks", lambda: track(fit, recording, start=start, end=end))
 
+    def respond(report: Report) -> FrequencyResponse | None:
+        whole = recording.part(start, end) if found.breaks else recording
+        return attempt("the frequency response", lambda: stepped_response(whole))
+
     found = diagnosis or diagnose(fit, recording, extra=extra, report=within(report, 0.0, 0.35))
     report(0.35)
     start, end = found.used[0]
-    nested, seen, followed, judged = on_two_threads(
-        (reduce, see, follow, judge),
+    nested, seen, followed, response, judged = on_two_threads(
+        (reduce, see, follow, respond, judge),
         within(report, 0.35, 1.0),
         at_once=len(recording.accel) + len(recording.position) <= MOST_AT_ONCE,
     )
@@ -140,6 +147,7 @@ def gather(
         power=seen,
         track=followed,
         shapes=named,
+        response=response,
         remarks=tuple(sorted(remarks)),
         command=command,
     )

@@ -10,6 +10,7 @@ from accelcal.plots import interactive
 from accelcal.plots.numbers import nested_comparisons
 from accelcal.plots.static import closely, diagnosis
 from accelcal.plots.static import comparison as static
+from accelcal.plots.static.sensitivity import sensitivity
 from accelcal.plots.style import ThemeName
 from accelcal.report.content import Content
 
@@ -37,6 +38,7 @@ def entries(content: Content) -> list[Entry]:
         *_findings(content),
         *_error_reduction(content),
         *_residuals(content),
+        *_response(content),
         *_parameters(content),
         *_data(content),
     ]
@@ -150,6 +152,19 @@ def _residuals(c: Content) -> Iterator[Entry]:
         lambda theme: static.autocorrelation(where, theme=theme),
     )
     yield Entry("quantiles", "where", caption, lambda theme: interactive.quantile_plot(where, theme=theme))
+
+
+def _response(c: Content) -> Iterator[Entry]:
+    """Sensitivity by frequency, where the motion is one of sine steps."""
+    found = c.response
+    if found is not None:
+        yield Entry(
+            "sensitivity",
+            "response",
+            f"{found.recording or 'Recording'}, with U (k = 2). Deviation: measured − parametric fit.",
+            lambda theme: interactive.sensitivity(found, theme=theme),
+            lambda theme: sensitivity(found, theme=theme),
+        )
 
 
 def _parameters(c: Content) -> Iterator[Entry]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jinja2 import Environment
     from matplotlib.figure import Figure as StaticFigure
 
-SECTIONS = ("first", "found", "apart", "falling", "where", "parameters", "data")
+SECTIONS = ("first", "found", "apart", "falling", "where", "response", "parameters", "data")
 """Sections that hold figures."""
 DRAWN = ("x", "y", "z", "text", "customdata")
 """Data of a trace, equal in both themes."""

@@ -38,6 +38,16 @@ from accelcal.plots.numbers import (
     region_rows,
     share_text,
 )
+from accelcal.plots.response import (
+    FIT_HEAD,
+    LINEARITY_HEAD,
+    RESPONSE_HEAD,
+    RESPONSE_NOTE,
+    fit_rows,
+    linearity_rows,
+    response_rows,
+    response_sentences,
+)
 from accelcal.report.content import Content
 from accelcal.report.first_page import detection_limits, first_page
 from accelcal.serialization.diagnosis_json import sizes
@@ -94,6 +104,7 @@ def view(content: Content) -> dict[str, Any]:
             "rows": region_rows(content.diagnosis.where),
             "note": f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}.",
         },
+        "response": response(content),
         "parameters": [parameter(content, e) for e in (*content.fit.estimates, *content.fit.shapes)],
         "electrical": volts(content),
         "budget": budget(content),
@@ -236,6 +247,21 @@ def falling(content: Content) -> dict[str, Any] | None:
                 zip(model_names(nested), nested.models, nested.errors, nested.intervals, strict=True)
             )
         ],
+    }
+
+
+def response(content: Content) -> dict[str, Any] | None:
+    """Frequency response: tables, then what was concluded; None where the motion is not one of sine steps."""
+    found = content.response
+    if found is None:
+        return None
+    return {
+        "sentences": response_sentences(found),
+        "head": RESPONSE_HEAD,
+        "rows": response_rows(found),
+        "note": RESPONSE_NOTE,
+        "fits": {"head": FIT_HEAD, "rows": fit_rows(found)},
+        "linearity": {"head": LINEARITY_HEAD, "rows": linearity_rows(found)},
     }
 
 

@@ -18,7 +18,7 @@ from accelcal.response.linearity import Term, linearity
 from accelcal.response.parametric import ResponseModel, fit_response
 from accelcal.response.points import Point, Reference
 from accelcal.response.sine_points import Harmonics, measure_step
-from accelcal.response.steps import SineStep, explained, find_steps
+from accelcal.response.steps import SineStep, explained, find_steps, may_be_stepped
 from accelcal.signals.transfer import response as gain_of
 
 Method = Literal["auto", "sine", "broadband"]
@@ -29,6 +29,8 @@ STEPPED = 0.25
 """Share of the output's power within steps from which on a recording is one of sine steps,"""
 STEADY = 0.8
 """where their sines explain this share of it."""
+FREQUENCIES = 3
+"""Fewest different frequencies of steps that are a response by frequency."""
 CHANNELS = 16
 """Samples of each channel below which there is nothing to fit a sine to."""
 
@@ -96,8 +98,8 @@ def frequency_response(
     _require_samples(recording, used)
     asked = None if frequencies is None else _valid(recording, frequencies)
     harmonics = [] if method == "broadband" else _sine(recording, used, method, asked)
-    points = [h.point for h in harmonics]
-    if not points:
+    points: list[Point] = []
+    if not harmonics:
         if method == "sine":
             raise RecordingError(
                 f"{recording.name}: no steady sine was found in output and reference; expected steps of at least six "
@@ -107,17 +109,54 @@ def frequency_response(
             points = measure_broadband(recording.accel, used, asked)
         except ValueError as error:
             raise RecordingError(f"{recording.name}: {error}") from None
-    if not points:
+    if not points and not harmonics:
         raise RecordingError(
             f"{recording.name}: output and reference have no frequency in common that stands out of their noise; "
             "check that both saw the same motion, or move more"
         )
-    points.sort(key=lambda p: (p.frequency, p.start))
+    return _concluded(recording, harmonics, points, check)
+
+
+def stepped_response(recording: Recording, *, check: bool = True) -> FrequencyResponse | None:
+    """The response where the motion is one of sine steps at `FREQUENCIES` or more; None, in a moment, where it is not.
+
+    What `frequency_response` takes for steady sines, but never a spectral estimation.
+    """
+    used = recorded_reference(recording)
+    if min(map(len, (recording.accel, used.channel))) < CHANNELS:
+        return None
+    if not may_be_stepped(recording.accel, _highest(recording, used)):
+        return None
+    harmonics = _sine(recording, used, "auto", None)
+    if len(_distinct([h.point.frequency for h in harmonics])) < FREQUENCIES:
+        return None
+    return _concluded(recording, harmonics, [], check)
+
+
+def _concluded(
+    recording: Recording, harmonics: Sequence[Harmonics], broadband: Sequence[Point], check: bool
+) -> FrequencyResponse:
+    """Points by frequency with all that follows from them."""
+    points = sorted((*(h.point for h in harmonics), *broadband), key=lambda p: (p.frequency, p.start))
     model = fit_response(points)
     terms = linearity(harmonics, model.best.response) if model is not None and harmonics else ()
     return FrequencyResponse(
         recording.name, tuple(points), model, terms, cross_check(recording, points) if check else None
     )
+
+
+def _distinct(frequencies: Sequence[float]) -> list[float]:
+    """Frequencies that differ by more than `NEAR`, rising."""
+    found: list[float] = []
+    for f in sorted(frequencies):
+        if not found or f > (1.0 + NEAR) * found[-1]:
+            found.append(f)
+    return found
+
+
+def _highest(recording: Recording, reference: Reference) -> float:
+    """Highest frequency at which sines are looked for, Hz."""
+    return HIGHEST / max(usual_step(recording.accel.t), usual_step(reference.channel.t))
 
 
 def recorded_reference(recording: Recording) -> Reference:
@@ -146,8 +185,7 @@ def _valid(recording: Recording, frequencies: Sequence[float]) -> list[float]:
 
 def _sine(recording: Recording, reference: Reference, method: str, asked: Sequence[float] | None) -> list[Harmonics]:
     """Sines that are asked for, or all; none where the motion is not one of steady sines."""
-    rate = 1.0 / max(usual_step(recording.accel.t), usual_step(reference.channel.t))
-    steps = _shared(find_steps(recording.accel, HIGHEST * rate), recording, reference)
+    steps = _shared(find_steps(recording.accel, _highest(recording, reference)), recording, reference)
     inside, steady = explained(recording.accel, steps)
     if method == "auto" and (inside < STEPPED or steady < STEADY):
         return []

@@ -166,16 +166,28 @@ class ResponseModel:
         ]
         if self.rivals:
             others = "; ".join(f"{r.structure.name} ({_values(r)})" for r in self.rivals)
-            found.append(f"not separated at these frequencies from: {others}. {self._further}")
-        if self.failing:
-            places = ", ".join(f"{f:.4g} Hz" for f in self.failing[:6])
-            found.append(f"it fails at {places}: the response there is not of this form")
-        elif best.p_value < FAILS:
-            found.append("it fails over all frequencies together, at none of them alone")
-        return tuple(found)
+            found.append(f"not separated at these frequencies from: {others}. {self.further}")
+        return (*found, *([self.failure] if self.failure else []))
 
     @property
-    def _further(self) -> str:
+    def failure(self) -> str:
+        """Where the structure fails, for people; empty where it does not."""
+        if self.failing:
+            places = ", ".join(f"{f:.4g} Hz" for f in self.failing[:6])
+            more = f" and {len(self.failing) - 6} more" if len(self.failing) > 6 else ""
+            return f"it fails at {places}{more}: the response there is not of this form"
+        return "it fails over all frequencies together, at none of them alone" if self.fails_together else ""
+
+    @property
+    def fails_together(self) -> bool:
+        """Whether the structure deviates over all frequencies together, at none of them alone."""
+        return not self.failing and self.best.p_value < FAILS
+
+    @property
+    def further(self) -> str:
+        """How structures that are not separated differ, for people; empty where there is one alone."""
+        if not self.rivals:
+            return ""
         terms = {t for f in (self.best, *self.rivals) for t in f.structure.terms}
         what = "a delay and a low-pass are one class here; " if "delay" in terms and len(terms) > 1 else ""
         return f"{what}they differ in magnitude at higher frequencies".capitalize()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, stretch_about
 from accelcal.data.recording import Channel
 from accelcal.response.sine import fit_sines, refined_frequency, within
 
@@ -29,6 +29,10 @@ SIGNIFICANT = 60.0
 """Power of a line over the median of the spectrum; whether it is steady is decided on its envelope."""
 ALONE = 0.8
 """Share of the variance that one sine explains where no other shares its stretch."""
+FIRST_LOOK = 3
+"""Strongest lines that are looked at before a whole search,"""
+CLEAR = 0.9
+"""and the share of the power within their steps that their sines explain where steps are many: a sweep leaves more."""
 MOST_STEPS = 300
 MOST_FAILURES = 20
 """Lines in succession that are no step, after which the search ends."""
@@ -51,13 +55,17 @@ class SineStep:
         return 0.5 * (self.start + self.end)
 
 
-def find_steps(channel: Channel, highest: float) -> list[SineStep]:
-    """Steady sines of a channel below a frequency in Hz, in the order of time; empty where there is none."""
+def find_steps(channel: Channel, highest: float, *, lines: int | None = None) -> list[SineStep]:
+    """Steady sines of a channel below a frequency in Hz, in the order of time; empty where there is none.
+
+    With `lines` only so many of the strongest lines are looked at.
+    """
     t, x = _uniform(channel)
     step = float(t[1] - t[0])
     found: list[SineStep] = []
-    failures = 0
-    while len(found) < MOST_STEPS and failures < MOST_FAILURES:
+    failures = looked_at = 0
+    while len(found) < MOST_STEPS and failures < MOST_FAILURES and looked_at != lines:
+        looked_at += 1
         frequency = _strongest(x, step, highest)
         if frequency is None:
             break
@@ -79,6 +87,12 @@ def find_steps(channel: Channel, highest: float) -> list[SineStep]:
             x[begin:stop] -= np.real(fitted.amplitudes[0] * turns)
         found.append(sine)
     return _joined(found)
+
+
+def may_be_stepped(channel: Channel, highest: float) -> bool:
+    """Whether most of the strongest lines are steady sines; where they are not, a whole search would be in vain."""
+    found = find_steps(channel, highest, lines=FIRST_LOOK)
+    return 2 * sum(len(s.frequencies) for s in found) > FIRST_LOOK and explained(channel, found)[1] >= CLEAR
 
 
 def explained(channel: Channel, steps: Sequence[SineStep]) -> tuple[float, float]:
@@ -127,27 +141,20 @@ def _stretch(x: Array, step: float, frequency: float) -> tuple[int, int, int, in
         demodulated = scipy.ndimage.uniform_filter1d(demodulated, window, mode="constant")
     envelope = np.abs(demodulated)
     peak = int(np.argmax(envelope))
-    first, last = _run(envelope, peak, LEVEL * envelope[peak])
+    first, last = stretch_about(envelope >= LEVEL * envelope[peak], peak)
     inner = envelope[first : last + 1]
     plateau = float(np.median(inner))
     middle = inner[len(inner) // 4 : max(len(inner) // 4 + 1, 3 * len(inner) // 4)]
     slack = max(0.01, 4.0 * float(np.std(middle)) / plateau if plateau > 0.0 else 0.0)
     steady = np.flatnonzero(inner >= (1.0 - slack) * plateau)
     rise, fall = int(steady[0]), len(inner) - 1 - int(steady[-1])
-    outer_first, outer_last = _run(envelope, peak, FADED * plateau)
+    outer_first, outer_last = stretch_about(envelope >= FADED * plateau, peak)
     begin = max(outer_first, first - 2 * (rise + window))
     stop = min(outer_last, last + 2 * (fall + window)) + 1
+    begin += int(np.argmin(envelope[begin : first + 1]))  # where it rises again stands another step
+    stop = last + int(np.argmin(envelope[last:stop])) + 1
     start, end = first + rise + window, last - fall - window
     return (start, end, begin, stop) if end > start else (first, first, begin, stop)
-
-
-def _run(envelope: Array, peak: int, level: float) -> tuple[int, int]:
-    """First and last index of the run above a level that holds the peak."""
-    below = np.flatnonzero(envelope < level)
-    place = int(np.searchsorted(below, peak))
-    first = int(below[place - 1]) + 1 if place > 0 else 0
-    last = int(below[place]) - 1 if place < len(below) else len(envelope) - 1
-    return first, last
 
 
 def _joined(found: list[SineStep]) -> list[SineStep]:

@@ -1,4 +1,4 @@
-"""Residuals: every channel over one time axis, where the model fails, and the residual against every variable."""
+"""Residuals: every channel over one time axis, where the model fails, by time, frequency and every variable."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from accelcal.app import figures, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.app.run import Stretch
+from accelcal.app.screens import response
 from accelcal.app.state import State
 from accelcal.app.zoom import Zoom
 from accelcal.plots.numbers import REGION_HEAD, REGION_NOTE, region_rows
@@ -20,6 +21,7 @@ def show(page: Page) -> None:
     bench, state = page.bench, page.bench.state
     if state.step is None:
         widgets.empty("Fit a model first, on the Data tab." if state.recording else "Load a recording first.")
+        response.card(page)
         return
 
     def draw(theme: ThemeName, window: Stretch | None, chosen: Stretch | None) -> Picture:
@@ -48,6 +50,7 @@ def show(page: Page) -> None:
             worst = found.where.worst
             ui.label(f"{worst[:1].upper()}{worst[1:]}.".replace(" sigma", " σ")).classes("verdict-text")
             regions(state, zoom, found.where)
+    response.card(page)
     if found is not None:
         with widgets.card("Residual against each variable", "many"):
             page.pictures(("where", id(found)), lambda theme: figures.where(found, theme), height=1500)

@@ -12,6 +12,7 @@ from accelcal.plots.interactive.overlay import overlay
 from accelcal.plots.interactive.ranking import ranking
 from accelcal.plots.interactive.regions import regions
 from accelcal.plots.interactive.residual import accel_residual, one_step
+from accelcal.plots.interactive.sensitivity import sensitivity
 from accelcal.plots.interactive.shape import fitted_curve
 from accelcal.plots.interactive.signatures import signatures
 from accelcal.plots.interactive.smallest_sizes import detectable_sizes
@@ -36,6 +37,7 @@ __all__ = [
     "quantile_plot",
     "ranking",
     "regions",
+    "sensitivity",
     "signatures",
     "simulated",
     "spectrum",

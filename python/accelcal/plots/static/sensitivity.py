@@ -1,25 +1,26 @@
-"""Figure of a frequency response: magnitude and phase with expanded uncertainties, and the fitted structure."""
+"""Figure of a frequency response: magnitude and phase with expanded uncertainties, each above its deviation."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from accelcal.formatting import label
 from accelcal.plots import style
-from accelcal.plots.style import ThemeName
+from accelcal.plots.response import ResponseCurves, ResponsePanel, response_curves
+from accelcal.plots.style import Theme, ThemeName
 from accelcal.response import FrequencyResponse
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH, HEIGHT = 7.0, 5.0
-"""Inches."""
+WIDTH, TALL, THIN = 7.0, 2.1, 1.05
+"""Width of the figure, heights of a panel and of a deviation, inches."""
 
 
 def sensitivity(found: FrequencyResponse, *, theme: ThemeName = "light") -> Figure:
-    """Draw magnitude and phase against frequency.
+    """Draw magnitude and phase against frequency, and where the parametric fit deviates.
 
     Parameters
     ----------
@@ -32,29 +33,37 @@ def sensitivity(found: FrequencyResponse, *, theme: ThemeName = "light") -> Figu
         If matplotlib is not installed.
     """
     palette = style.theme_of(theme)
-    figure = style.new_figure(WIDTH, HEIGHT, palette)
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    f = np.array([p.frequency for p in found.points])
-    phase = np.unwrap(np.array([p.phase for p in found.points]))
-    rows = (
-        (upper, np.array([p.magnitude for p in found.points]), np.array([p.expanded for p in found.points])),
-        (lower, np.degrees(phase), np.degrees([p.expanded_phase for p in found.points])),
-    )
-    for axes, y, unit in ((upper, "magnitude", "1"), (lower, "phase", "°")):
-        style.format_axes(axes, palette, x=label("frequency", "Hz") if axes is lower else "", y=label(y, unit))
-        axes.set_xscale("log")
-    for axes, values, expanded in rows:
-        axes.errorbar(
-            f, values, expanded, color=palette.model.colour, linestyle="none", marker=palette.model.marker,
-            markersize=4.0, capsize=2.0, label="measured, k = 2",
-        )  # fmt: skip
-    if found.model is not None:
-        best = found.model.best
-        grid = np.geomspace(f[0], f[-1], 400)
-        fitted = best.response(grid)
-        turns = np.unwrap(np.angle(fitted))
-        turns += 2.0 * np.pi * round((phase[0] - turns[0]) / (2.0 * np.pi))
-        upper.plot(grid, np.abs(fitted), color=palette.band, linewidth=1.4, label=best.structure.name)
-        lower.plot(grid, np.degrees(turns), color=palette.band, linewidth=1.4)
-    style.legend(upper, palette, columns=2)
+    curves = response_curves(found)
+    heights = [THIN if panel.is_deviation else TALL for panel in curves.panels]
+    figure = style.new_figure(WIDTH, sum(heights) + 0.6, palette)
+    several = figure.subplots(len(heights), 1, sharex=True, gridspec_kw={"height_ratios": heights})
+    for axes, panel in zip(several, curves.panels, strict=True):
+        last = axes is several[-1]
+        style.format_axes(
+            axes, palette, x=label("frequency", "Hz") if last else "", y=label(panel.quantity, panel.unit)
+        )
+        _draw(axes, curves, panel, palette)
+    low, high = curves.ends()
+    several[0].set_xscale("log")
+    several[0].set_xlim(low, high)
+    style.plain_decades(several[0].xaxis, math.log10(high / low))
+    figure.align_ylabels(several)
+    style.legend(several[0], palette, columns=3)
     return figure
+
+
+def _draw(axes: Axes, curves: ResponseCurves, panel: ResponsePanel, palette: Theme) -> None:
+    """Measured values with their bars, those at which the fit fails in another colour and shape, and the fit."""
+    kinds = (
+        (~curves.failing, palette.model, "measured, U (k = 2)"),
+        (curves.failing, palette.other, "measured, the fit fails"),
+    )
+    for chosen, line, name in kinds:
+        if chosen.any():
+            axes.errorbar(
+                curves.frequency[chosen], panel.measured[chosen], panel.expanded[chosen], color=line.colour,
+                linestyle="none", marker=line.marker, markersize=4.0, capsize=2.0, label=name,
+            )  # fmt: skip
+    if panel.fitted is not None:
+        axes.plot(curves.grid, panel.fitted, color=palette.band, linewidth=1.4, label=curves.structure)
+    axes.set_ylim(*panel.reach())

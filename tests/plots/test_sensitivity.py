@@ -1,0 +1,99 @@
+"""Figures of a frequency response: plain numbers in Hz, deviations with their uncertainties, where the fit fails."""
+
+import math
+
+import numpy as np
+import pytest
+
+from accelcal.plots import interactive, sensitivity, style
+from accelcal.plots.response import fit_rows, response_curves, response_rows, response_sentences
+from accelcal.response import FrequencyResponse, Point, fit_response
+
+FREQUENCIES = np.geomspace(10.0, 320.0, 12)
+ODD = 7
+"""Number of the point that no structure describes."""
+
+
+def responded(*, odd=True):
+    """A low-pass and delay at exact points, one of them 0.08 % beside the curve."""
+    s = 2j * math.pi * FREQUENCIES
+    value = 1.02 * np.exp(-5e-5 * s) / (1.0 + s / (2.0 * math.pi * 500.0))
+    if odd:
+        value[ODD] *= 1.0008
+    rng = np.random.default_rng(2)
+    value += 1e-4 * (rng.standard_normal(12) + 1j * rng.standard_normal(12))
+    points = tuple(
+        Point(float(f), complex(h), 1e-4, 32.0, 5.0 + 0j, "sine", float(i), i + 1.0)
+        for i, (f, h) in enumerate(zip(FREQUENCIES, value, strict=True))
+    )
+    return FrequencyResponse("shaker.csv", points, fit_response(points), (), None)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return responded()
+
+
+def test_deviations_are_those_from_the_fit_with_the_uncertainty_of_the_point(found):
+    curves = response_curves(found)
+    magnitude, relative, phase, turned = curves.panels
+    fitted = found.model.best.response(curves.frequency)
+    np.testing.assert_allclose(relative.measured, 100.0 * (magnitude.measured / np.abs(fitted) - 1.0), atol=1e-9)
+    np.testing.assert_allclose(turned.measured, phase.measured - np.degrees(np.unwrap(np.angle(fitted))), atol=1e-9)
+    np.testing.assert_allclose(relative.expanded, 100.0 * magnitude.expanded / np.abs(fitted))
+    assert curves.failing[ODD]
+    assert f"fails at {FREQUENCIES[ODD]:.4g} Hz" in curves.sentence
+    assert relative.measured[ODD] == pytest.approx(0.08, abs=0.03)
+    plain = response_curves(responded(odd=False))
+    assert not plain.failing.any()
+    assert "fails at none of 12 points" in plain.sentence
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_still_figure_has_plain_frequencies_and_marks_what_fails(found, theme):
+    figure = sensitivity(found, theme=theme)
+    figure.draw_without_rendering()
+    last = figure.axes[-1]
+    low, high = last.get_xlim()
+    shown = [label.get_text() for label in last.get_xticklabels() if low <= label.get_position()[0] <= high]
+    assert shown == ["10", "20", "50", "100", "200"]
+    assert [axes.get_ylabel() for axes in figure.axes] == [
+        "magnitude (1)",
+        "deviation (%)",
+        "phase (°)",
+        "deviation (°)",
+    ]
+    palette = style.theme_of(theme)
+    for axes in figure.axes:
+        points = {c.get_label(): c.lines[0] for c in axes.containers}
+        assert points["measured, the fit fails"].get_color() == palette.other.colour
+        assert points["measured, the fit fails"].get_xdata().tolist() == [FREQUENCIES[ODD]]
+        assert len(points["measured, U (k = 2)"].get_xdata()) == 11
+
+
+def test_both_kinds_of_figures_draw_the_same_numbers(found):
+    still, moving = sensitivity(found), interactive.sensitivity(found)
+    for row, axes in enumerate(still.axes):
+        for container in axes.containers:
+            anchor = f"y{row + 1}" if row else "y"
+            trace = next(t for t in moving.data if t.name == container.get_label() and t.yaxis == anchor)
+            np.testing.assert_allclose(np.asarray(trace.y, dtype=float), container.lines[0].get_ydata())
+
+
+def test_one_point_alone_is_drawn_without_a_fit(found):
+    alone = FrequencyResponse("shaker.csv", found.points[:1], None, (), None)
+    assert len(sensitivity(alone).axes) == 2
+    assert len(interactive.sensitivity(alone).data) == 2
+    assert response_rows(alone)[0][-1] == ""
+    assert fit_rows(alone) == []
+    assert response_sentences(alone) == ["Too few points for a parametric fit."]
+
+
+def test_rows_say_the_numbers_to_the_digits_of_their_uncertainty(found):
+    row, point = response_rows(found)[ODD], found.points[ODD]
+    assert float(row[1]) == pytest.approx(point.magnitude, abs=0.1 * point.expanded)
+    assert row[6].endswith(", fails")
+    assert sum("fails" in cells[6] for cells in response_rows(found)) == len(found.model.failing)
+    assert fit_rows(found)[0][0] == found.model.best.structure.name
+    assert fit_rows(found)[0][5] == "chosen"
+    assert "It fails at" in response_sentences(found)[0]
