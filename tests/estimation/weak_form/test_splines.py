@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
-from accelcal.estimation.weak_form.channel import SampledChannel, covering
+from accelcal.estimation.weak_form.channel import SampledChannel
 from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
 
 SPLINES = Splines(0.5, 0.01, 180)
@@ -49,8 +49,7 @@ def test_a_sum_over_samples_is_the_integral(kind: str, most: float) -> None:
     step, w = 0.002, 2.0 * np.pi * 4.0
     t = stamps(kind, step)
     channel = SampledChannel.of(t, 0.1 * np.sin(w * t), step, 1.0 / SPLINES.step)
-    rows = covering(channel.t, SPLINES)
-    weights = SPLINES.weights(channel.t[rows], 2, channel.weight[rows])
+    rows, weights = channel.against(SPLINES, 2)
     found = channel.sums(SPLINES, 2, weights, rows)
     middle = SPLINES.begins + 0.5 * SPLINES.support
     # The Fourier transform of a cardinal B-spline: a power of sinc, times its step.

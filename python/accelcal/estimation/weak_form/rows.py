@@ -276,8 +276,8 @@ class WeakRows:
         # beyond what the rows resolve nothing tells motion from noise of the output
         cutoff = min(self.signals.cutoff, self.rate / OVERSAMPLING)
         t = uniform_times(run)
-        readings = self._readings
-        whole = self.order == POSITION_ORDER and not len(readings.carrier_t) and bool(np.all(self._kept))
+        even, used = not len(self._readings.carrier_t), np.flatnonzero(self._kept)
+        whole = self.order == POSITION_ORDER and even and used[-1] - used[0] + 1 == len(used)
         if whole and cutoff < run.crossover(self.of_positions):
             motion = self._of_smoothed_readings(weight, cutoff, t - self._clock)
             found = given_signals(run, state.noise, state.values, motion, cutoff)
@@ -308,9 +308,10 @@ class WeakRows:
         added = np.interp(self._clock + readings.t, self.state.run.t, extra_r) if len(extra_r) else 0.0
         smooth = readings.on_ticks(readings.y - (self.noise.r + added) * noise)
         ticks = readings.t if readings.ticks is None else readings.ticks
-        curve = scipy.interpolate.make_interp_spline(ticks, smooth, k=TWICE_DIFFERENTIATED)
         rate, corner = (len(ticks) - 1) / float(ticks[-1] - ticks[0]), corner_of(self.state.values, cutoff)
-        p, v, a = (cubic(ticks, low_pass(np.asarray(curve(ticks, order)), rate, corner), t) for order in (0, 1, 2))
+        # filtered first: at its two ends the derivative of a curve through noisy readings would be anything
+        curve = scipy.interpolate.make_interp_spline(ticks, low_pass(smooth, rate, corner), k=TWICE_DIFFERENTIATED)
+        p, v, a = (cubic(ticks, np.asarray(curve(ticks, order)), t) for order in (0, 1, 2))
         return SmoothedMotion(p + self._zero, v, a, derivative(a, self.state.run.accel_step))
 
     def _parts(self, most: int) -> list[slice]:
