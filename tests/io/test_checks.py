@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy
 
 from accelcal.data.quality import Samples, clean, require_overlap
 from accelcal.data.recording import Channel, RecordingError
@@ -28,7 +29,19 @@ def clock(n, rate=1000.0):
     return np.arange(n) / rate
 
 
+def low_passed(n=100_000, sigma=1.3, keep=0.55, seed=0):
+    """Codes of a sensor at rest whose noise, behind a low-pass, is little more than one of them."""
+    shocks = np.random.default_rng(seed).standard_normal(n) * sigma * np.sqrt(1.0 - keep**2)
+    return np.round(scipy.signal.lfilter([1.0], [1.0, -keep], shocks))
+
+
 # Held repeats
+
+
+@pytest.mark.parametrize("held", [2, 3])
+def test_codes_behind_a_low_pass_that_are_written_several_times_are_found(held):
+    y = np.repeat(low_passed(), held)
+    assert "held_repeats" in kinds(check(clock(len(y)), y)[1])
 
 
 @pytest.mark.parametrize(("logger", "sensor"), [(50_000, 26_667), (1000, 950), (1000, 500), (1000, 100)])
@@ -56,8 +69,14 @@ def test_held_repeats_are_dropped_down_to_the_rate_of_the_sensor(logger, sensor,
         np.round(100 * np.sin(clock(4000) * 40)),
         np.sin(clock(4000) * 2 * np.pi * 10),
         np.clip(noisy(sigma=2.0), -1.0, 1.0),
+        low_passed(),
+        low_passed(sigma=0.9),
+        np.concatenate([low_passed(50_000, sigma=1.3), low_passed(50_000, sigma=4.0)]),
     ],
-    ids=["double", "fine", "coarse", "very coarse", "rest then motion", "quantised sine", "sine", "clipped"],
+    ids=[
+        *("double", "fine", "coarse", "very coarse", "rest then motion", "quantised sine", "sine", "clipped"),
+        *("noise of a code", "less than a code", "noise of one and of four"),
+    ],
 )
 def test_repeats_that_quantisation_or_clipping_explains_are_kept(y):
     channel, findings = check(clock(len(y)), y)

@@ -7,7 +7,7 @@ import pytest
 
 from accelcal.data.quality import HELD, ROUNDED, Samples, clean
 from accelcal.data.rig import Rig
-from accelcal.data.stamps import stamp_grid, uniform_clock, usual_step
+from accelcal.data.stamps import decimal_step, stamp_grid, uniform_clock, usual_step
 
 N = 12_000
 
@@ -106,3 +106,10 @@ def test_held_samples_of_a_sensor_without_a_steady_clock_are_late_by_half_a_tick
     late = channel.t - own[np.searchsorted(own, channel.t + 0.5 * found[HELD].size) - 1]
     assert np.mean(late) == pytest.approx(0.0, abs=0.03 * found[HELD].size)
     assert np.std(late) == pytest.approx(found[HELD].jitter, rel=0.05)
+
+
+@pytest.mark.parametrize("decimals", [3, 6, 9])
+def test_decimals_of_stamps_are_counted(decimals):
+    t = np.round(np.arange(2000) / 1667.5, decimals)
+    assert decimal_step(t) == pytest.approx(10.0**-decimals)
+    assert decimal_step(np.arange(2000) / 1667.5) == 0.0
