@@ -6,7 +6,7 @@ STAMP := $(VENV)/.installed
 SOURCES := pyproject.toml Cargo.toml $(wildcard crates/*/Cargo.toml) $(shell find crates -path '*/src/*.rs')
 export CARGO_INCREMENTAL ?= 0
 
-.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-engines bench-references bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
+.PHONY: help demo docs test test-long test-browser test-hostile fuzz embedded check wheel try-wheel constraints bench bench-check bench-live bench-live-input bench-regimes bench-engines bench-references bench-crossovers bench-hidden bench-against compare-outputs bench-peers stubs format clean bench-response
 
 help: ## List the jobs.
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
@@ -104,6 +104,9 @@ bench-regimes: $(STAMP) ## Hold the product to honest records of every kind of r
 
 bench-references: $(STAMP) ## Hide effects in records whose reference is a velocity or an acceleration; an hour, restartable.
 	$(BIN)/python -m benches.references --workers 2
+
+bench-crossovers: $(STAMP) ## Read stages by references from poor to far too good, with nothing missing; an hour, restartable.
+	$(BIN)/python -m benches.crossovers --workers 2
 
 bench-engines: $(STAMP) ## Estimate honest and spoilt records by the replay and by the weak form; hours, restartable.
 	$(BIN)/python -m benches.engines --workers 2
