@@ -12,6 +12,7 @@ from accelcal.data.recording import Recording
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.run import prepare
 from accelcal.signals.processing import ORDER
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
@@ -42,8 +43,7 @@ def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float])
     declared = recording.rig.sensor.noise
     if declared is None:
         return None
-    readings = recording.position.t
-    step = float(np.median(np.diff(readings)))
+    step = prepare(recording, fit.origins, start=span[0], end=span[1]).reading_step
     spectrum = residual_spectrum(compare(fit, recording, band=BAND_SHARE / step, start=span[0], end=span[1]), step)
     if spectrum is None:
         return None

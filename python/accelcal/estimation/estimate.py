@@ -330,7 +330,9 @@ def solve_runs(
         require_band(run, band)
     if engine == "auto" and band is None and any(run.suits_weak_form for run in runs):
         try:
-            return _solved(asked, model, recordings, [run.by("weak") for run in runs], band, report)
+            solution = _solved(asked, model, recordings, [run.by("weak") for run in runs], band, report)
+            if solution.converged:
+                return solution
         except RecordingError as error:
             if not isinstance(error.__cause__, NoWeakForm):
                 raise
