@@ -44,6 +44,8 @@ class Page:
         """Fields for start and end of a stretch, on the screen that has them."""
         self.pair: tuple[str, str] | None = None
         """Two models that stand side by side."""
+        self.of_rest: list[ui.button] = []
+        """Buttons of the screen that begin an action: disabled while one is under way."""
         self._seen = -1
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
@@ -119,9 +121,10 @@ class Page:
 
     async def ask(self) -> None:
         """Diagnose the current model, unless an error message is waiting to be read."""
-        self.asking = not self.bench.sentence
+        said, self.asking = self.asking, not self.bench.sentence
         if self.asking:
-            self.rebuild()
+            if not said:  # the screen says so
+                self.rebuild()
             await self.act(self.bench.diagnose)
         self.asking = False
 
@@ -174,6 +177,8 @@ class Page:
             self.left.set_text(job.left)
         if self._seen != self.bench.version:
             self.rebuild()
+        for button in self.of_rest:
+            button.set_enabled(job is None)
 
     def rebuild(self) -> None:
         """Rebuild the current screen."""
@@ -184,6 +189,7 @@ class Page:
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
         widgets.clear(self.body)
+        self.of_rest.clear()
         with self.body, self.bench.catalogue():
             if not self.is_new:
                 named = f"{self.screens[self.tab][0]}: {state.title}" if state.runs else self.screens[self.tab][0]
@@ -206,13 +212,14 @@ class Page:
         make: Callable[[ThemeName], Sequence[Picture]],
         *,
         first: Callable[[], Any] = lambda: None,
+        behind: tuple[Any, ...] | None = None,
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces
-        its figure.
+        `first` is called before, and may take long; the figures under the key `behind`, which a user waits for, are drawn
+        and sent before; `prepare` is called with each plot and a function that replaces its figure.
         """
         theme, build = self.themes.theme, self._build_count
         key = (*key, theme)
@@ -244,6 +251,9 @@ class Page:
 
         async def draw() -> list[Picture]:
             try:
+                before = self._drawing.get((*(behind or ()), theme))  # asked for by now, wherever it stands on the page
+                if before is not None:
+                    await asyncio.wait([before])
                 await background.act(first)
                 several = list(await self.drawn(lambda: make(theme)))
             finally:
