@@ -218,8 +218,8 @@ class Page:
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `first` is called before, and may take long; the figures under the key `behind`, which a user waits for, are drawn
-        and sent before; `prepare` is called with each plot and a function that replaces its figure.
+        `first` is called before, and may take long; the figures under the key `behind`, which a user waits for, are
+        drawn and sent before; `prepare` is called with each plot and a function that replaces its figure.
         """
         theme, build = self.themes.theme, self._build_count
         key = (*key, theme)

@@ -2,9 +2,9 @@
 
 Noise is drawn and passed through the start points and the rezeroing of the comparison, so that the scatter of a finite
 record and the overlap of its windows are in the interval. The filter is the one for this noise: that of a comparison
-whose models lack nothing. A filter for the noise of a model that lacks an effect begins worse, and a floor drawn through
-it would be higher, and fall with each effect that is added. What effects do to simulated motion is left out, and so is
-1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
+whose models lack nothing. A filter for the noise of a model that lacks an effect begins worse, and a floor drawn
+through it would be higher, and fall with each effect that is added. What effects do to simulated motion is left out,
+and so is 1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
 """
 
 from __future__ import annotations
