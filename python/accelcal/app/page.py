@@ -15,6 +15,7 @@ from accelcal.app import background, look, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.sessions import Workbenches
+from accelcal.app.state import State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
@@ -46,7 +47,11 @@ class Page:
         """Two models that stand side by side."""
         self.of_rest: list[ui.button] = []
         """Buttons of the screen that begin an action: disabled while one is under way."""
+        self.of_diagnosis: Callable[[], None] | None = None
+        """Builds anew what a diagnosis changes on the screen, so that figures beside it stay; None: all of it."""
         self._seen = -1
+        self._built: tuple[State | None, tuple[Any, ...]] = (None, ())
+        """What the screen was built of, but the diagnosis."""
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
         self._drawing: dict[tuple[Any, ...], asyncio.Task[list[Picture]]] = {}
@@ -176,7 +181,13 @@ class Page:
             self.progress.set_value(round(max(job.share, 0.02), 3))
             self.left.set_text(job.left)
         if self._seen != self.bench.version:
-            self.rebuild()
+            state, beside = self._built
+            if self.of_diagnosis is not None and state is self.bench.state and beside == self._beside:
+                self._seen = self.bench.version
+                with self.bench.catalogue():
+                    self.of_diagnosis()
+            else:
+                self.rebuild()
         for button in self.of_rest:
             button.set_enabled(job is None)
 
@@ -190,11 +201,17 @@ class Page:
         self.message.set_text(self.bench.sentence)
         widgets.clear(self.body)
         self.of_rest.clear()
+        self.of_diagnosis, self._built = None, (state, self._beside)
         with self.body, self.bench.catalogue():
             if not self.is_new:
                 named = f"{self.screens[self.tab][0]}: {state.title}" if state.runs else self.screens[self.tab][0]
                 widgets.heading(named, 1).classes("unseen-text")
             self.screens[self.tab][2](self)
+
+    @property
+    def _beside(self) -> tuple[Any, ...]:
+        """What a screen shows beside the state and the diagnosis."""
+        return self.tab, self.themes.theme, self.is_narrow, self.bench.sentence
 
     @property
     def is_new(self) -> bool:

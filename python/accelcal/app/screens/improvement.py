@@ -34,7 +34,8 @@ def show(page: Page) -> None:
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
-            with widgets.card("Diagnosis", "verdict"):
+            place = ui.element("div")
+            with place, widgets.card("Diagnosis", "verdict"):
                 verdict(page)
             with widgets.card("Models"):
                 tree(page)
@@ -69,6 +70,14 @@ def show(page: Page) -> None:
                         ("coast", shown), lambda theme: [figures.coasting(state, theme)], behind=("falling", shown)
                     )
     widgets.copies(page)
+
+    def of_diagnosis() -> None:
+        place.clear()
+        page.of_rest.clear()
+        with place, widgets.card("Diagnosis", "verdict"):
+            verdict(page)
+
+    page.of_diagnosis = of_diagnosis
 
 
 def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
