@@ -65,7 +65,7 @@ def test_none_is_an_answer_as_well() -> None:
     assert find.times == 1
 
 
-def test_an_error_is_told_each_time_and_kept_by_nobody() -> None:
+def test_an_error_is_raised_each_time_and_not_kept() -> None:
     def fail() -> object:
         raise ValueError("no rest")
 

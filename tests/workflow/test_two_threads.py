@@ -96,7 +96,7 @@ def test_what_progress_raises_ends_the_waiting_and_what_has_not_begun() -> None:
 
 
 @pytest.mark.parametrize("at_once", [True, False])
-def test_progress_is_told_by_the_calling_thread_and_rises_to_one(at_once: bool) -> None:
+def test_progress_is_reported_by_the_calling_thread_and_rises_to_one(at_once: bool) -> None:
     shares: list[tuple[float, int]] = []
 
     def work(report: Callable[[float], None]) -> None:
