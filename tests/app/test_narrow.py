@@ -67,3 +67,14 @@ def test_names_along_the_axes_are_broken_and_numbers_are_not() -> None:
     assert after["data"][1]["y"] == data[1]["y"]
     assert after["layout"]["yaxis"]["title"]["text"] == "accelerometer residual<br>((m/s²)/√Hz)"
     assert max(len(line) for name in after["layout"]["xaxis"]["ticktext"] for line in name.split("<br>")) <= 22
+
+
+def test_a_name_that_no_line_of_the_legend_holds_has_two() -> None:
+    long = "noise alone, with 95 % prediction interval"
+    figure = narrowed(grid(1, ("in the model", long))).figure
+    names = [trace["name"] for trace in figure["data"]]
+    assert names[:2] == ["in the model", "noise alone, with 95 % prediction<br>interval"]
+    assert legend_rows(figure, 272) == 3
+    short = narrowed(grid(1, ("in the model", "noise"))).figure
+    assert [trace["name"] for trace in short["data"]][:2] == ["in the model", "noise"]
+    assert figure["layout"]["height"] - short["layout"]["height"] == 2 * ROW

@@ -360,3 +360,29 @@ def test_what_remembers_reversals_has_a_bound_of_work(tmp_path, monkeypatch):
     assert max(one.work for one in simulations) < 5 * MOST_WORK
     assert len(coasting.starts) >= 10
     assert np.max(np.abs(coasting.frozen)) < 1.0
+
+
+@pytest.mark.parametrize("name", ["cubic", "quadratic", "odd_quadratic", "coulomb"])
+def test_effects_of_the_output_alone_are_solved_once_for_all_starts_as_path_by_path(name: str) -> None:
+    known, bare = record()
+    values = values_of(find(name), known)
+    ahead = reckoning(values, consistent(values, known, bare), bare)
+    rng, many = np.random.default_rng(5), 40
+    begin = np.sort(rng.uniform(0.1, 1.5, many))  # between nodes, as readings are
+    begin[::4] = known.t[np.searchsorted(known.t, begin[::4])]
+    p, v = np.interp(begin, known.t, known.p), np.interp(begin, known.t, known.v)
+    starts = Starts(begin, p + 1e-4, v - 1e-3, np.zeros(many), np.zeros((many, 3)))
+    t = begin[:, None] + np.concatenate([[1e-5, 0.3 * STEP], rng.uniform(STEP, 1.4, 6)])
+    by_path, _ = ahead.displacement(starts, t)
+    shared, variance = ahead.displacement(starts, t, floor=False)
+    largest = np.max(np.abs(by_path))
+    assert largest > 1e-5
+    assert np.allclose(shared, by_path, rtol=0.0, atol=1e-9 * largest)
+    assert not np.any(variance)
+    # Friction follows the simulated velocity, and a constant is that of one start: neither is shared.
+    assert ahead._follows_output_alone(starts) == (name != "coulomb")
+    assert not ahead._follows_output_alone(replace(starts, constant=np.full(many, 1e-3)))
+    if name != "coulomb":
+        far, limit = ahead.displacement(starts, t, floor=False)[0], 0.5 * largest
+        ended = ahead.displacement(starts, t, limit, floor=False)[0]
+        assert np.array_equal(np.isnan(ended), np.abs(far) >= limit)

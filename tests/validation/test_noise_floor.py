@@ -18,6 +18,7 @@ from accelcal.estimation.estimate import Fit, estimate
 from accelcal.estimation.values import Noise
 from accelcal.model import Model
 from accelcal.simulation.sensor import ADXL105_RIG, CXL02_RIG, simulate
+from accelcal.validation.comparison import NoiseFloor
 from accelcal.validation.evaluation import compare
 from accelcal.validation.noise_floor import noise_floor
 from accelcal.validation.paired import drift_spread
@@ -138,18 +139,63 @@ def test_half_the_noise_is_not_covered() -> None:
     assert wrong == 4
 
 
-def test_the_floor_stays_where_it_is_from_step_to_step() -> None:
-    train, unseen = (recorded("interleaved", ADXL105_RIG, seed) for seed in (1, 2))
-    fits = [estimate(Model.linear(), train), estimate(Model.linear().add("cubic"), train)]
+def growing(motion: str, rig: Rig, cubic: float, declared: bool) -> list[tuple[list[Fit], NoiseFloor]]:
+    """A base model alone and with a cubic beside it, each with its floor on another recording."""
+    truth, steps, found = {**TRUTH, "cubic": cubic}, list[Fit](), []
+    train, unseen = (
+        simulate(motion, seconds=48.0, rig=rig, parameters=truth, rng=np.random.default_rng(seed)).recording
+        for seed in (1, 2)
+    )
+    if not declared:
+        train, unseen = (replace(one, rig=bare(rig)) for one in (train, unseen))
+    for model in (Model.linear(), Model.linear().add("cubic")):
+        steps.append(estimate(model, train))
+        floor = compare_models(steps, unseen, Ruler.of(steps))[0].noise_floor
+        assert floor is not None
+        found.append((list(steps), floor))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("motion", "rig", "cubic", "declared"),
+    [
+        ("interleaved", ADXL105_RIG, 3e-4, True),
+        ("interleaved", CXL02_RIG, 2e-3, True),
+        ("tones", CXL02_RIG, 2e-3, True),  # the base takes it for noise of 1e5 times the density, in a band
+        ("rests", ADXL105_RIG, 3e-3, False),
+    ],
+)
+def test_the_floor_stays_where_it_is_from_step_to_step(motion: str, rig: Rig, cubic: float, declared: bool) -> None:
+    (_, alone), (_, grown) = growing(motion, rig, cubic, declared)
+    assert alone.sensor.source == grown.sensor.source == ("declared" if declared else "rest")
     for horizon in HORIZONS:
-        floors = []
-        for steps in (fits[:1], fits):
-            floor = compare_models(steps, unseen, Ruler.of(steps))[0].noise_floor
-            assert floor is not None
-            spread = floor.at(horizon)
-            assert spread is not None
-            floors.append(spread.value)
-        assert floors[1] == pytest.approx(floors[0], rel=0.03)
+        before, after = alone.at(horizon), grown.at(horizon)
+        assert before is not None
+        assert after is not None
+        assert after.value == pytest.approx(before.value, rel=0.03)
+        assert (after.low, after.high) == pytest.approx((before.low, before.high), rel=0.03)
+
+
+def test_a_floor_that_is_a_limit_falls_with_what_is_added() -> None:
+    # The twin of the test above: where no density is known, both the noise and its filter are those of a model.
+    (_, alone), ((base, cubic), grown) = growing("interleaved", CXL02_RIG, 2e-3, declared=False)
+    assert base.noise().q > 10.0 * cubic.noise().q
+    before, after = alone.at(1.0), grown.at(1.0)
+    assert alone.sensor.is_limit
+    assert before is not None
+    assert after is not None
+    assert after.value < 0.8 * before.value
+
+
+def test_a_floor_is_drawn_once_for_a_history_and_anew_for_another_question() -> None:
+    train, unseen = (recorded("tones", CXL02_RIG, seed) for seed in (1, 2))
+    fit, other = true_model(train), estimate(Model.linear(), train)
+    first = noise_floor(Ruler.of([fit]), fit, unseen)
+    assert noise_floor(Ruler.of([fit, other]), fit, unseen) is first
+    assert noise_floor(Ruler.of([fit]), fit, unseen, horizons=(1.0,)) is not first
+    assert noise_floor(Ruler.of([fit]), fit, replace(unseen)) is not first
+    quieter = replace(unseen.rig, sensor=replace(unseen.rig.sensor, noise=0.8 * (unseen.rig.sensor.noise or 0.0)))
+    assert noise_floor(Ruler.of([fit]), fit, replace(unseen, rig=quieter)).drift[1.0] != first.drift[1.0]
 
 
 def test_all_models_of_a_table_have_one_floor() -> None:

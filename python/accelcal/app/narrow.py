@@ -50,6 +50,8 @@ def narrowed(picture: Picture) -> Picture:
         layout["height"] = min(layout["height"], margin["t"] + margin["b"] + TALLEST)
     if any([wrap_titles(axes) for axes in panels]):
         left += LINE
+    if layout.get("showlegend", False):
+        figure["data"] = [wrap_name(trace) for trace in figure["data"]]
     margin["l"], margin["r"] = min(margin["l"], left), min(margin["r"], 12)
     make_room(figure, WIDTH)
     return replace(picture, figure=figure)
@@ -67,6 +69,13 @@ def make_room(figure: dict[str, Any], width: float) -> None:
     layout = figure["layout"]
     more = ROW * (legend_rows(figure, width) - 1)
     layout["margin"]["t"], layout["height"] = layout["margin"]["t"] + more, layout["height"] + more
+
+
+def wrap_name(trace: dict[str, Any]) -> dict[str, Any]:
+    """A trace whose name in the legend, where a line does not hold it, has several; plotly would cut it."""
+    name = str(trace.get("name") or "")
+    letters = int((WIDTH - KEY) / LETTER)
+    return {**trace, "name": _wrapped(name, letters)} if len(name) > letters else trace
 
 
 def wrap_titles(axes: Axes) -> bool:
@@ -116,15 +125,17 @@ def stack(layout: dict[str, Any], panels: list[Axes]) -> None:
 
 
 def legend_rows(figure: dict[str, Any], width: float) -> int:
-    """Rows that a horizontal legend takes: one where all fits, else its widest entry sets the columns."""
+    """Lines that a horizontal legend takes: one where all fits, else its widest entry sets the columns."""
     if not figure["layout"].get("showlegend", False):
         return 1
     named = (trace for trace in figure["data"] if trace.get("showlegend", True) and trace.get("name"))
     groups = {trace.get("legendgroup") or trace["name"]: str(trace["name"]) for trace in named}
-    widths = [KEY + LETTER * len(name) for name in groups.values()]
+    names = [name.split("<br>") for name in groups.values()]
+    widths = [KEY + LETTER * max(map(len, lines)) for lines in names]
+    more = sum(len(lines) - 1 for lines in names)
     if sum(widths) <= width:
-        return 1
-    return math.ceil(len(widths) / max(1, math.floor(width / max(widths))))
+        return 1 + more
+    return math.ceil(len(widths) / max(1, math.floor(width / max(widths)))) + more
 
 
 def _listed(trace: dict[str, Any]) -> list[Any]:

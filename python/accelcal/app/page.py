@@ -15,6 +15,7 @@ from accelcal.app import background, look, widgets
 from accelcal.app.figures import Picture
 from accelcal.app.narrow import narrowed, roomy
 from accelcal.app.sessions import Workbenches
+from accelcal.app.state import State
 from accelcal.app.workbench import Busy, Workbench
 from accelcal.plots.style import ThemeName
 
@@ -44,7 +45,13 @@ class Page:
         """Fields for start and end of a stretch, on the screen that has them."""
         self.pair: tuple[str, str] | None = None
         """Two models that stand side by side."""
+        self.of_rest: list[ui.button] = []
+        """Buttons of the screen that begin an action: disabled while one is under way."""
+        self.of_diagnosis: Callable[[], None] | None = None
+        """Builds anew what a diagnosis changes on the screen, so that figures beside it stay; None: all of it."""
         self._seen = -1
+        self._built: tuple[State | None, tuple[Any, ...]] = (None, ())
+        """What the screen was built of, but the diagnosis."""
         self._build_count = 0
         self._kept: dict[tuple[Any, ...], list[Picture]] = {}
         self._drawing: dict[tuple[Any, ...], asyncio.Task[list[Picture]]] = {}
@@ -119,9 +126,10 @@ class Page:
 
     async def ask(self) -> None:
         """Diagnose the current model, unless an error message is waiting to be read."""
-        self.asking = not self.bench.sentence
+        said, self.asking = self.asking, not self.bench.sentence
         if self.asking:
-            self.rebuild()
+            if not said:  # the screen says so
+                self.rebuild()
             await self.act(self.bench.diagnose)
         self.asking = False
 
@@ -173,7 +181,15 @@ class Page:
             self.progress.set_value(round(max(job.share, 0.02), 3))
             self.left.set_text(job.left)
         if self._seen != self.bench.version:
-            self.rebuild()
+            state, beside = self._built
+            if self.of_diagnosis is not None and state is self.bench.state and beside == self._beside:
+                self._seen = self.bench.version
+                with self.bench.catalogue():
+                    self.of_diagnosis()
+            else:
+                self.rebuild()
+        for button in self.of_rest:
+            button.set_enabled(job is None)
 
     def rebuild(self) -> None:
         """Rebuild the current screen."""
@@ -184,11 +200,18 @@ class Page:
         self.alert.set_visibility(bool(self.bench.sentence))
         self.message.set_text(self.bench.sentence)
         widgets.clear(self.body)
+        self.of_rest.clear()
+        self.of_diagnosis, self._built = None, (state, self._beside)
         with self.body, self.bench.catalogue():
             if not self.is_new:
                 named = f"{self.screens[self.tab][0]}: {state.title}" if state.runs else self.screens[self.tab][0]
                 widgets.heading(named, 1).classes("unseen-text")
             self.screens[self.tab][2](self)
+
+    @property
+    def _beside(self) -> tuple[Any, ...]:
+        """What a screen shows beside the state and the diagnosis."""
+        return self.tab, self.themes.theme, self.is_narrow, self.bench.sentence
 
     @property
     def is_new(self) -> bool:
@@ -206,13 +229,14 @@ class Page:
         make: Callable[[ThemeName], Sequence[Picture]],
         *,
         first: Callable[[], Any] = lambda: None,
+        behind: tuple[Any, ...] | None = None,
         prepare: Callable[[ui.plotly, Callable[[Picture], None]], None] = lambda plot, redraw: None,
         height: int = 300,
     ) -> None:
         """Draw figures at this place of the page; they are computed in the background and cached under `key`.
 
-        `first` is called before, and may take long; `prepare` is called with each plot and a function that replaces
-        its figure.
+        `first` is called before, and may take long; the figures under the key `behind`, which a user waits for, are
+        drawn and sent before; `prepare` is called with each plot and a function that replaces its figure.
         """
         theme, build = self.themes.theme, self._build_count
         key = (*key, theme)
@@ -244,6 +268,9 @@ class Page:
 
         async def draw() -> list[Picture]:
             try:
+                before = self._drawing.get((*(behind or ()), theme))  # asked for by now, wherever it stands on the page
+                if before is not None:
+                    await asyncio.wait([before])
                 await background.act(first)
                 several = list(await self.drawn(lambda: make(theme)))
             finally:

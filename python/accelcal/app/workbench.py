@@ -485,7 +485,7 @@ class Workbench:
         asked = question(state)
         if asked is None or asked in self.diagnoses:
             return
-        with self._working("searching for missing effects", silent=True) as job:
+        with self._working("searching for missing effects") as job:
             step = fitted(state)
             own, report = names_of(state), within(job.report, 0.0, 0.9)
             found = self._done(tasks.diagnosed, step.fit, state.train, own, report=report)
@@ -724,10 +724,10 @@ class Workbench:
                     self.changed(after)
 
     @contextmanager
-    def _working(self, title: str, *, silent: bool = False) -> Iterator[Job]:
+    def _working(self, title: str) -> Iterator[Job]:
         """One action at a time; what the library refuses becomes the sentence that the command line prints.
 
-        A silent one changes nothing on the page until it ends.
+        Its beginning takes the last sentence away and changes nothing else that a page must show anew.
         """
         with self._lock:
             if self.job is not None:
@@ -736,10 +736,9 @@ class Workbench:
                 return_early = True
             else:
                 return_early = False
-                silent = silent and not self.sentence
+                self.version += bool(self.sentence)
                 self.sentence = ""
                 job = self.job = Job(title)
-                self.version += not silent
         if return_early:
             raise Busy(self.sentence)
         try:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel
@@ -178,7 +179,7 @@ def resample(channel: Channel, t: Array) -> Array:
     return np.asarray(np.interp(t, channel.t, channel.y), dtype=np.float64)
 
 
-CUBIC_STRETCH = 1 << 16
+CUBIC_STRETCH = 1 << 14
 """Times at which a cubic is worked out at once."""
 EVEN = 1.5
 """Mean spacing of the four samples of a cubic over the usual one, from which on a straight line is safer."""
@@ -198,8 +199,12 @@ def cubic(t: Array, y: Array, at: Array) -> Array:
         inside = inside[t[first[inside] + 3] - t[first[inside]] < most]
         if len(inside) < len(times):
             found[begin : begin + CUBIC_STRETCH] = np.interp(times, t, y)
-        four = [first[inside] + k for k in range(4)]
-        weights = lagrange_weights([t[k] - times[inside] for k in four])
+        times, first = times[inside], first[inside]
+        if len(first) and np.all(np.diff(first) == 1):  # nothing is gathered where both series go on alike
+            four: list[slice | NDArray[np.intp]] = [slice(first[0] + k, first[-1] + 1 + k) for k in range(4)]
+        else:
+            four = [first + k for k in range(4)]
+        weights = lagrange_weights([t[k] - times for k in four])
         found[begin + inside] = sum(weight * y[k] for weight, k in zip(weights, four, strict=True))
     return np.asarray(found)
 

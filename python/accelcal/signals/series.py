@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 import scipy
@@ -47,14 +46,16 @@ def interpolation_errors(t: Array, y: Array) -> tuple[Array, Array]:
 def lagrange_weights(offsets: Sequence[Array]) -> list[Array]:
     """Weights at 0 of values at `offsets`, (n,) each, in the polynomial through them: products over all other offsets o
     of o / (o - own)."""
-    numerator, denominator = ([np.ones_like(own) for own in offsets] for _ in range(2))
-    for i, j in combinations(range(len(offsets)), 2):
-        apart = offsets[j] - offsets[i]
-        numerator[i] *= offsets[j]
-        numerator[j] *= offsets[i]
-        denominator[i] *= apart
-        denominator[j] *= -apart
-    return [above / below for above, below in zip(numerator, denominator, strict=True)]
+    weights = []
+    for i, own in enumerate(offsets):
+        others = [*offsets[:i], *offsets[i + 1 :]]
+        above, below = others[0].copy(), others[0] - own
+        for other in others[1:]:
+            above *= other
+            below *= other - own
+        above /= below
+        weights.append(above)
+    return weights
 
 
 def interpolation_spread(t: Array, y: Array) -> float:

@@ -1,7 +1,9 @@
 """The error that noise of the sensor alone would give: one floor for all models of a table, with its interval.
 
-Noise is drawn and passed through the filter, the start points and the rezeroing of the comparison, so that the scatter
-of a finite record and the overlap of its windows are in the interval. What effects do to simulated motion is left out,
+Noise is drawn and passed through the start points and the rezeroing of the comparison, so that the scatter of a finite
+record and the overlap of its windows are in the interval. The filter is the one for this noise: that of a comparison
+whose models lack nothing. A filter for the noise of a model that lacks an effect begins worse, and a floor drawn
+through it would be higher, and fall with each effect that is added. What effects do to simulated motion is left out,
 and so is 1/f noise: beside motion it looks as slow effects do that a model lacks, and a rest is too short to show it.
 """
 
@@ -15,13 +17,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.data.references import VELOCITY
 from accelcal.estimation.drive import run_filter
 from accelcal.estimation.estimate import Fit
-from accelcal.estimation.run import PreparedRun
+from accelcal.estimation.run import PreparedRun, prepare
+from accelcal.estimation.values import Noise
 from accelcal.validation.comparison import HORIZONS, NoiseFloor, RmsInterval
+from accelcal.validation.other_record import values_on
 from accelcal.validation.prediction import Prediction
 from accelcal.validation.ruler import Ruler
 from accelcal.validation.sensor_noise import SensorNoise
@@ -43,20 +48,51 @@ def noise_floor(
 ) -> NoiseFloor:
     """The floor under the errors of all models that are compared under a ruler.
 
+    It is the same for every model of a history, and for a history that grows, as long as the density of the noise is
+    that of a rest or the declared one: then nothing of it is taken from a model but its reading noise and its clock,
+    both of `fit`. A fitted density is an upper limit, and falls. Noise that grows with the motion is in it as soon as a
+    model has an effect for it.
+
     Parameters
     ----------
-    ruler : the filter; its noise is the least that was fitted.
-    fit : any of the models.
+    ruler : the filter of the comparison; its noise is the least that was fitted.
+    fit : one of the models; the same one gives the same floor.
     recording, start, end : what they are compared with, s.
     horizons : of the drifts, s.
     """
     scale = abs(fit.values().scale)
     sensor = SensorNoise.of(recording, ruler.noise, scale, end)
-    ahead = Prediction.of(ruler.held_by(fit), recording, start=start, end=end)
+    run = prepare(recording, fit.origins, start=start, end=end)
+    encoder = ReadingNoise.of(fit, run)
+    noise = _of_filter(ruler, fit, sensor, scale, encoder)
+    cutoff = fit.validity["frequency"][1]
+    values = values_on(fit, recording)
+    asked = (values, noise, cutoff, fit.origins, sensor, scale, encoder, tuple(horizons), start, end, recording.sums)
+    return found_before(
+        recording,
+        "noise floor",
+        asked,
+        lambda: _drawn(Prediction(run, values, noise, cutoff), sensor, scale, encoder, horizons),
+    )
+
+
+def _of_filter(ruler: Ruler, fit: Fit, sensor: SensorNoise, scale: float, encoder: ReadingNoise) -> Noise:
+    """Noise of the filter that noise of the sensor is drawn through: the drawn noise where its density is known, else
+    that of the filter of the comparison."""
+    if sensor.is_limit:
+        return ruler.noise
+    r = encoder.std**2 or fit.noise().r  # in a band the readings have an `r` of its own
+    return replace(ruler.noise, q=(sensor.density / scale) ** 2 / 2.0 + encoder.acceleration, r=r)
+
+
+def _drawn(
+    ahead: Prediction, sensor: SensorNoise, scale: float, encoder: ReadingNoise, horizons: Sequence[float]
+) -> NoiseFloor:
+    """The floor from drawn noise."""
     begins = {horizon: ahead.starts(horizon) for horizon in horizons}
     drifts: dict[float, list[float]] = {horizon: [] for horizon, k in begins.items() if len(k)}
     simulated = []
-    for noisy in _records(ahead, sensor, scale, ReadingNoise.of(fit, ahead.run)):
+    for noisy in _records(ahead, sensor, scale, encoder):
         for horizon, errors in drifts.items():
             errors.append(noisy.drift(begins[horizon], horizon))
         simulated.append(noisy.simulated())

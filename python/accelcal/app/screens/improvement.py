@@ -34,7 +34,8 @@ def show(page: Page) -> None:
     shown = (state.looked_at, *(id(step.heldouts) for step in state.path))
     with ui.element("div").classes("two"):
         with ui.element("div").classes("stack"):
-            with widgets.card("Diagnosis", "verdict"):
+            place = ui.element("div")
+            with place, widgets.card("Diagnosis", "verdict"):
                 verdict(page)
             with widgets.card("Models"):
                 tree(page)
@@ -61,11 +62,22 @@ def show(page: Page) -> None:
                             figures.residual(state, page.bench.before(), theme),
                             figures.one_step(state, theme),
                         ],
+                        behind=("falling", shown),
                         height=620,
                     )
                 with widgets.card("Unaided drift"):
-                    page.pictures(("coast", shown), lambda theme: [figures.coasting(state, theme)])
+                    page.pictures(
+                        ("coast", shown), lambda theme: [figures.coasting(state, theme)], behind=("falling", shown)
+                    )
     widgets.copies(page)
+
+    def of_diagnosis() -> None:
+        place.clear()
+        page.of_rest.clear()
+        with place, widgets.card("Diagnosis", "verdict"):
+            verdict(page)
+
+    page.of_diagnosis = of_diagnosis
 
 
 def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
@@ -79,7 +91,7 @@ def overlay(page: Page, seen: Comparison, shown: tuple[int, ...]) -> None:
     ui.label("Click a model in the legend to hide it; drag to zoom; click a shaded stretch to see it closer.").classes(
         "note"
     )
-    page.pictures(("overlay", shown), zoom.whole, prepare=zoom.follow, height=660)
+    page.pictures(("overlay", shown), zoom.whole, behind=("falling", shown), prepare=zoom.follow, height=660)
     zoom.places()
     if seen.worst_regions:
         with ui.expansion("Where it fails", icon="troubleshoot").classes("full"):
@@ -180,9 +192,11 @@ def heading(page: Page, effect: str, title: str, *, primary: bool = False) -> No
     """Title of a card, and the button that adds its effect."""
     with ui.row().classes("line spread"):
         ui.label(title).classes("strong large-name")
-        widgets.button(
+        made = widgets.button(
             "Add", "add", lambda: page.improve(page.bench.add, effect), primary=primary, label=f"Add {title}"
-        ).set_enabled(page.bench.job is None)
+        )
+        made.set_enabled(page.bench.job is None)
+        page.of_rest.append(made)
 
 
 def of_noise(page: Page, name: str, title: str, text: str) -> None:

@@ -52,7 +52,7 @@ def tiles(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         hovertemplate="%{customdata}<br>%{text} σ<extra></extra>",
         hoverongaps=False,
         colorscale=[[0.0, OKABE_ITO["blue"]], [0.5, palette.page], [1.0, OKABE_ITO["vermillion"]]],
-        colorbar={"title": {"text": "σ", "side": "top"}, "thickness": 12, "outlinewidth": 0},
+        showscale=False,  # each tile has its number
     )
     drawing.format_figure(
         figure,
