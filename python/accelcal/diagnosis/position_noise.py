@@ -43,7 +43,7 @@ def coloured_position(fit: Fit, recording: Recording, span: tuple[float, float])
     declared = recording.rig.sensor.noise
     if declared is None:
         return None
-    step = prepare(recording, fit.origins, start=span[0], end=span[1]).reading_step
+    step = prepare(recording, fit.origins, start=span[0], end=span[1]).reading_step  # compare takes the replay
     spectrum = residual_spectrum(compare(fit, recording, band=BAND_SHARE / step, start=span[0], end=span[1]), step)
     if spectrum is None:
         return None

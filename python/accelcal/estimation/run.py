@@ -36,10 +36,12 @@ Method = Literal["auto", "replay", "weak"]
 """One of both, or the one that suits the recordings."""
 SETTLE = 5.0
 """Time constants of the filter after a start whose innovations are not used."""
-TOO_GOOD = 0.1
-"""Crossover in sampling rates of the output above which readings are thinned, and the weak form suits a recording
-better: closer to it the noise of two readings is that of the same samples, interpolated, and no longer white from
-reading to reading, and what the output does between its samples, which the replay assumes, matters."""
+TOO_GOOD = 0.2
+"""Crossover in sampling rates of the output above which readings are thinned: closer to it the noise of two readings is
+that of the same samples, interpolated, and no longer white from reading to reading."""
+NEAR_RATE = 0.1
+"""The same above which the weak form suits a recording better, beside which the replay, whose innovations are tested,
+takes thinned readings from there on: what the output does between its samples, which it assumes, begins to matter."""
 SAMPLES_BETWEEN = 8, 16
 """Samples of the output between two readings that are kept then: least and most. Fewer would let errors of
 interpolation between samples into every other reading."""
@@ -120,13 +122,26 @@ class PreparedRun:
 
     def by(self, engine: Engine) -> PreparedRun:
         """The run for an engine; where the reference is no position only the weak form can fit it."""
-        return replace(self, engine=engine if self.order == POSITION_ORDER else "weak")
+        if self.order != POSITION_ORDER:
+            return replace(self, engine="weak")
+        one = replace(self, engine=engine)
+        return one.thinned(NEAR_RATE) if engine == "weak" and self.read is None and self.rounding == 0.0 else one
+
+    def thinned(self, too_good: float) -> PreparedRun:
+        """The run with a part of its readings, where they are so good that the crossover, in sampling rates of the
+        output, is above a limit; `read` then has all."""
+        every = reading_stride(self.t, self.accel, self.accel_step, self.unpredicted, too_good)
+        if every == 1:
+            return self
+        t, z = np.ascontiguousarray(self.t[::every]), np.ascontiguousarray(self.z[::every])
+        step, starts = float(np.median(np.diff(t))), tuple(time for time in self.restarts if time <= t[-1])
+        return replace(self, t=t, z=z, reading_step=step, restarts=starts, every=every, read=(self.t, self.z))
 
     @property
     def suits_weak_form(self) -> bool:
         """Whether its reference is so good that the weak form should fit it, and it has one."""
         filtered = self.filters.blocking or (self.filters.acts and self.read is not None)
-        return self.unpredicted.crossover >= TOO_GOOD and not filtered
+        return self.unpredicted.crossover >= NEAR_RATE and not filtered
 
     @property
     def reference_readings(self) -> tuple[Array, Array]:
@@ -359,11 +374,7 @@ def prepare(
     period = usual_step(part.t)
     resolution = recording.rig.resolution or grid_step(z[:NOISE_SAMPLES])
     unpredicted = Unpredicted.of(t, z, part, period, resolution)
-    every = reading_stride(t, part, period, unpredicted)
     starts = new_starts(recording, t)
-    read = (t, z) if every > 1 else None
-    if every > 1:
-        t, z = np.ascontiguousarray(t[::every]), np.ascontiguousarray(z[::every])
     run = PreparedRun(
         recording=recording,
         origins=origins if origins is not None else natural_origins(recording),
@@ -374,10 +385,8 @@ def prepare(
         reading_step=float(np.median(np.diff(t))),
         left_out=left_out,
         restarts=tuple(time for time in starts if t[0] < time <= min(t[-1], withheld)),
-        every=every,
-        read=read,
         unpredicted=unpredicted,
-    )
+    ).thinned(TOO_GOOD)
     return run if every_reading else without_repeated_counts(run)
 
 
@@ -402,10 +411,10 @@ def without_repeated_counts(run: PreparedRun) -> PreparedRun:
     return replace(run, t=t, z=z, reading_step=step, rounding=run.least_step, read=None)
 
 
-def reading_stride(t: Array, accel: Channel, step: float, unpredicted: Unpredicted) -> int:
+def reading_stride(t: Array, accel: Channel, step: float, unpredicted: Unpredicted, too_good: float) -> int:
     """One reading in how many is used: all, or `SAMPLES_BETWEEN` samples apart where the readings are too good, the
     fewer, the faster the motion; samples of the output come every `step`, s."""
-    if unpredicted.crossover < TOO_GOOD:
+    if unpredicted.crossover < too_good:
         return 1
     between, sample = float(np.median(np.diff(t))), unpredicted.sample
     apart = min(max(0.5 / (motion_bound(accel.y, sample) + 1e-12), SAMPLES_BETWEEN[0]), SAMPLES_BETWEEN[1])

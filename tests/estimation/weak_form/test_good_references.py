@@ -57,7 +57,8 @@ def test_estimates_are_right_however_good_the_reference(tmp_path):
 
 def test_the_replay_of_all_readings_would_be_wrong(tmp_path, monkeypatch):
     """The twin: what the output does between its samples is then assumed, not known."""
-    monkeypatch.setattr(run, "TOO_GOOD", np.inf)
+    for limit in ("TOO_GOOD", "NEAR_RATE"):
+        monkeypatch.setattr(run, limit, np.inf)
     z = []
     for number, crossover in enumerate((1.0, 3.0, 10.0)):
         fit, off = fitted(tmp_path, crossover, number)
