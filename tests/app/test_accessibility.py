@@ -34,6 +34,19 @@ def both_themes(user: User, screen: str, figures: int) -> None:
     user.settles(figures)
 
 
+def ring_of_a_figure(user: User) -> str:
+    """Width of the ring around a button of a figure that the keyboard has reached; plotly's own is a black line."""
+    user.page.keyboard.press("Tab")
+    return str(
+        user.page.evaluate(
+            """() => {
+                const button = document.querySelector('.modebar-btn'); button.focus();
+                return getComputedStyle(button).outlineWidth;
+            }"""
+        )
+    )
+
+
 def test_no_screen_has_a_serious_finding(user: User, tmp_path: Path) -> None:
     both_themes(user, "start", 0)
     names = tmp_path / "odd.csv"
@@ -49,6 +62,7 @@ def test_no_screen_has_a_serious_finding(user: User, tmp_path: Path) -> None:
     for title, figures in SCREENS.items():
         user.click(title, "tab")
         both_themes(user, title, figures)
+        assert not figures or ring_of_a_figure(user) == "3px", title
     user.page.goto("/".join(user.page.url.split("/")[:3]) + "/bench/nobody")
     user.sees("This session has expired")
     assert user.findings() == []

@@ -14,7 +14,7 @@ WIDTH = 272
 """Width of the axes on a phone, px."""
 PANEL = 170
 """Height of a panel, px."""
-TALLEST = 240
+TALLEST = 230
 """Most that the axes of a figure with one panel take, px."""
 GAP = 88
 """Height between two panels, for the labels of the upper axis and the title of the lower panel, px."""
