@@ -135,6 +135,10 @@ def estimate_noise(
     return most_likely_noise(Likelihood(run, integrals, start, counts), run.reading_variance_floor, start, width)
 
 
+LARGEST_LOG = 700.0
+"""Logarithm of a density or variance beyond which none is tried: near the largest number of double precision."""
+
+
 def most_likely_noise(
     log_likelihood: Callable[[float, float], float], floor: Callable[[float], float], start: Noise, width: float
 ) -> Noise:
@@ -149,6 +153,8 @@ def most_likely_noise(
 
     def cost(x: Array) -> float:
         log_q, log_r = float(x[0]), float(x[1])
+        if max(log_q, log_r) > LARGEST_LOG:
+            return math.inf
         least = math.log(floor(math.exp(log_q)))
         return -log_likelihood(log_q, max(log_r, least)) + 1e3 * max(0.0, least - log_r)
 
