@@ -70,7 +70,7 @@ def test_the_replay_of_all_readings_would_be_wrong(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("crossover", "method"), [(0.03, "replay"), (0.5, "weak")])
-def test_the_engine_that_suits_is_taken(tmp_path, crossover, method):
+def test_the_engine_that_suits_fits(tmp_path, crossover, method):
     assert fitted(tmp_path, crossover, 0)[0].method == method
 
 
