@@ -52,7 +52,7 @@ def run_faulty(trial: Trial) -> dict[str, Any]:
     recording, found = built(trial), {"key": trial.key}
     with_fault: list[dict[str, Any]] = []
     try:
-        healthy = solve_runs(Model.linear(), [recording])
+        healthy = solve_runs(Model.linear(), [recording], engine="replay")
         std = float(np.sqrt(healthy.covariance[1, 1]))
         for fault in FAULTS:
             drive.INTERPOLATION = fault
@@ -78,7 +78,7 @@ def compared(key: str, recording: Recording) -> dict[str, Any]:
     outcome: dict[str, Any] = {"key": key}
     try:
         begin = time.process_time()
-        solution = solve_runs(Model.linear(), [recording])
+        solution = solve_runs(Model.linear(), [recording], engine="replay")
         fitted = time.process_time()
         outcome["values"] = dict(solution.states[0].values.by_name)
         found = differences(solution)
