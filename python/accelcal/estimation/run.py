@@ -139,9 +139,8 @@ class PreparedRun:
 
     @property
     def suits_weak_form(self) -> bool:
-        """Whether its reference is so good that the weak form should fit it, and it has one."""
-        filtered = self.filters.blocking or (self.filters.acts and self.read is not None)
-        return self.unpredicted.crossover >= NEAR_RATE and not filtered
+        """Whether its reference is so good that the weak form should fit it, if it has one."""
+        return self.unpredicted.crossover >= NEAR_RATE
 
     @property
     def reference_readings(self) -> tuple[Array, Array]:

@@ -87,8 +87,8 @@ class SampledChannel:
             return rows, splines.weights(self.t[rows], order, self.weight[rows], tau)
         near = covering(self.ticks, splines)
         weights = splines.weights(self.ticks[near], order, self.weight[near], tau) @ self.filled[near]
-        used = np.unique(weights.indices)
-        rows = slice(int(used[0]), int(used[-1]) + 1) if len(used) else slice(0, 0)
+        used = weights.indices
+        rows = slice(int(used.min()), int(used.max()) + 1) if len(used) else slice(0, 0)
         return rows, weights[:, rows].tocsr()
 
     def on_ticks(self, y: Array) -> Array:
