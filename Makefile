@@ -30,7 +30,7 @@ test-long: $(STAMP) ## Compare the filters with their twins on ten times as many
 test-browser: $(STAMP) ## Ten tasks on the workbench in every size and theme, and axe; pictures in build/screenshots.
 	rm -rf build/screenshots
 	ACCELCAL_BROWSER=every ACCELCAL_SCREENSHOTS=build/screenshots ACCELCAL_REQUIRE_BROWSER=1 \
-		$(BIN)/python -m pytest -q tests/app/test_tasks.py tests/app/test_accessibility.py
+		$(BIN)/python -m pytest -q tests/app/test_tasks.py tests/app/test_accessibility.py tests/app/test_hidden_browser.py
 
 test-hostile: $(STAMP) ## Mutated files and models, kills, full disks, many sessions: every case, hours.
 	ACCELCAL_FUZZ=300000 cargo test --release --quiet -p ekf-core-fuzz -- --nocapture

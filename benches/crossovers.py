@@ -1,6 +1,7 @@
-"""Records in which nothing is missing, references from poor to far too good: what is named, how right estimates are.
+"""References from poor to far too good: what is named where nothing is missing, and what of hidden effects is found.
 
-From the top of the repository: python -m benches.crossovers [--records 400] [--seed 1] [--out build/crossovers]
+From the top of the repository: python -m benches.crossovers [--records 400] [--hidden 60] [--seed 1]
+                                                            [--out build/crossovers]
 The crossover of both noises over the sampling rate of the output is drawn evenly in its logarithm, from a hundredth to
 ten, with slower, equal and faster readings; the records come from `tests/worlds`. Outcomes are kept in OUT, and an
 interrupted run continues.
@@ -22,8 +23,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from benches.outcomes import run_all
 from scipy.stats import binom, chi2
-from tests.hidden.trials import MIXES, Outcome
-from tests.worlds import SENSORS, Nuisances, World
+from tests.hidden.trials import MIXES, VISIBLE, Outcome, beside, hide, improved
+from tests.hidden.verdicts import in_class
+from tests.worlds import SENSORS, Nuisances, World, at_d
 from tests.worlds.scene import G0
 from tests.worlds.world import ACCEL_RATE, CUTOFF, time_constant
 
@@ -38,6 +40,8 @@ NAMED = 0.01
 """Share of the records in which something may be named."""
 EVEN = (0.9, 1.1)
 """Of the rms of normalised errors."""
+D, LEAST_IN_CLASS = 20.0, 0.97
+"""Strength of hidden effects, and the share of them that must be in a reported class."""
 ENOUGH = 400
 """Values from which on `EVEN` bounds the rms; of fewer the 99 % interval of their number does."""
 COUNTED = {"scale_factor": ("scale_factor",), "bias": ("bias",), "delay": ("time_offset", "lowpass_error")}
@@ -50,33 +54,48 @@ class Trial:
 
     number: int
     seed: int
+    name: str = ""
+    """What is hidden."""
 
     @property
     def key(self) -> str:
         """Identifier under which its outcome is kept."""
-        return f"{self.seed}/{self.number}"
+        return f"{self.seed}/{self.number}" + (f"/{self.name}" if self.name else "")
 
     def world(self) -> tuple[World, float]:
         """The world, and its crossover over the sampling rate of the output.
 
         The bearings do not shake it: a reference that is so good would see them.
+
+        Raises
+        ------
+        ValueError
+            If the motion does not show the effect.
         """
         rng = np.random.default_rng([self.seed, self.number])
-        motion, sensor = MIXES[self.number % len(MIXES)]
+        motion, sensor = MIXES[(self.number + (self.number // len(VISIBLE) if self.name else 0)) % len(MIXES)]
         crossover = float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))))
         rate = float(rng.choice(READING_RATES)) * ACCEL_RATE * (1.0 + 3e-4 * float(rng.standard_normal()))
         density = SENSORS[sensor].noise ** 2 / 2.0
         variance = density * rate / (2.0 * np.pi * crossover * ACCEL_RATE) ** 4
         noise = float(np.sqrt(variance * 12.0 / 13.0))  # the counts, as wide as it, are the rest
-        nuisances = replace(Nuisances.draw(rng), vibration=0.0)
+        names = (self.name,) if self.name else ()
+        nuisances = replace(beside(names, Nuisances.draw(rng)), vibration=0.0)
         made = World(motion, sensor, seed=int(rng.integers(2**31)), nuisances=nuisances)
-        return replace(made, encoder_rate=rate, encoder_noise=noise, resolution=noise), crossover
+        made = replace(made, encoder_rate=rate, encoder_noise=noise, resolution=noise)
+        if names:
+            made = at_d(replace(made, hidden=(hide(self.name, rng.choice([-1.0, 1.0])),)), D)
+        return made, crossover
 
 
 def run(trial: Trial) -> Outcome:
     """Draw, write, load, improve."""
-    world, crossover = trial.world()
-    outcome: Outcome = {"key": trial.key, "crossover": crossover, "sensor": world.sensor, "motion": world.motion}
+    outcome: Outcome = {"key": trial.key, "name": trial.name}
+    try:
+        world, crossover = trial.world()
+    except ValueError as refused:
+        return {**outcome, "skipped": str(refused)}
+    outcome |= {"crossover": crossover, "sensor": world.sensor, "motion": world.motion}
     begin = time.process_time()
     try:
         record = world.record()
@@ -89,11 +108,12 @@ def run(trial: Trial) -> Outcome:
     fit = found.steps[0].fit
     return {
         **outcome,
-        "effects": list(found.effects),
-        "verdict": found.diagnosis.verdict,
+        **improved(found, record.world),
+        "names": [trial.name] if trial.name else [],
+        "nuisances": {"vibration": 0.0, "converter_bits": world.nuisances.converter_bits},
         "remarks": list(fit.remarks),
         "method": fit.method,
-        "z": errors(fit, record.world),
+        "z": {} if trial.name else errors(fit, record.world),
         "seconds": time.process_time() - begin,
     }
 
@@ -118,8 +138,26 @@ def errors(fit: Fit, world: World) -> dict[str, float]:
     return found
 
 
+def found_hidden(outcomes: Sequence[Outcome]) -> bool:
+    """Print how many hidden effects are in a reported class; whether enough are."""
+    holds = True
+    for method in ("weak", "replay"):
+        known = [one for one in outcomes if one.get("method") == method]
+        found = [one for one in known if in_class(one, one["name"])]
+        least = int(binom.ppf(0.025, max(1, len(known)), LEAST_IN_CLASS))
+        holds &= len(found) >= least
+        print(f"{method}: {len(found)} of {len(known)} effects at d = {D:g} in a reported class (at least {least})")
+        for one in known:
+            if one not in found:
+                print(f"  {one['key']}: crossover {one['crossover']:.3g}: {one['effects']}, {one['verdict']}")
+    for one in outcomes:
+        if "error" in one:
+            print(f"{one['key']}: crossover {one['crossover']:.3g}: {one['error'].splitlines()[-1]}")
+    return holds and not any("error" in one for one in outcomes)
+
+
 def report(outcomes: Sequence[Outcome]) -> bool:
-    """Print figure, count and threshold of every claim; whether all hold."""
+    """Print figure, count and threshold of every claim on nulls; whether all hold."""
     known = [one for one in outcomes if "error" not in one]
     for one in outcomes:
         if "error" in one:
@@ -146,13 +184,16 @@ def main() -> int:
     """Run what is missing, and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=400)
+    parser.add_argument("--hidden", type=int, default=60, help="records with one hidden effect")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("build/crossovers"))
     wanted = parser.parse_args()
-    trials = [Trial(number, wanted.seed) for number in range(wanted.records)]
-    outcomes = run_all(run, trials, wanted.out / f"seed{wanted.seed}.jsonl", wanted.workers)
-    return 0 if report(outcomes) else 1
+    nulls = [Trial(number, wanted.seed) for number in range(wanted.records)]
+    hidden = [Trial(number, wanted.seed, VISIBLE[number % len(VISIBLE)]) for number in range(wanted.hidden)]
+    outcomes = run_all(run, nulls + hidden, wanted.out / f"seed{wanted.seed}.jsonl", wanted.workers)
+    holds = not nulls or report(outcomes[: len(nulls)])
+    return 0 if found_hidden(outcomes[len(nulls) :]) and holds else 1
 
 
 if __name__ == "__main__":

@@ -92,8 +92,7 @@ def real(name, rig):
     return io.load(file_of(name), rig=rig)
 
 
-@pytest.mark.parametrize("axis", ["x", "y"])
-@pytest.mark.parametrize("name", ["broad_trial10", "broad_trial15"])
+@pytest.mark.parametrize(("name", "axis"), [("broad_trial10", "x"), ("broad_trial15", "y")])
 def test_a_board_in_a_hand_turns(name, axis, tmp_path):
     path = tmp_path / "rig.toml"
     path.write_text(

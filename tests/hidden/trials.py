@@ -96,21 +96,13 @@ def draw(trial: Trial) -> World:
     """
     rng = trial.rng
     first = trial.number // max(1, _cycle(trial)) + int(rng.integers(len(MIXES))) if trial.names else trial.number
-    nuisances = Nuisances.draw(rng)
-    if trial.names:  # d counts what the base leaves of an effect; the base knows the low-pass
-        nuisances = replace(nuisances, lowpass_error=0.0, lowpass_tolerance=0.0)
-    if "vibration" in trial.names:
-        nuisances = replace(nuisances, vibration=0.0)
-    if "quantisation" in trial.names:
-        nuisances = replace(nuisances, converter_bits=16)
-    if set(trial.names) & set(DELAYS):
-        nuisances = replace(nuisances, clock_offset=0.0, clock_tolerance=0.0)
+    nuisances = beside(trial.names, Nuisances.draw(rng))
     seed = int(rng.integers(2**31))
     signs = rng.choice([-1.0, 1.0], len(trial.names))
     why = "nothing was tried"
     for attempt in range(5):
         motion, sensor = MIXES[(first + 3 * attempt) % len(MIXES)]
-        hidden = tuple(_hide(name, sign) for name, sign in zip(trial.names, signs, strict=True))
+        hidden = tuple(hide(name, sign) for name, sign in zip(trial.names, signs, strict=True))
         world = World(motion, sensor, hidden, seed=seed, nuisances=nuisances)
         try:
             if trial.d:
@@ -125,11 +117,25 @@ def draw(trial: Trial) -> World:
     raise ValueError(why)
 
 
+def beside(names: Sequence[str], nuisances: Nuisances) -> Nuisances:
+    """The nuisances beside which the d of hidden effects means what it says."""
+    if names:  # d counts what the base leaves of an effect; the base knows the low-pass
+        nuisances = replace(nuisances, lowpass_error=0.0, lowpass_tolerance=0.0)
+    if "vibration" in names:
+        nuisances = replace(nuisances, vibration=0.0)
+    if "quantisation" in names:
+        nuisances = replace(nuisances, converter_bits=16)
+    if set(names) & set(DELAYS):
+        nuisances = replace(nuisances, clock_offset=0.0, clock_tolerance=0.0)
+    return nuisances
+
+
 def _cycle(trial: Trial) -> int:
     return {6: len(OUTSIDE), 5: len(INVISIBLE)}.get(trial.group, len(VISIBLE))
 
 
-def _hide(name: str, sign: float) -> Hidden:
+def hide(name: str, sign: float) -> Hidden:
+    """An effect of its typical size; of both signs where it may have both."""
     effect = (CATALOGUE | OUTSIDE)[name]
     signed = effect.kind == "mean" and name not in ("saturation", *DELAYS[1:])
     return Hidden(name, sign * abs(effect.typical) if signed else abs(effect.typical))

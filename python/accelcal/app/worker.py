@@ -23,7 +23,7 @@ from accelcal.data.recording import Recording
 
 SHARE_OF_MEMORY = 0.75
 """Part of the machine's memory that the work may take."""
-PATIENCE = 10
+PATIENCE = 5
 """By how much this process is nicer than the server: whoever looks at a page should not wait for another's fit."""
 MOST_RECORDINGS, MOST_SAMPLES = 4, 20_000_000
 """Recordings that a worker remembers, the parts of a session that are fitted and held out most often, and samples in
