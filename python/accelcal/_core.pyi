@@ -29,6 +29,7 @@ __all__ = [
     "play",
     "run_filter",
     "run_filter_batch",
+    "spline_weights",
     "swap_form",
 ]
 
@@ -153,6 +154,9 @@ def run_filter_batch(
     threads: int,
 ) -> tuple[_Array, _Array, _Array, list[str | None]]: ...
 def play(x: _Array, width: float, start: float) -> _Array: ...
+def spline_weights(
+    t: _Array, weight: _Array, powers: _Array, *, start: float, step: float, count: int
+) -> tuple[_Array, NDArray[np.int32], NDArray[np.int32]]: ...
 def dead_reckoning_variance(
     covariances: _Array, steps: _Array, slopes_p: _Array, slopes_v: _Array, lost: _Array, q: float
 ) -> _Array: ...

@@ -11,6 +11,7 @@ mod hysteresis;
 mod replay;
 mod run;
 mod setup;
+mod splines;
 mod stream;
 
 /// The compiled core of accelcal.
@@ -31,6 +32,9 @@ mod _core {
 
     #[pymodule_export]
     use super::hysteresis::play_operator;
+
+    #[pymodule_export]
+    use super::splines::spline_weights;
 
     #[pymodule_export]
     use super::setup::{FilterError, FilterSetup, swap_form};

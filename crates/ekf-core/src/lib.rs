@@ -17,6 +17,7 @@ pub mod integration;
 pub mod replay;
 pub mod sensor;
 pub mod signal;
+pub mod splines;
 pub mod stream;
 pub mod structured;
 

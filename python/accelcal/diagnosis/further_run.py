@@ -13,14 +13,16 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import GRAVITY
-from accelcal.data.rig import Axis, Mount
+from accelcal.data.rig import Axis, Mount, Rig
 from accelcal.effects import find
 from accelcal.estimation.dwell_rows import dwell_rows
 from accelcal.estimation.gauss_newton import PER_RUN_OWNERS, Layout
 from accelcal.estimation.normal_equations import normal_equations
 from accelcal.estimation.run_differences import SEEN_APART, SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term, terms_of
+from accelcal.signals.signals import Signals
 
 MOTIONS: tuple[tuple[str, Axis | None, Mount | None], ...] = (
     ("the axis level", "level", None),
@@ -116,13 +118,18 @@ def tried(state: RunState, model: Model, extra: Sequence[Term]) -> list[tuple[st
 def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     """The run as it would have been with another axis or mount."""
     one, old = copy.copy(state), state.run.rig
-    one.weak = None
     rig = replace(old, axis=axis, mount=mount, gravity_along_axis=None if axis != old.axis else old.gravity_along_axis)
     one.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
-    sign, s = rig.polarity * old.polarity, state.signals
-    a = sign * s.a + rig.polarity * (rig.gravity - old.gravity)
-    one.signals = replace(s, rig=rig, a=a, jerk=sign * s.jerk)
+    one.signals = turned_signals(state.signals, old, rig)
+    if isinstance(state.weak, WeakRows):
+        one.weak = state.weak.moved(one, turned_signals(state.weak.signals, old, rig))
     return one
+
+
+def turned_signals(s: Signals, old: Rig, rig: Rig) -> Signals:
+    """The signals of the same motion on another rig."""
+    sign = rig.polarity * old.polarity
+    return replace(s, rig=rig, a=sign * s.a + rig.polarity * (rig.gravity - old.gravity), jerk=sign * s.jerk)
 
 
 def tumble(state: RunState, angle_std: float) -> Dwells:

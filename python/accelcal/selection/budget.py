@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from accelcal.data.recording import Recording
-from accelcal.diagnosis.policy import SEARCH_SAMPLES, SEARCH_SECONDS, SEARCH_SPAN
+from accelcal.diagnosis.policy import SEARCH_MODELS, SEARCH_SAMPLES, SEARCH_SECONDS, SEARCH_SPAN
 
 MARGIN = 1.5
 """Cost of the next model over that of the dearest so far: models grow."""
@@ -45,6 +45,8 @@ class SearchBudget:
     def allows_another(self) -> bool:
         """Whether one more model may be begun; it is then counted."""
         now = self.clock()
+        if self.models == 1 and not self.stopped:  # the base model says how dear the models of this record are
+            self.seconds = max(self.seconds, SEARCH_MODELS * (now - self.begun))
         self.longest = max(self.longest, now - self.last)
         self.last = now
         if self.stopped or now - self.begun + MARGIN * self.longest > self.seconds:

@@ -14,7 +14,7 @@ from accelcal.data.channel_filter import ChannelFilter
 from accelcal.estimation import run
 from accelcal.estimation.estimate import Fit
 from accelcal.io import load
-from tests.worlds import SENSORS, Nuisances, World
+from tests.worlds import CATALOGUE, SENSORS, Hidden, Nuisances, World, at_d
 from tests.worlds.world import ACCEL_RATE
 
 SIGNIFICANCE = 1e-3
@@ -53,6 +53,17 @@ def test_estimates_are_right_however_good_the_reference(tmp_path):
     total, most = float(np.sum(np.square(z))), float(chi2.isf(SIGNIFICANCE, len(z)))
     print(f"sum of z^2 {total:.1f} of {len(z)} (at most {most:.1f})")
     assert total < most
+
+
+@pytest.mark.parametrize(("name", "crossover"), [("quadratic", 0.3), ("coulomb", 3.0)])
+def test_what_is_hidden_is_found_and_added(tmp_path, name, crossover):
+    """At a rate and length at which the search must have time for it; missed in less than one record of a thousand."""
+    hidden = replace(world(crossover, 4), seconds=60.0, hidden=(Hidden(name, CATALOGUE[name].typical),))
+    hidden = replace(hidden, nuisances=replace(hidden.nuisances, lowpass_tolerance=0.0))
+    found = ac.improve(load(at_d(hidden, 30.0).record().write(tmp_path)))
+    print(found.effects, found.sentence)
+    assert found.steps[0].fit.method == "weak"
+    assert found.effects == (name,)
 
 
 def test_the_replay_of_all_readings_would_be_wrong(tmp_path, monkeypatch):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
@@ -23,6 +23,8 @@ CARRIER_DEGREE = 5
 """Of the splines that lead from uneven stamps to even ones and back."""
 NEIGHBOURS = 4
 """Samples on either side from which a lost one of an even clock is interpolated."""
+MOST_KEPT = 8_000_000
+"""Elements of the matrices of one channel that are kept for the next sums."""
 MOST_LOST = 1.0
 """Lost samples over those that are there, beyond which a clock is not taken for an even one."""
 
@@ -51,6 +53,8 @@ class SampledChannel:
     """Times of an even clock that lost samples, (N,) s; None where it lost none, or is uneven."""
     filled: Sparse | None = None
     """What leads from the samples to the ticks, (N, n)."""
+    _kept: dict[tuple[Splines, int, float], tuple[slice, Sparse]] = field(default_factory=dict)
+    """Of sums over ticks, what was asked for before."""
 
     @classmethod
     def of(cls, t: Array, y: Array, step: float, rate: float, rounded: float = 0.0) -> SampledChannel:
@@ -85,11 +89,17 @@ class SampledChannel:
         if self.ticks is None or self.filled is None:
             rows = covering(self.t, splines)
             return rows, splines.weights(self.t[rows], order, self.weight[rows], tau)
-        near = covering(self.ticks, splines)
-        weights = splines.weights(self.ticks[near], order, self.weight[near], tau) @ self.filled[near]
-        used = weights.indices
-        rows = slice(int(used.min()), int(used.max()) + 1) if len(used) else slice(0, 0)
-        return rows, weights[:, rows].tocsr()
+        asked = splines, order, tau
+        if asked not in self._kept:
+            near = covering(self.ticks, splines)
+            weights = splines.weights(self.ticks[near], order, self.weight[near], tau) @ self.filled[near]
+            used = weights.indices
+            rows = slice(int(used.min()), int(used.max()) + 1) if len(used) else slice(0, 0)
+            found = rows, weights[:, rows].tocsr()
+            if sum(each.nnz for _, each in self._kept.values()) + weights.nnz > MOST_KEPT:
+                self._kept.clear()
+            self._kept[asked] = found
+        return self._kept[asked]
 
     def on_ticks(self, y: Array) -> Array:
         """Samples (n,) on all ticks of an even clock, lost ones from their neighbours."""

@@ -171,6 +171,14 @@ class WeakRows:
             one.__dict__.pop(name, None)
         return one
 
+    def moved(self, state: RunState, signals: Signals) -> WeakRows:
+        """The rows of a run that differs in its signals alone: columns are of them, noise and innovations stay."""
+        one = copy.copy(self)
+        one.state, one.signals = state, signals
+        one._gain = state.run.rig.polarity / state.values.scale
+        one.__dict__.pop("at_readings", None)
+        return one
+
     def _read(self) -> tuple[Array, Array]:
         """Times, from the first that is used on, and positions of all readings, what the model adds to them taken off,
         as `drive` does; readings that are too good for the replay need not be thinned out here."""

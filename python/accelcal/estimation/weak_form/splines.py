@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.sparse import csr_array as Sparse
 
+from accelcal import _core
 from accelcal.data.arrays import Array
 
 DEGREE = 9
@@ -52,18 +53,15 @@ class Splines:
         if tau:
             coefficients = coefficients.copy()
             coefficients[:, 1:] -= tau / self.step * pieces(order + 1)
-        place = (t - self.start) / self.step
-        cell = np.floor(place).astype(np.intp)
-        within = place - cell
-        value = np.zeros((len(t), DEGREE + 1))
-        for power in coefficients.T:
-            value *= within[:, None]
-            value += power
-        value *= (weight / self.step**order)[:, None]
-        number = cell[:, None] - np.arange(DEGREE + 1)
-        inside = (number >= 0) & (number < self.count)
-        samples = np.broadcast_to(np.arange(len(t))[:, None], inside.shape)
-        return Sparse((value[inside], (number[inside], samples[inside])), shape=(self.count, len(t)))
+        rows = _core.spline_weights(
+            np.ascontiguousarray(t),
+            weight / self.step**order,
+            np.ascontiguousarray(coefficients.T),
+            start=self.start,
+            step=self.step,
+            count=self.count,
+        )
+        return Sparse(rows, shape=(self.count, len(t)))
 
 
 @lru_cache(maxsize=4)
