@@ -399,7 +399,7 @@ def restored_states(fit: Fit, recordings: Sequence[Recording]) -> list[RunState]
     states = []
     for index, (recording, fitted) in enumerate(zip(recordings, fit.runs, strict=True)):
         run = prepare(recording, fit.origins).by(engine_of(fit))
-        span = (float(run.t[0]), float(run.t[-1]), len(run.t), len(run.accel.t))
+        span = (float(run.t[0]), float(run.t[-1]), run.used, len(run.accel.t))
         if not fitted.digest or fitted.digest != recording.digest:
             return None
         if span != (fitted.start, fitted.end, fitted.readings, fitted.samples):

@@ -154,6 +154,11 @@ class PreparedRun:
         return (self.t, self.z) if self.read is None else self.read
 
     @property
+    def used(self) -> int:
+        """Number of readings that its engine uses: the weak form takes those that the replay leaves out."""
+        return len(self.all_readings[0]) if self.engine == "weak" else len(self.t)
+
+    @property
     def rig(self) -> Rig:
         """How the recording was made."""
         return self.recording.rig

@@ -52,7 +52,7 @@ def run_fit(state: RunState, model: Model) -> RunFit:
         digest=run.recording.digest,
         start=float(run.t[0]),
         end=float(run.t[-1]),
-        readings=len(run.t),
+        readings=run.used,
         samples=len(run.accel.t),
         noise=noise_of_run(state, model),
         log_likelihood=state.log_likelihood,
