@@ -67,10 +67,10 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
     -------
     Dropouts, glitches, saturation, stuck stretches, position steps (missed counts) and dropped samples.
     """
-    found = [*dropouts(run.accel), *dropouts(recording.position), *glitches(recording, run)]
+    found = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
     found += [*rail_hits(run), *stuck(run)]
     columns = columns or RelationColumns(run)
-    steps = (*recording.position_steps, *position_steps(columns))
+    steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
     found += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
     found += dropped_samples(columns)
     inside = [f for f in found if run.t[0] <= f.time <= run.t[-1]]
@@ -228,8 +228,11 @@ def with_position_steps(recording: Recording) -> Recording:
 
 def position_steps_sought(recording: Recording) -> tuple[Recording, RelationColumns | None]:
     """As `with_position_steps`, and the columns of every reading behind which no further step was found; None where
-    none were sought, or the search ended with one."""
-    if recording.position_steps:
+    none were sought, or the search ended with one.
+
+    The integral of a velocity or an acceleration counts nothing: its errors jump and stay by themselves.
+    """
+    if recording.position_steps or recording.reference is not None:
         return recording, None
     for _ in range(MOST_STEP_SEARCHES):
         try:
@@ -305,7 +308,8 @@ def dropped_samples(columns: RelationColumns) -> list[Fault]:
     if len(significant) < 2:
         return []
     std_s, jump_s, time = significant[0]
-    for channel, step in ((run.accel.name, run.accel_step), ("position", run.reading_step)):
+    reference = (run.recording.reference or run.recording.position).name
+    for channel, step in ((run.accel.name, run.accel_step), (reference, run.reading_step)):
         samples = jump_s / step
         agreed = sum(abs(other - jump_s) < WHOLE_SAMPLE_TOLERANCE * step for _, other, _ in significant)
         if (

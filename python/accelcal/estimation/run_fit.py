@@ -46,7 +46,7 @@ class RunFit:
 def run_fit(state: RunState, model: Model) -> RunFit:
     """Noise report and fit statistics of a run at the final values."""
     run = state.run
-    y = state.whitened[state.counts]
+    y = state.whitened[state.counts] if run.order == POSITION_ORDER else sums_of(state).whitened
     return RunFit(
         name=run.recording.name,
         digest=run.recording.digest,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -34,7 +35,7 @@ FULL_COLOUR = 8.0
 
 def normalised_residuals(comparison: Comparison) -> Array:
     """One-step residuals over their predicted standard deviations, (n,)."""
-    return np.asarray(comparison.residual[1] / comparison.residual_std)
+    return comparison.normalised[1]
 
 
 def normal_quantiles(y: Array) -> tuple[Array, Array]:
@@ -63,11 +64,35 @@ def drift_headline(comparison: Comparison) -> str:
     return f"Unaided drift after {horizon:g} s: {formatting.length(quoted_error(comparison, horizon))} rms{beside}"
 
 
-def residual_band(comparison: Comparison) -> tuple[Array, float]:
-    """Half-width of the 95 % band of one-step residuals, (n,) m, and the half-height of an axis that holds both, m."""
-    reach = TWO_SIDED_95 * comparison.residual_std
-    settled = comparison.residual_std <= TRANSIENT * np.median(comparison.residual_std)
-    return reach, 1.15 * float(max(np.abs(comparison.residual[1][settled]).max(), reach[settled].max()))
+@dataclass(frozen=True, slots=True)
+class OneStep:
+    """One-step residuals as they are drawn over time."""
+
+    t: Array
+    """(n,) s"""
+    e: Array
+    """(n,)"""
+    reach: Array
+    """Half-width of their 95 % band, (n,)."""
+    edge: float
+    """Half-height of an axis that holds both."""
+    unit: str
+    headline: str
+
+
+def one_step_residuals(comparison: Comparison) -> OneStep:
+    """Residuals in metres; where the reference is no position, over their standard deviations."""
+    t, e = comparison.residual if comparison.innovations is None else comparison.innovations
+    std = comparison.residual_std if comparison.innovations is None else np.ones_like(e)
+    reach = TWO_SIDED_95 * std
+    settled = std <= TRANSIENT * np.median(std)
+    edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
+    what = f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}"
+    if comparison.innovations is not None:
+        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
+    share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {formatting.grouped(len(e))} inside the 95 % band"
+    unit = "m" if comparison.innovations is None else "1"
+    return OneStep(t, e, reach, edge, unit, f"{what}, {share}{imposed_band_note(comparison)}")
 
 
 def imposed_band_note(comparison: Comparison) -> str:

@@ -163,6 +163,20 @@ class Spectrum:
 
 
 @dataclass(frozen=True, slots=True)
+class ReferenceNoise:
+    """White noise of what tells the motion."""
+
+    order: int
+    """How many derivatives of the reference make an acceleration: 2 of a position, 1, 0."""
+    density: float
+    """One-sided, (m s^(order - 2))²/Hz."""
+
+    def as_acceleration(self, f: Array) -> Array:
+        """One-sided density of the acceleration that the reference tells, (n,) (m/s²)²/Hz, at `f` Hz."""
+        return np.asarray(self.density * (2.0 * np.pi * f) ** (2 * self.order))
+
+
+@dataclass(frozen=True, slots=True)
 class Outside:
     """Readings outside the fitted range of one variable, and the errors inside and outside of it."""
 
@@ -273,6 +287,17 @@ class Comparison:
     """Where the model fails: of every variable the region that stands out most, worst first."""
     noise_floor: NoiseFloor | None = None
     """What noise of the sensor alone would give here; the same for all models that are compared under one ruler."""
+    reference_noise: ReferenceNoise | None = None
+    """That of position, velocity or acceleration, in the unit of the reference."""
+    innovations: tuple[Array, Array] | None = None
+    """Of the weak form, over their standard deviations: time (s), (n,). Where the reference is no position: errors of
+    the position that it integrates to are no white noise. Else None."""
+
+    @property
+    def normalised(self) -> tuple[Array, Array]:
+        """Times, s, and innovations over their predicted standard deviations."""
+        t, e = self.residual
+        return (t, np.asarray(e / self.residual_std)) if self.innovations is None else self.innovations
 
     @property
     def drift_floors(self) -> Mapping[float, float | None]:

@@ -11,8 +11,10 @@ import scipy
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
+from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.drive import DriveIntegrals, drive
 from accelcal.estimation.estimate import Fit, require_band, settled_state
+from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run import PreparedRun
 from accelcal.estimation.smoothing import output_at, side_channels_at
 from accelcal.signals.processing import derivative, low_pass
@@ -22,7 +24,7 @@ from accelcal.validation.other_record import left_out
 from accelcal.validation.prediction import Prediction, accumulated, rms
 from accelcal.validation.regions import beyond, bin_residual, outside
 from accelcal.validation.ruler import Ruler
-from accelcal.validation.spectrum import spectrum
+from accelcal.validation.spectrum import reference_noise, spectrum
 from accelcal.validation.worst import worst_regions, worst_sentence
 
 STEPS = (1, 10, 100, 1000)
@@ -90,11 +92,13 @@ def compare(
     gain = abs(fit.values().scale)
     report(0.8)
     simulated = ahead.simulate()
+    innovations = None if run.order == POSITION_ORDER else of_weak_form(ahead)
+    squares = e[counts] ** 2 / S[counts] if innovations is None else innovations[1] ** 2
     report(1.0)
     return Comparison(
         recording=recording.name,
         one_step_rms=float(np.sqrt(np.mean(e[counts] ** 2))),
-        nis=None if fit.runs[0].noise.band is not None else float(np.mean(e[counts] ** 2 / S[counts])),
+        nis=None if fit.runs[0].noise.band is not None else float(np.mean(squares)),
         k_step_rms={k: ahead.k_step(k) for k in STEPS},
         coast_rms={h: rms(c.rezeroed) for h, c in coasting.items()},
         coast_frozen_rms={h: rms(c.frozen) for h, c in coasting.items()},
@@ -117,6 +121,8 @@ def compare(
         outside=outside(fit, ahead, t_res, motion, coasting),
         not_carried=left_out(fit, recording),
         drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
+        reference_noise=reference_noise(ahead),
+        innovations=innovations,
     )
 
 
@@ -153,7 +159,8 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
 
     Returns
     -------
-    Times (n,) s, residual (n,) m/s², and the encoder's motion on the same grid.
+    Times (n,) s, residual (n,) m/s², and the motion on the same grid: that of the encoder, its acceleration from both
+    channels by their noise, so that its error is not correlated with the residual.
     """
     run, values = ahead.run, ahead.values
     step = run.reading_step
@@ -172,6 +179,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
     p = smoothed(without_steps(run.z, run))
     a = second_derivative(p, step)
     sensed = rig.polarity * (a + run.gravity.within(t, step, band))
+    sensed += output_share(ahead, residual, step) / values.scale
     side = side_channels_at(run, t)
     if GRAVITY in side:
         side[GRAVITY] = np.asarray(run.gravity.within(t, step, band))
@@ -194,6 +202,25 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         near = slice(*np.searchsorted(t, [run.t[hole] - 1.0 / band, run.t[hole + 1] + 1.0 / band]))
         inside[near] = False
     return t[inside], residual[inside], motion.at(inside)
+
+
+def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
+    """Part of the residual by which the best estimate of the acceleration from both channels differs from that of the
+    reference alone, (n,) m/s²: at each frequency the share of the reference in the noise of both.
+
+    Regions of an acceleration that has the noise of the reference would be chosen by the residual itself.
+    """
+    size = scipy.fft.next_fast_len(len(residual), real=True)
+    f = scipy.fft.rfftfreq(size, step)
+    reference, output = reference_noise(ahead).as_acceleration(f), 2.0 * ahead.noise.usual.q
+    share = reference / (output + reference)
+    return np.asarray(scipy.fft.irfft(share * scipy.fft.rfft(residual, size), size)[: len(residual)])
+
+
+def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
+    """Times, s, and innovations of the weak form over their standard deviations, at the model as it is."""
+    sums = sums_of(settled_state(ahead.run.by("weak"), ahead.values, ahead.noise))
+    return sums.times, sums.whitened
 
 
 def smoothed_drive(ahead: Prediction) -> DriveIntegrals:

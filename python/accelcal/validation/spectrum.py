@@ -11,7 +11,7 @@ from accelcal.data.arrays import Array
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 from accelcal.signals.processing import ORDER
-from accelcal.validation.comparison import BINS, Bins, Comparison, Spectrum
+from accelcal.validation.comparison import BINS, Bins, Comparison, ReferenceNoise, Spectrum
 from accelcal.validation.prediction import Prediction
 
 
@@ -22,7 +22,7 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
     f, density = scipy.signal.welch(residual, fs=rate, nperseg=segment)
-    expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.run.reading_step, band)
+    expected = predicted_density(f, ahead.noise, ahead.values.scale, reference_noise(ahead), band)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
     averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
@@ -34,24 +34,39 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
     return Bins("frequency", "Hz", edges, ratio, std)
 
 
-def predicted_density(f: Array, noise: Noise, scale: float, step: float, band: float) -> Array:
+def reference_noise(ahead: Prediction) -> ReferenceNoise:
+    """Noise of the reference, whose acceleration is as noisy as that of the output at the crossover.
+
+    An acceleration has no crossover: see `WeakRows`, which takes it for a position. Where readings were lost, those
+    beside them stand for more time than one step, and noise averages out the less.
+    """
+    run, noise = ahead.run, ahead.noise.usual
+    weight = np.gradient(run.t)
+    lost = float(weight @ weight) / (run.reading_step * float(np.sum(weight)))
+    radians, output = 2.0 * np.pi * run.crossover(noise), 2.0 * noise.q * lost
+    if run.order == 0:
+        return ReferenceNoise(0, output * (2.0 * np.pi * run.confirmed / radians) ** 4)
+    return ReferenceNoise(run.order, output / radians ** (2 * run.order))
+
+
+def predicted_density(f: Array, noise: Noise, scale: float, reference: ReferenceNoise, band: float) -> Array:
     """One-sided density of the accelerometer-side residual under noise alone, (n,) (m/s²)²/Hz.
 
     Parameters
     ----------
     f : (n,) Hz.
     noise, scale : of the model; scale is 1 + k.
-    step : of the encoder readings, s.
+    reference : noise of what tells the motion.
     band : of the low-pass, Hz.
     """
-    noise = noise.usual
-    encoder = 2.0 * noise.r * step * (2.0 * np.pi * f) ** 4
     passed = 1.0 / (1.0 + (f / band) ** (2 * ORDER)) ** 2  # the low-pass ran forwards and backwards
-    return np.asarray(scale**2 * (2.0 * noise.q + encoder) * passed)
+    return np.asarray(scale**2 * (2.0 * noise.usual.q + reference.as_acceleration(f)) * passed)
 
 
 def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
     """Spectra of the accelerometer-side residual and of the predicted noise; None where the record is too short."""
+    if comparison.reference_noise is None:
+        return None
     _t, residual = comparison.accel_residual
     step = float(np.median(np.diff(comparison.residual[0])))
     found = welch(residual, 1.0 / step)
@@ -61,15 +76,16 @@ def accel_spectrum(fit: Fit, comparison: Comparison) -> Spectrum | None:
     inside = (f > 0.0) & (f <= comparison.band)
     if int(inside.sum()) < FEWEST_LINES:
         return None
-    predicted = predicted_density(f[inside], fit.noise(), fit.values().scale, step, comparison.band)
+    scale, reference = fit.values().scale, comparison.reference_noise
+    predicted = predicted_density(f[inside], fit.noise(), scale, reference, comparison.band)
     return Spectrum(f[inside], density[inside], predicted, low, high)
 
 
 def one_step_spectrum(comparison: Comparison) -> Spectrum | None:
     """Spectrum of one-step residuals over their predicted deviation, which is flat when nothing is missing, 1/Hz."""
-    t, e = comparison.residual
+    t, y = comparison.normalised
     rate = 1.0 / float(np.median(np.diff(t)))
-    found = welch(e / comparison.residual_std, rate)
+    found = welch(y, rate)
     if found is None:
         return None
     f, density, low, high = found

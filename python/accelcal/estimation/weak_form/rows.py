@@ -17,7 +17,7 @@ from accelcal.data.arrays import Array, Flags
 from accelcal.data.references import POSITION_ORDER
 from accelcal.data.stamps import decimal_step
 from accelcal.estimation.channel_filters import HOLE
-from accelcal.estimation.columns import MOST_SUMS, OVERSAMPLING, column_parts, multiples
+from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run import MOST_CROSSOVER
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.smoothing import (
@@ -248,7 +248,10 @@ class WeakRows:
         copies = multiples(terms, self.signals)
         whiten, begin = Whitening(self.factor, len(terms)), 0
         reads = any(term.port != "output" for term in terms)
-        for part in self._parts(max(DEGREE + 1, min(TOGETHER, MOST_SUMS // max(1, len(terms))))):
+        # long ones: an effect with memory is evaluated over the whole record for each
+        finest = min(self.reading_step, self.state.run.accel_step)
+        most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // max(1, len(terms)))
+        for part in self._parts(max(DEGREE + 1, most)):
             kept = self._kept[part]
             columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
             grid, of_grid = self._of_grid(part)
@@ -263,6 +266,8 @@ class WeakRows:
             rows = slice(begin, begin + len(columns))
             yield rows, whiten(rows, columns).T
             begin = rows.stop
+        if len(self._readings.t) > MOST_READINGS:
+            self.__dict__.pop("at_readings", None)  # memory
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """A few whitened columns over the whole run, (terms, rows)."""

@@ -9,7 +9,7 @@ import numpy as np
 from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import imposed_band_note, residual_band
+from accelcal.plots.numbers import one_step_residuals
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -32,25 +32,24 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
         If plotly or tsdownsample is not installed.
     """
     palette = style.theme_of(theme)
-    t, e = comparison.residual
-    reach, edge = residual_band(comparison)
-    factor, unit = formatting.prefixed("m", edge)
+    shown = one_step_residuals(comparison)
+    t, e, reach, edge = shown.t, shown.e, shown.reach, shown.edge
+    factor, unit = formatting.prefixed(shown.unit, edge) if shown.unit != "1" else (1.0, "1")
     figure = drawing.new_figure()
     if previous is not None:
-        old_t, old = previous.residual
+        old_t, old = (earlier := one_step_residuals(previous)).t, earlier.e
         edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
         drawing.trace(figure, old_t, old, palette.floor, "before", factor=factor, unit=unit, opacity=0.35)
     drawn = drawing.trace(figure, t, e, palette.residual, "residual", factor=factor, unit=unit)
     at, usual = style.column_medians(t, reach)
     usual = np.minimum(usual, 1.1 * edge) * factor
     drawing.band(figure, at, -usual, usual, "predicted 95 % band", palette.band)
-    inside, beyond = float(np.mean(np.abs(e) <= reach)), int(np.count_nonzero(np.abs(e) > edge))
+    beyond = int(np.count_nonzero(np.abs(e) > edge))
     off = f"{formatting.grouped(beyond)} beyond the axis" if beyond else ""
     drawing.format_figure(
         figure,
         palette,
-        f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
-        f"{formatting.grouped(len(e))} inside the 95 % band{imposed_band_note(comparison)}",
+        shown.headline,
         note="; ".join(filter(None, (off, drawn.note))),
         height=320,
     )

@@ -30,7 +30,7 @@ from accelcal.plots.numbers import (
     imposed_band_note,
     normal_quantiles,
     normalised_residuals,
-    residual_band,
+    one_step_residuals,
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
 from accelcal.plots.static.overlay import overlay
@@ -507,9 +507,9 @@ def _starts(comparison: Comparison, horizon: float) -> str:
 
 def _one_step(part: Figure | SubFigure, comparison: Comparison, palette: Theme, size: float = style.LARGE) -> None:
     axes = part.subplots()
-    t, e = comparison.residual
-    reach, edge = residual_band(comparison)
-    factor, unit = prefixed("m", edge)
+    shown = one_step_residuals(comparison)
+    t, e, reach, edge = shown.t, shown.e, shown.reach, shown.edge
+    factor, unit = prefixed(shown.unit, edge) if shown.unit != "1" else (1.0, "1")
     style.format_axes(axes, palette, x=label("time", "s"), y=label("one-step residual", unit))
     drawn = style.trace(axes, t, e, palette.residual, factor=factor, name="residual")
     at, usual = style.column_medians(t, reach)
@@ -520,12 +520,7 @@ def _one_step(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     beyond = int(np.count_nonzero(np.abs(e) > edge))
     off = f"{grouped(beyond)} reading{'s'[: beyond > 1]} beyond the axis" if beyond else ""
     style.note(axes, "; ".join(filter(None, (off, drawn.note))), palette)
-    inside = float(np.mean(np.abs(e) <= reach))
-    text = (
-        f"One-step residuals: rms {length(comparison.one_step_rms)}, {100.0 * inside:.1f} % of "
-        f"{grouped(len(e))} inside the 95 % band"
-    )
-    style.headline(part, text + imposed_band_note(comparison), palette, size)
+    style.headline(part, shown.headline, palette, size)
 
 
 def _regions(

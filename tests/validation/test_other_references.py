@@ -1,0 +1,78 @@
+"""Where a model fails on a velocity and on an acceleration: nowhere, if nothing is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import accelcal as ac
+from accelcal.diagnosis.faults import position_steps, with_position_steps
+from accelcal.diagnosis.relation import RelationColumns
+from accelcal.estimation.run import prepare
+from accelcal.io import load
+from accelcal.validation import evaluation
+from accelcal.validation.spectrum import accel_spectrum, one_step_spectrum
+from tests.worlds import Hidden, Nuisances, World
+from tests.worlds.world import ACCEL_RATE, Reference
+
+NOWHERE = "no region stands out"
+
+
+def fitted(folder, reference: Reference, seed: int, bent: float = 0.0) -> tuple[ac.Fit, ac.Recording]:
+    """The linear model of an output that a square may bend, 1/(m/s²)."""
+    hidden = (Hidden("quadratic", bent),) if bent else ()
+    world = World("moves", "CXL02", hidden, seconds=40.0, seed=seed, reference=reference, nuisances=Nuisances())
+    world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
+    recording = load(world.record().write(folder))
+    return ac.fit(ac.Model.linear(), recording), recording
+
+
+@pytest.mark.parametrize("seed", [41, 42])
+@pytest.mark.parametrize("reference", ["velocity", "reference_acceleration"])
+def test_nothing_stands_out_where_nothing_is_missing(tmp_path, reference: Reference, seed: int) -> None:
+    """False alarms: a region in 1 % of the records, a spectrum outside its limits in less than 1e-4."""
+    fit, recording = fitted(tmp_path, reference, seed)
+    seen = ac.compare(fit, recording)
+    print(seen.worst, fit.runs[0].nis, seen.nis)
+    assert seen.worst.lower().startswith(NOWHERE)
+    for nis in (fit.runs[0].nis, seen.nis):
+        assert nis is not None
+        assert abs(nis - 1.0) < 0.05
+    assert seen.innovations is not None
+    assert len(seen.normalised[1]) == len(seen.innovations[1]) > 1000
+    for spectrum in (accel_spectrum(fit, seen), one_step_spectrum(seen)):
+        assert spectrum is not None
+        ratio = spectrum.density / spectrum.predicted
+        assert np.mean((ratio < spectrum.low) | (ratio > spectrum.high)) < 0.2
+
+
+def test_another_recording_is_as_white(tmp_path) -> None:
+    fit, _ = fitted(tmp_path, "velocity", 44)
+    world = World("bursts", "CXL02", seconds=40.0, seed=44, reference="velocity", nuisances=Nuisances())
+    world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
+    other = ac.compare(fit, load(world.record().write(tmp_path, "other")))
+    assert other.nis is not None
+    assert abs(other.nis - 1.0) < 0.1
+
+
+def test_regions_by_the_acceleration_of_the_reference_would_be_chosen_by_its_noise(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(evaluation, "output_share", lambda ahead, residual, step: np.zeros_like(residual))
+    fit, recording = fitted(tmp_path, "velocity", 41)
+    assert not ac.compare(fit, recording).worst.lower().startswith(NOWHERE)
+
+
+def test_a_missing_effect_still_stands_out(tmp_path) -> None:
+    fit, recording = fitted(tmp_path, "velocity", 43, bent=2e-3)
+    assert "mean residual" in ac.compare(fit, recording).worst
+
+
+def test_an_integral_has_no_steps(tmp_path) -> None:
+    """Lost readings of a velocity leave errors in its integral that jump and stay; they are no lost counts."""
+    world = World("tones", "CXL02", seed=46, reference="velocity", nuisances=Nuisances(missing=0.1))
+    recording = load(replace(world, encoder_rate=ACCEL_RATE, encoder_noise=3.4e-9).record().write(tmp_path))
+    assert position_steps(RelationColumns(prepare(recording, every_reading=True)))
+    assert with_position_steps(recording) is recording
+    found = ac.diagnose(ac.fit(ac.Model.linear(), recording), recording)
+    assert "position_step" not in [remark.code for remark in found.remarks]
