@@ -20,9 +20,9 @@ from tests.worlds.world import ACCEL_RATE, Reference
 NOWHERE = "no region stands out"
 
 
-def fitted(folder, reference: Reference, seed: int, bent: float = 0.0) -> tuple[ac.Fit, ac.Recording]:
-    """The linear model of an output that a square may bend, 1/(m/s²)."""
-    hidden = (Hidden("quadratic", bent),) if bent else ()
+def fitted(folder, reference: Reference, seed: int, quadratic: float = 0.0) -> tuple[ac.Fit, ac.Recording]:
+    """The linear model of a sensor whose output may have a term in the square, 1/(m/s²)."""
+    hidden = (Hidden("quadratic", quadratic),) if quadratic else ()
     world = World("moves", "CXL02", hidden, seconds=40.0, seed=seed, reference=reference, nuisances=Nuisances())
     world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
     recording = load(world.record().write(folder))
@@ -64,7 +64,7 @@ def test_regions_by_the_acceleration_of_the_reference_would_be_chosen_by_its_noi
 
 
 def test_a_missing_effect_still_stands_out(tmp_path) -> None:
-    fit, recording = fitted(tmp_path, "velocity", 43, bent=2e-3)
+    fit, recording = fitted(tmp_path, "velocity", 43, quadratic=2e-3)
     assert "mean residual" in ac.compare(fit, recording).worst
 
 

@@ -96,6 +96,7 @@ def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = WeakRows(state)
     whole, y = rows.whole(MODEL.terms), rows.whitened
     monkeypatch.setattr(weak, "TOGETHER", 500)
+    monkeypatch.setattr(weak, "MOST_READINGS", 2000)
     again = WeakRows(state)
     parts = list(again.stretches(MODEL.terms))
     assert len(parts) > 8

@@ -38,6 +38,8 @@ from accelcal.signals.signals import Signals
 
 TOGETHER = 4096
 """Test functions whose sums are taken at a time."""
+COPIES = 4
+"""Of the columns of a stretch, on their way through the whitening."""
 FEWEST_ROWS = 64
 """Fewer rows than this are no regression."""
 LEAST_STEPS = 400
@@ -250,7 +252,7 @@ class WeakRows:
         reads = any(term.port != "output" for term in terms)
         # long ones: an effect with memory is evaluated over the whole record for each
         finest = min(self.reading_step, self.state.run.accel_step)
-        most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // max(1, len(terms)))
+        most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
         for part in self._parts(max(DEGREE + 1, most)):
             kept = self._kept[part]
             columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
