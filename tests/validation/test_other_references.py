@@ -48,11 +48,13 @@ def test_nothing_stands_out_where_nothing_is_missing(tmp_path, reference: Refere
         assert np.mean((ratio < spectrum.low) | (ratio > spectrum.high)) < 0.2
 
 
-def test_another_recording_is_as_white(tmp_path) -> None:
-    fit, _ = fitted(tmp_path, "velocity", 44)
-    world = World("bursts", "CXL02", seconds=40.0, seed=44, reference="velocity", nuisances=Nuisances())
+@pytest.mark.parametrize("reference", ["velocity", "reference_acceleration"])
+def test_another_recording_is_as_white(tmp_path, reference: Reference) -> None:
+    fit, _ = fitted(tmp_path, reference, 44)
+    world = World("bursts", "CXL02", seconds=40.0, seed=44, reference=reference, nuisances=Nuisances())
     world = replace(world, encoder_rate=2.0 * ACCEL_RATE, encoder_noise=6e-7)
     other = ac.compare(fit, load(world.record().write(tmp_path, "other")))
+    print(other.nis)
     assert other.nis is not None
     assert abs(other.nis - 1.0) < 0.1
 

@@ -150,7 +150,7 @@ class Prediction:
     @classmethod
     def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf) -> Prediction:
         """A run that was prepared at a fit's origins, under its parameters and noise."""
-        return cls(run, values_on(fit, run.recording), fit.noise(), fit.validity["frequency"][1], withheld)
+        return cls(run, values_on(fit, run.recording), noise_on(fit, run), fit.validity["frequency"][1], withheld)
 
     def constants(self, k: NDArray[np.intp]) -> tuple[Array, Array]:
         """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:
@@ -260,6 +260,15 @@ class Prediction:
         rows = same[same > k]
         frozen, _, std = self.along(k, rows)
         return self.run.t[rows], self.run.readings[rows], frozen, std
+
+
+def noise_on(fit: Fit, run: PreparedRun) -> Noise:
+    """Noise of a fit on a run. A position stands for an acceleration as far as the motion of that run goes."""
+    noise = fit.noise()
+    if run.order:
+        return noise
+    density = fit.runs[0].noise.all.reading ** 2 * float(np.median(np.diff(run.reference_readings[0])))
+    return replace(noise, r=density / (2.0 * math.pi * run.confirmed) ** 4 / run.reading_step)
 
 
 def accumulated(drive: DriveIntegrals, h: Array) -> tuple[Array, Array]:
