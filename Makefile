@@ -27,7 +27,7 @@ test-long: $(STAMP) ## Compare the filters with their twins on ten times as many
 	ACCELCAL_HYPOTHESIS=long cargo test --release --quiet -p ekf-core -p ekf-simd -- --include-ignored
 	ACCELCAL_HYPOTHESIS=long $(BIN)/python -m pytest -n auto --dist worksteal -q tests/twin
 
-test-browser: $(STAMP) ## Ten tasks on the workbench in every size and theme, and axe; pictures in build/screenshots.
+test-browser: $(STAMP) ## Ten tasks and hidden effects on the workbench in every size and theme, and axe; pictures in build/screenshots.
 	rm -rf build/screenshots
 	ACCELCAL_BROWSER=every ACCELCAL_SCREENSHOTS=build/screenshots ACCELCAL_REQUIRE_BROWSER=1 \
 		$(BIN)/python -m pytest -q tests/app/test_tasks.py tests/app/test_accessibility.py tests/app/test_hidden_browser.py
@@ -105,7 +105,7 @@ bench-regimes: $(STAMP) ## Hold the product to honest records of every kind of r
 bench-references: $(STAMP) ## Hide effects in records whose reference is a velocity or an acceleration; an hour, restartable.
 	$(BIN)/python -m benches.references --workers 2
 
-bench-crossovers: $(STAMP) ## Read stages by references from poor to far too good, with nothing missing; an hour, restartable.
+bench-crossovers: $(STAMP) ## Read stages by references from poor to far too good, with nothing and one effect hidden; an hour, restartable.
 	$(BIN)/python -m benches.crossovers --workers 2
 
 bench-engines: $(STAMP) ## Estimate honest and spoilt records by the replay and by the weak form; hours, restartable.

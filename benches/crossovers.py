@@ -1,6 +1,6 @@
 """References from poor to far too good: what is named where nothing is missing, and what of hidden effects is found.
 
-From the top of the repository: python -m benches.crossovers [--records 400] [--hidden 60] [--seed 1]
+From the top of the repository: python -m benches.crossovers [--records 400] [--hidden 84] [--seed 1]
                                                             [--out build/crossovers]
 The crossover of both noises over the sampling rate of the output is drawn evenly in its logarithm, from a hundredth to
 ten, with slower, equal and faster readings; the records come from `tests/worlds`. Outcomes are kept in OUT, and an
@@ -188,7 +188,7 @@ def main() -> int:
     """Run what is missing, and report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--records", type=int, default=400)
-    parser.add_argument("--hidden", type=int, default=60, help="records with one hidden effect")
+    parser.add_argument("--hidden", type=int, default=84, help="records with one hidden effect")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("build/crossovers"))
