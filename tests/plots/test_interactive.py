@@ -23,7 +23,7 @@ from accelcal.plots.interactive.drawing import logarithmic, thin
 from accelcal.plots.interactive.regions import ordered
 from accelcal.plots.interactive.signatures import chosen
 from accelcal.plots.interactive.timeline import Marks
-from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons, normalised_residuals, tiles_of
+from accelcal.plots.numbers import candidate_groups, model_names, nested_comparisons, tiles_of
 from accelcal.selection.nested_models import nested_models
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 from accelcal.validation.comparison import Bins, RmsInterval
@@ -270,7 +270,7 @@ def test_cumulative_periodogram_tells_white_from_coloured():
 
 
 def test_quantiles_are_those_of_all_residuals(example, drawn):
-    y = np.sort(normalised_residuals(example.seen))
+    y = np.sort(example.seen.normalised[1])
     shown = np.asarray(named(drawn["light"]["quantile_plot"], "residuals").y)
     assert shown[0] == pytest.approx(y[0], rel=1e-6)
     assert shown[-1] == pytest.approx(y[-1], rel=1e-6)

@@ -14,7 +14,7 @@ from accelcal.estimation.estimate import estimate
 from accelcal.formatting import concise
 from accelcal.model import Model
 from accelcal.plots import style
-from accelcal.plots.numbers import normal_quantiles, normalised_residuals
+from accelcal.plots.numbers import normal_quantiles
 from accelcal.plots.static.comparison import summary_sentence
 from accelcal.simulation.sensor import ADXL105_RIG, simulate
 from accelcal.validation.comparison import Bins, Comparison
@@ -253,7 +253,7 @@ def test_histogram_is_a_density_of_all_residuals():
     (stairs,) = left.patches
     density, edges, _ = stairs.get_data()
     assert np.sum(density * np.diff(edges)) == pytest.approx(1.0, rel=1e-12)  # none of 600 beyond 5 sigma
-    np.testing.assert_array_equal(drawn(lines(right)["residuals"])[1], np.sort(normalised_residuals(c)))
+    np.testing.assert_array_equal(drawn(lines(right)["residuals"])[1], np.sort(c.normalised[1]))
 
 
 def test_quantiles_of_a_long_record_keep_both_ends():
@@ -268,7 +268,7 @@ def test_quantiles_of_a_long_record_keep_both_ends():
 def test_autocorrelation_is_that_of_the_residuals():
     c = a_comparison()
     (axes,) = plots.autocorrelation(c).axes
-    y = normalised_residuals(c)
+    y = c.normalised[1]
     lag, rho = drawn(lines(axes)["residuals"])
     np.testing.assert_array_equal(lag, np.arange(1, 41))
     full = np.correlate(y, y, mode="full")[len(y) - 1 :]
@@ -344,7 +344,7 @@ def test_a_short_record_is_not_thinned_and_nothing_is_said():
 def test_statistics_come_from_the_full_data():
     c = a_comparison(n=400_000)
     said = texts(plots.histogram(c))
-    assert f"{np.std(normalised_residuals(c)):.3f}" in said
+    assert f"{np.std(c.normalised[1]):.3f}" in said
 
 
 def test_a_hole_in_the_record_is_a_break_in_the_line():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final, Literal
 
-import numpy as np
 import scipy
 
 from accelcal.data import units
@@ -21,10 +20,6 @@ Order = Literal[0, 1, 2]
 """Derivatives of a reference that make an acceleration."""
 ORDERS: Final[dict[str, tuple[Order, str]]] = {ACCELERATION: (0, "m/s^2"), VELOCITY: (1, "m/s")}
 """By channel name: how many derivatives of it make an acceleration, and its unit."""
-DEGREE = 5
-"""Of the splines through a reference that are integrated."""
-PIECE, BESIDE = 200_000, 64
-"""Readings of one spline, so that memory is bounded, and further ones on either side, which its ends do not reach."""
 UNITS = {"position": "m", **{name: unit for name, (_, unit) in ORDERS.items()}}
 """SI unit of the readings, by reference."""
 
@@ -41,8 +36,7 @@ def reference_among(channels: Iterable[str]) -> str | None:
 def integrated(reference: Channel) -> Channel:
     """The position that a velocity or an acceleration integrates to, zero at its first reading, at rest there.
 
-    A spline of the fifth degree through the readings is integrated, once or twice: where a few were lost in a row a
-    cubic one would be off by more than their noise.
+    A cubic spline through the readings is integrated, once or twice.
 
     Raises
     ------
@@ -52,29 +46,8 @@ def integrated(reference: Channel) -> Channel:
     order, _ = require_reference(reference)
     if len(reference) < 2:
         raise RecordingError(f"{reference.name}: {len(reference)} readings, expected at least 2")
-    t, y = reference.t, reference.y
-    p, speed = np.zeros(len(t)), 0.0
-    for begin in range(0, len(t) - 1, PIECE):
-        end = min(begin + PIECE, len(t) - 1)
-        near = slice(max(0, begin - BESIDE), min(len(t), end + BESIDE + 1))
-        known, rows = t[near] - t[begin], slice(begin, end + 1)
-        at = t[rows] - t[begin]
-        curve = scipy.interpolate.make_interp_spline(known, y[near], k=degree(len(known)))
-        once = curve.antiderivative(1)
-        p[rows] = p[begin] + speed * at
-        if order == 1:
-            p[rows] += once(at) - once(0.0)
-        else:
-            twice = curve.antiderivative(2)
-            p[rows] += twice(at) - twice(0.0) - once(0.0) * at
-            speed += float(once(at[-1]) - once(0.0))
-    return Channel("position", t, p, "m")
-
-
-def degree(readings: int) -> int:
-    """Of a spline through so many readings, odd."""
-    most = min(DEGREE, readings - 1)
-    return most - 1 + most % 2
+    spline = scipy.interpolate.CubicSpline(reference.t, reference.y)
+    return Channel("position", reference.t, spline.antiderivative(POSITION_ORDER - order)(reference.t), "m")
 
 
 def require_reference(channel: Channel) -> tuple[Order, str]:

@@ -33,11 +33,6 @@ FULL_COLOUR = 8.0
 """Standard deviations at which a tile has its full colour."""
 
 
-def normalised_residuals(comparison: Comparison) -> Array:
-    """One-step residuals over their predicted standard deviations, (n,)."""
-    return comparison.normalised[1]
-
-
 def normal_quantiles(y: Array) -> tuple[Array, Array]:
     """Normal quantiles and those of `y` (n,): all of them at the two ends, evenly chosen ones between."""
     n = len(y)
@@ -82,16 +77,16 @@ class OneStep:
 
 def one_step_residuals(comparison: Comparison) -> OneStep:
     """Residuals in metres; where the reference is no position, over their standard deviations."""
-    t, e = comparison.residual if comparison.innovations is None else comparison.innovations
-    std = comparison.residual_std if comparison.innovations is None else np.ones_like(e)
+    (t, e), std, unit = comparison.residual, comparison.residual_std, "m"
+    what = f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}"
+    if comparison.innovations is not None:
+        (t, e), unit = comparison.innovations, "1"
+        std = np.ones_like(e)
+        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
     reach = TWO_SIDED_95 * std
     settled = std <= TRANSIENT * np.median(std)
     edge = 1.15 * float(max(np.abs(e[settled]).max(), reach[settled].max()))
-    what = f"One-step residuals: rms {formatting.length(comparison.one_step_rms)}"
-    if comparison.innovations is not None:
-        what = f"Innovations over their predicted deviation: rms {math.sqrt(np.mean(e**2)):.3f}"
     share = f"{100.0 * float(np.mean(np.abs(e) <= reach)):.1f} % of {formatting.grouped(len(e))} inside the 95 % band"
-    unit = "m" if comparison.innovations is None else "1"
     return OneStep(t, e, reach, edge, unit, f"{what}, {share}{imposed_band_note(comparison)}")
 
 

@@ -24,7 +24,7 @@ from accelcal.validation.other_record import left_out
 from accelcal.validation.prediction import Prediction, accumulated, rms
 from accelcal.validation.regions import beyond, bin_residual, outside
 from accelcal.validation.ruler import Ruler
-from accelcal.validation.spectrum import reference_noise, spectrum
+from accelcal.validation.spectrum import spectrum
 from accelcal.validation.worst import worst_regions, worst_sentence
 
 STEPS = (1, 10, 100, 1000)
@@ -121,7 +121,7 @@ def compare(
         outside=outside(fit, ahead, t_res, motion, coasting),
         not_carried=left_out(fit, recording),
         drifts={h: (run.t[c.starts], c.rezeroed) for h, c in coasting.items()},
-        reference_noise=reference_noise(ahead),
+        reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
 
@@ -212,7 +212,7 @@ def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
     """
     size = scipy.fft.next_fast_len(len(residual), real=True)
     f = scipy.fft.rfftfreq(size, step)
-    reference, output = reference_noise(ahead).as_acceleration(f), 2.0 * ahead.noise.usual.q
+    reference, output = ahead.reference_noise.as_acceleration(f), 2.0 * ahead.noise.usual.q
     share = reference / (output + reference)
     return np.asarray(scipy.fft.irfft(share * scipy.fft.rfft(residual, size), size)[: len(residual)])
 

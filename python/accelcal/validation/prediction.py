@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.varying_noise import variance_functions, with_growth
 from accelcal.signals.processing import integral
 from accelcal.signals.signals import Signals
+from accelcal.validation.comparison import ReferenceNoise
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
 from accelcal.validation.other_record import values_on
 
@@ -151,6 +153,21 @@ class Prediction:
     def on(cls, fit: Fit, run: PreparedRun, withheld: float = math.inf) -> Prediction:
         """A run that was prepared at a fit's origins, under its parameters and noise."""
         return cls(run, values_on(fit, run.recording), noise_on(fit, run), fit.validity["frequency"][1], withheld)
+
+    @cached_property
+    def reference_noise(self) -> ReferenceNoise:
+        """Noise of the reference, whose acceleration is as noisy as that of the output at the crossover.
+
+        An acceleration has no crossover: see `WeakRows`, which takes it for a position. Where readings were lost, those
+        beside them stand for more time than one step, and noise averages out the less.
+        """
+        run, noise = self.run, self.noise.usual
+        weight = np.gradient(run.t)
+        lost = float(weight @ weight) / (run.reading_step * float(np.sum(weight)))
+        radians, output = 2.0 * np.pi * run.crossover(noise), 2.0 * noise.q * lost
+        if run.order == 0:
+            return ReferenceNoise(0, output * (2.0 * np.pi * run.confirmed / radians) ** 4)
+        return ReferenceNoise(run.order, output / radians ** (2 * run.order))
 
     def constants(self, k: NDArray[np.intp]) -> tuple[Array, Array]:
         """Constant acceleration estimated from the innovations up to readings `k`, with standard deviation, (n,) m/s²:

@@ -12,14 +12,13 @@ from accelcal.estimation.estimate import Fit
 from accelcal.signals.signals import Signals
 from accelcal.validation.comparison import BINS, Bins, Outside
 from accelcal.validation.prediction import Coasting, Prediction, rms
-from accelcal.validation.spectrum import reference_noise
 from accelcal.validation.worst import seen_at
 
 
 def bin_residual(ahead: Prediction, t: Array, residual: Array, motion: Signals, band: float) -> list[Bins]:
     """Mean residual against time and every variable of the motion."""
     run, noise = ahead.run, ahead.noise
-    slow = float(reference_noise(ahead).as_acceleration(np.zeros(1))[0])
+    slow = float(ahead.reference_noise.as_acceleration(np.zeros(1))[0])
     density = (2.0 * noise.usual.q + slow) * ahead.values.scale**2  # one-sided, of the output
     # The mean of T seconds of noise with that density has variance density/(2 T).
     step = run.reading_step

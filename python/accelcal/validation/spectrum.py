@@ -22,7 +22,7 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
     if segment < 16:
         return Bins("frequency", "Hz", np.linspace(0.0, band, BINS + 1), np.ones(BINS), np.zeros(BINS))
     f, density = scipy.signal.welch(residual, fs=rate, nperseg=segment)
-    expected = predicted_density(f, ahead.noise, ahead.values.scale, reference_noise(ahead), band)
+    expected = predicted_density(f, ahead.noise, ahead.values.scale, ahead.reference_noise, band)
     edges = np.linspace(0.0, 0.8 * band, BINS + 1)
     ratio, std = np.ones(BINS), np.zeros(BINS)
     averages = max(1.0, 2.0 * len(residual) / segment - 1.0)
@@ -32,21 +32,6 @@ def spectrum(ahead: Prediction, residual: Array, band: float) -> Bins:
             ratio[i] = float(np.mean(density[rows] / expected[rows]))
             std[i] = 1.3 / math.sqrt(averages * float(rows.sum()))  # neighbours of a Hann window overlap
     return Bins("frequency", "Hz", edges, ratio, std)
-
-
-def reference_noise(ahead: Prediction) -> ReferenceNoise:
-    """Noise of the reference, whose acceleration is as noisy as that of the output at the crossover.
-
-    An acceleration has no crossover: see `WeakRows`, which takes it for a position. Where readings were lost, those
-    beside them stand for more time than one step, and noise averages out the less.
-    """
-    run, noise = ahead.run, ahead.noise.usual
-    weight = np.gradient(run.t)
-    lost = float(weight @ weight) / (run.reading_step * float(np.sum(weight)))
-    radians, output = 2.0 * np.pi * run.crossover(noise), 2.0 * noise.q * lost
-    if run.order == 0:
-        return ReferenceNoise(0, output * (2.0 * np.pi * run.confirmed / radians) ** 4)
-    return ReferenceNoise(run.order, output / radians ** (2 * run.order))
 
 
 def predicted_density(f: Array, noise: Noise, scale: float, reference: ReferenceNoise, band: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import imposed_band_note, normal_quantiles, normalised_residuals
+from accelcal.plots.numbers import imposed_band_note, normal_quantiles
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -30,7 +30,7 @@ def quantile_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Figu
         If plotly is not installed.
     """
     palette = style.theme_of(theme)
-    y = normalised_residuals(comparison)
+    y = comparison.normalised[1]
     expected, seen = normal_quantiles(y)
     figure = drawing.new_figure()
     figure.add_scatter(

@@ -34,12 +34,12 @@ def one_step(comparison: Comparison, *, previous: Comparison | None = None, them
     palette = style.theme_of(theme)
     shown = one_step_residuals(comparison)
     t, e, reach, edge = shown.t, shown.e, shown.reach, shown.edge
-    factor, unit = formatting.prefixed(shown.unit, edge) if shown.unit != "1" else (1.0, "1")
+    factor, unit = formatting.prefixed(shown.unit, edge)
     figure = drawing.new_figure()
     if previous is not None:
-        old_t, old = (earlier := one_step_residuals(previous)).t, earlier.e
-        edge = max(edge, 1.15 * float(np.quantile(np.abs(old), 0.999)))
-        drawing.trace(figure, old_t, old, palette.floor, "before", factor=factor, unit=unit, opacity=0.35)
+        old = one_step_residuals(previous)
+        edge = max(edge, 1.15 * float(np.quantile(np.abs(old.e), 0.999)))
+        drawing.trace(figure, old.t, old.e, palette.floor, "before", factor=factor, unit=unit, opacity=0.35)
     drawn = drawing.trace(figure, t, e, palette.residual, "residual", factor=factor, unit=unit)
     at, usual = style.column_medians(t, reach)
     usual = np.minimum(usual, 1.1 * edge) * factor

@@ -9,7 +9,7 @@ import numpy as np
 from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
-from accelcal.plots.numbers import LAGS, TWO_SIDED_95, normalised_residuals
+from accelcal.plots.numbers import LAGS, TWO_SIDED_95
 from accelcal.plots.style import Theme, ThemeName, Thinned
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.consistency import CumulativePeriodogram, cumulative_periodogram, whiteness
@@ -32,7 +32,7 @@ def whiteness_plot(comparison: Comparison, *, theme: ThemeName = "light") -> Fig
         If plotly is not installed.
     """
     palette = style.theme_of(theme)
-    y = normalised_residuals(comparison)
+    y = comparison.normalised[1]
     lags = min(LAGS, len(y) // 4)
     if lags < 4 or not np.any(y):
         return drawing.message(

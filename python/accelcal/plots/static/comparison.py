@@ -29,7 +29,6 @@ from accelcal.plots.numbers import (
     drift_headline,
     imposed_band_note,
     normal_quantiles,
-    normalised_residuals,
     one_step_residuals,
 )
 from accelcal.plots.static.nonlinearity import nonlinearity
@@ -195,7 +194,7 @@ def histogram(comparison: Comparison, *, theme: ThemeName = "light") -> Figure:
         If matplotlib is not installed.
     """
     palette = style.theme_of(theme)
-    y = normalised_residuals(comparison)
+    y = comparison.normalised[1]
     figure = style.new_figure(WIDTH, 4.2, palette)
     left, right = figure.subplots(1, 2)
 
@@ -255,7 +254,7 @@ def autocorrelation(comparison: Comparison, *, theme: ThemeName = "light") -> Fi
     figure = style.new_figure(WIDTH, 4.0, palette)
     axes = figure.subplots()
     style.format_axes(axes, palette, x=label("lag", "readings"), y=label("autocorrelation", "1"))
-    y = normalised_residuals(comparison)
+    y = comparison.normalised[1]
     lags = min(LAGS, len(y) // 4)
     if lags < 1 or not np.any(y):
         style.headline(figure, "Autocorrelation of one-step residuals", palette)
@@ -509,7 +508,7 @@ def _one_step(part: Figure | SubFigure, comparison: Comparison, palette: Theme, 
     axes = part.subplots()
     shown = one_step_residuals(comparison)
     t, e, reach, edge = shown.t, shown.e, shown.reach, shown.edge
-    factor, unit = prefixed(shown.unit, edge) if shown.unit != "1" else (1.0, "1")
+    factor, unit = prefixed(shown.unit, edge)
     style.format_axes(axes, palette, x=label("time", "s"), y=label("one-step residual", unit))
     drawn = style.trace(axes, t, e, palette.residual, factor=factor, name="residual")
     at, usual = style.column_medians(t, reach)
