@@ -28,7 +28,7 @@ from tests.regimes.trials import Trial
 
 from accelcal import Model, Recording
 from accelcal.diagnosis.independent_estimate import differences
-from accelcal.diagnosis.policy import ENGINES_APART
+from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.estimation import drive
 from accelcal.estimation.estimate import solve_runs
 from accelcal.io import load
@@ -38,6 +38,8 @@ FALSE_ALARMS = 1e-3
 """Share of honest records in which the two may be said to disagree."""
 MOVED = 10.0
 """Standard deviations by which a fault moves the scale factor of the replay, least, to be counted."""
+ABOVE_LEAST = 3.0 * ENGINES_LEAST_STD
+"""Uncertainty of a difference over that of the estimate, from which it is not the least one that is assumed."""
 LEAST_FAULTS = 0.99
 """Share of the faults that must be seen."""
 
@@ -136,6 +138,9 @@ def nulls(outcomes: Sequence[dict[str, Any]]) -> int:
     print(f"{len(outcomes)} records, {len(refused)} that no fit takes, {none} that are not compared")
     middle, most = np.median(shift), np.quantile(shift, 0.99)
     print(f"|difference| over the uncertainty: median {middle:.3f} (at most 0.5), 99 % {most:.2f}")
+    sigma = np.concatenate([one["sigma"] for one in compared])
+    for name, those in (("all", sigma), ("whose own exceeds the least", sigma[shift > ABOVE_LEAST * np.abs(sigma)])):
+        print(f"difference over its own uncertainty, {name}: rms {np.sqrt(np.mean(those**2)):.2f} of {len(those)}")
     print(f"alarms: {len(alarms)} of {len(compared)} (at most {allowed})")
     both, fit = (sum(one[name] for one in compared) for name in ("both", "fit"))
     print(f"processor time of the comparison over that of the fit: {both / fit:.2f}")

@@ -7,7 +7,7 @@
 mod batch;
 mod failure;
 mod fixed_rate;
-mod hysteresis;
+mod memory;
 mod replay;
 mod run;
 mod setup;
@@ -31,7 +31,7 @@ mod _core {
     use super::replay::dead_reckoning::{corrected, dead_reckoning_variance, displaced};
 
     #[pymodule_export]
-    use super::hysteresis::play_operator;
+    use super::memory::{lagged_at, play_operator};
 
     #[pymodule_export]
     use super::splines::spline_weights;

@@ -14,6 +14,7 @@ pub mod dense;
 pub mod error;
 pub mod hysteresis;
 pub mod integration;
+pub mod lag;
 pub mod replay;
 pub mod sensor;
 pub mod signal;

@@ -122,7 +122,8 @@ def turned(state: RunState, axis: Axis, mount: Mount) -> RunState:
     one.run = replace(state.run, recording=replace(state.run.recording, rig=rig, dwells=None))
     one.signals = turned_signals(state.signals, old, rig)
     if isinstance(state.weak, WeakRows):
-        one.weak = state.weak.moved(one, turned_signals(state.weak.signals, old, rig))
+        same = state.weak.signals is state.signals
+        one.weak = state.weak.moved(one, one.signals if same else turned_signals(state.weak.signals, old, rig))
     return one
 
 

@@ -16,10 +16,11 @@ from accelcal.diagnosis.policy import ENGINES_APART, ENGINES_LEAST_STD
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.normal_equations import LEAST_BLOCKS, block_length, block_of, effective_number, inverse
-from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_weak_form
+from accelcal.estimation.rows import Rows, rows_of_replay, rows_of_run, rows_of_weak_form
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import penalty
-from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows
+from accelcal.estimation.weak_form.covariance import NoWeakForm
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Term
 
 LARGEST = 38.0
@@ -157,9 +158,12 @@ class ByBoth:
         NoWeakForm
             If the run has none.
         """
-        fitted, other = rows_of_replay(state, terms), rows_of_weak_form(state, WeakRows(state), terms)
-        if state.run.engine == "weak":
-            fitted, other = other, fitted
+        fitted = rows_of_run(state, terms)
+        other = (
+            rows_of_replay(state, terms)
+            if state.run.engine == "weak"
+            else rows_of_weak_form(state, WeakRows(state), terms)
+        )
         length = block_length(state)
         last = int(block_of(state, state.run.t[-1:], length)[0])
         t, X, y = joined(other)

@@ -53,14 +53,7 @@ def lagged_at(t: Array, y: Array, tau: float, start: float) -> Array:
     tau : time constant, s.
     start : x at the first sample.
     """
-    h = np.diff(t)
-    decay = np.exp(-h / tau)
-    mean = -np.expm1(-h / tau) * (tau / h)
-    gained = np.concatenate([[start], (mean - decay) * y[:-1] + (1.0 - mean) * y[1:]])
-    # x_k - decay_k x_(k-1) = gained_k: two diagonals, solved in order of time.
-    diagonals = np.ones((2, len(t)))
-    diagonals[1, :-1] = -decay
-    return np.asarray(scipy.linalg.solve_banded((1, 0), diagonals, gained), dtype=np.float64)
+    return _core.lagged_at(np.ascontiguousarray(t), np.ascontiguousarray(y), tau, start)
 
 
 def play(x: Array, width: float, start: float) -> Array:

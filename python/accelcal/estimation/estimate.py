@@ -44,7 +44,7 @@ from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
 from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
 from accelcal.estimation.values import Noise, Values
-from accelcal.estimation.weak_form.rows import NoWeakForm
+from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.model import Estimate, Model, Prior, terms_of
 from accelcal.signals.signals import Origins
 

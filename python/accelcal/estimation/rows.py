@@ -15,8 +15,9 @@ from accelcal.estimation.dwell_rows import DwellRows, Nuisances, dwell_rows, ste
 from accelcal.estimation.noise import NoiseSearch
 from accelcal.estimation.noise_spectrum import MeasuredSpectrum, measured_spectrum, whitener
 from accelcal.estimation.run_state import RunState
+from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.estimation.weak_form.noise import with_noise
-from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows
+from accelcal.estimation.weak_form.rows import WeakRows
 from accelcal.model import Model, Term
 
 Rows = tuple[Array, Array, Array]
@@ -40,7 +41,7 @@ def sums_of(state: RunState) -> ColumnFilter | WeakRows:
 
 
 def weak_form(state: RunState) -> WeakRows:
-    """The weak form of a run that is to be fitted by it.
+    """The weak form of a run that is to be fitted by it, and holds it.
 
     Raises
     ------
@@ -48,7 +49,7 @@ def weak_form(state: RunState) -> WeakRows:
         If the run has none; the text names it.
     """
     try:
-        return WeakRows(state)
+        return WeakRows(state).held()
     except NoWeakForm as error:
         name = state.run.recording.name or "recording"
         raise RecordingError(f"{name}: no weak form: {error}; fit it by the replay, --method replay") from error

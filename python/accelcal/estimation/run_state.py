@@ -41,7 +41,7 @@ FEWEST_LINES = 16
 """Frequencies in that range, on average over segments, below which it is not known."""
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, weakref_slot=True)
 class RunState:
     """One run at given coefficients; `at` makes one, `refresh` moves it to others."""
 

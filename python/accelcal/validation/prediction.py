@@ -23,6 +23,8 @@ from accelcal.validation.comparison import ReferenceNoise
 from accelcal.validation.dead_reckoning import MEMORY, DeadReckoning, Starts
 from accelcal.validation.other_record import values_on
 
+TOGETHER = 1 << 16
+"""Starts that are predicted from at a time."""
 MOST_STARTS = 200
 """Start points of coasting, spread over the record."""
 MOST_NODES, FEWEST_STARTS = 1 << 18, 10
@@ -218,12 +220,13 @@ class Prediction:
         A velocity that is lost at an instant t_i, of variance w_i, moves the position by sum w_i (t - t_i)² until t.
         """
         pp, pv, vv = (entry[k][:, None] for entry in self.P)
-        h = t - self.run.t[k][:, None]
         rows = np.searchsorted(self.run.t, t, side="right") - 1
-        zeroth, first, second = self.unknown[:, rows] - self.unknown[:, k][:, :, None]
+        zeroth, first, second = (each[rows] - each[k][:, None] for each in self.unknown)
         since = t - self.run.t[0]
-        lost = np.maximum(since**2 * zeroth - 2.0 * since * first + second, 0.0)
-        return np.asarray(np.sqrt(self.noise.q * h**3 / 3.0 + lost + pp + 2.0 * h * pv + h**2 * vv))
+        lost = np.maximum(since * (since * zeroth - 2.0 * first) + second, 0.0)
+        del rows, zeroth, first, second, since  # as long as the record is
+        h = t - self.run.t[k][:, None]
+        return np.asarray(np.sqrt(h * (h * (self.noise.q * h / 3.0 + vv) + 2.0 * pv) + pp + lost))
 
     def starts(self, horizon: float) -> NDArray[np.intp]:
         """Start readings for a horizon: after the warm-up, evenly spread, with an unbroken record ahead."""
@@ -267,8 +270,14 @@ class Prediction:
             at = self._fewer(at[:: max(1, len(at) // MOST_STARTS)], k * self.run.reading_step)
         if len(at) == 0:
             return None
-        error = self.run.readings[at + k] - self._predict(at, (at + k)[:, None], rezero=False)[0][:, 0]
-        return float(np.sqrt(np.mean(error**2)))
+        squares = 0.0
+        for begin in range(0, len(at), TOGETHER):
+            starts = at[begin : begin + TOGETHER]
+            ends = starts + k
+            squares += float(
+                np.sum((self.run.readings[ends] - self._predict(starts, ends[:, None], False)[0][:, 0]) ** 2)
+            )
+        return math.sqrt(squares / len(at))
 
     def simulate(self) -> tuple[Array, Array, Array, Array]:
         """Run free from the first settled reading to the next hole or the end; position is never looked at again."""

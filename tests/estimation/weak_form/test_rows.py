@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from functools import cache
 
@@ -11,11 +12,15 @@ import scipy
 
 import accelcal as ac
 from accelcal.data.channel_filter import ChannelFilter
+from accelcal.effects.registry import find
 from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.gauss_newton import Solution
+from accelcal.estimation.rows import sums_of
 from accelcal.estimation.weak_form import rows as weak
+from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
 from accelcal.estimation.weak_form.noise import with_noise
-from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows, refined
+from accelcal.estimation.weak_form.rows import WeakRows, refined
+from accelcal.model import Term, terms_of
 from tests.hostile.case import case_rng
 
 MODEL = ac.Model.linear().add("cubic")
@@ -80,7 +85,7 @@ def test_the_covariance_is_that_of_drawn_noise() -> None:
     q, r, step = state.noise.q, state.noise.r, state.run.accel_step
     noise = of_readings @ rng.normal(0.0, np.sqrt(r), (readings.stop - readings.start, draws))
     noise -= of_output @ rng.normal(0.0, np.sqrt(q / step), (samples.stop - samples.start, draws))
-    whitened = weak.solved(weak.factor(rows.covariance.part(part).at(q, r)), noise)
+    whitened = solved(factor(rows.covariance.part(part).at(q, r)), noise)
     chi2 = float(np.sum(whitened**2))
     low, high = scipy.stats.chi2.ppf([1e-4, 1.0 - 1e-4], whitened.size)
     print(f"chi-square {chi2:.0f} of {whitened.size} ({low:.0f} to {high:.0f})")
@@ -94,14 +99,65 @@ def test_stretches_are_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     state = solve_runs(MODEL, [broken]).states[0]
     monkeypatch.setattr(weak, "TOGETHER", 10**6)
     rows = WeakRows(state)
-    whole, y = rows.whole(MODEL.terms), rows.whitened
+    terms = [*with_memory("self_heating", "encoder_lag"), *MODEL.terms, *with_memory("hysteresis")]
+    whole, y = rows.whole(terms), rows.whitened
     monkeypatch.setattr(weak, "TOGETHER", 500)
     monkeypatch.setattr(weak, "MOST_READINGS", 2000)
+    monkeypatch.setattr(weak, "MOST_SUMS", 3 * rows.rows // 2)
     again = WeakRows(state)
-    parts = list(again.stretches(MODEL.terms))
+    parts = list(again.stretches(terms))
     assert len(parts) > 8
     assert np.allclose(again.whitened, y, rtol=0.0, atol=1e-6)
     assert np.allclose(np.concatenate([part for _, part in parts], axis=1), whole, rtol=1e-6, atol=1e-6)
+
+
+def with_memory(*names: str) -> list[Term]:
+    """Terms of effects with memory at some value of their shape parameter."""
+    return [term for name in names for term in terms_of(find(name), {next(iter(find(name).shapes)): 1e-3})]
+
+
+def test_an_effect_with_memory_is_evaluated_once_for_many_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over the whole record, whatever their number: the time of a long record is linear in its length."""
+    rows, times = WeakRows(solution("moves").states[0]), []
+    lag = find("encoder_lag")
+    counted = replace(lag, function=lambda s, tau: times.append(len(s.t)) or lag.function(s, tau))
+    terms = terms_of(counted, {"tau": 1e-3})
+    monkeypatch.setattr(weak, "MOST_READINGS", 2000)
+    assert len(list(rows.stretches(terms))) > 8
+    assert times == [len(rows.state.run.all_readings[0])]
+    monkeypatch.setattr(weak, "MOST_SUMS", rows.rows // 3)  # memory for no more than a third of its column
+    times.clear()
+    list(rows.stretches(terms))
+    assert 3 <= len(times) <= 5
+
+
+def test_even_clocks_have_the_same_covariance_all_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is found from a few rows, and is that of all; of uneven stamps, or beside a break, it is not taken for so."""
+    made = recording("moves", 3)
+    state = solve_runs(MODEL, [made]).states[0]
+    found = WeakRows(state).covariance
+    assert found.of_output.strides[1] == found.of_readings.strides[1] == 0
+    stamps = made.accel.t + case_rng("weak form stamps", 3).uniform(-3e-5, 3e-5, len(made.accel.t))
+    for other in (
+        replace(made, accel=replace(made.accel, t=stamps)),
+        replace(made, position=gap(made.position, 10.0, 11.0)),
+    ):
+        assert WeakRows(solve_runs(MODEL, [other]).states[0]).covariance.of_output.strides[1] != 0
+    monkeypatch.setattr(weak, "same_along", lambda diagonals: None)
+    summed = WeakRows(state).covariance
+    assert summed.of_output.strides[1] != 0
+    noise, y = (state.noise.q, state.noise.r), WeakRows(state).raw[:, None]
+    first, second = (solved(factor(each.at(*noise)), y) for each in (found, summed))
+    assert np.allclose(first, second, rtol=0.0, atol=1e-6)
+
+
+def test_a_run_and_the_rows_that_it_holds_are_freed_together() -> None:
+    """Without waiting for a collection of cycles, which for an hour of record comes too late."""
+    state = solve_runs(MODEL, [recording("moves", 0)], engine="weak").states[0]
+    held = weakref.ref(sums_of(state))
+    assert isinstance(held(), WeakRows)
+    del state
+    assert held() is None
 
 
 def test_no_row_crosses_a_break() -> None:
@@ -136,6 +192,6 @@ def test_nothing_to_divide_never_reaches_lapack(monkeypatch: pytest.MonkeyPatch)
         raise AssertionError("dtbtrs was called")
 
     monkeypatch.setattr(scipy.linalg.lapack, "dtbtrs", refused)
-    assert weak.solved(np.empty((10, 0)), np.empty((0, 3))).shape == (0, 3)
+    assert solved(np.empty((10, 0)), np.empty((0, 3))).shape == (0, 3)
     with pytest.raises(ValueError, match="2 rows of a factor, 1 of what it divides"):
-        weak.solved(np.ones((10, 2)), np.ones((1, 3)))
+        solved(np.ones((10, 2)), np.ones((1, 3)))

@@ -56,6 +56,11 @@ class SampledChannel:
     _kept: dict[tuple[Splines, int, float], tuple[slice, Sparse]] = field(default_factory=dict)
     """Of sums over ticks, what was asked for before."""
 
+    @property
+    def even(self) -> bool:
+        """Whether its clock is even, and lost nothing."""
+        return self.filled is None and not len(self.carrier_t)
+
     @classmethod
     def of(cls, t: Array, y: Array, step: float, rate: float, rounded: float = 0.0) -> SampledChannel:
         """A channel with samples every `step` s, whose stamps are rounded to some s, for test functions at a rate in
@@ -64,14 +69,14 @@ class SampledChannel:
         even = float(t[-1] - t[0]) / max(1, len(t) - 1)
         clock = t[0] + even * np.arange(len(t))
         if float(np.max(np.abs(t - clock), initial=0.0)) < near:
-            return cls(clock, y, np.full(len(t), even), none, none)
+            return cls(clock, y, np.broadcast_to(even, len(t)), none, none)
         number = np.concatenate([[0], np.cumsum(np.maximum(1, np.rint(np.diff(t) / step)))]).astype(np.intp)
         even = float(t[-1] - t[0]) / max(1, int(number[-1]))
         clock, count = t[0] + even * number, int(number[-1]) + 1
         apart = float(np.max(np.abs(t - clock), initial=0.0))
         if apart < near and 2 * NEIGHBOURS < count <= (1.0 + MOST_LOST) * len(t):
             ticks = t[0] + even * np.arange(count)
-            return cls(clock, y, np.full(count, even), none, none, ticks, from_neighbours(number, count))
+            return cls(clock, y, np.broadcast_to(even, count), none, none, ticks, from_neighbours(number, count))
         weight = np.gradient(t)
         at = np.arange(t[0], t[-1] + 0.5 * step, step)
         at = at[at <= t[-1]]

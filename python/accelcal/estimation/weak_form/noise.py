@@ -11,7 +11,8 @@ from accelcal.data.references import POSITION_ORDER
 from accelcal.estimation.likelihood import blocks
 from accelcal.estimation.noise import most_likely_noise
 from accelcal.estimation.values import Noise
-from accelcal.estimation.weak_form.rows import NoWeakForm, WeakRows, factor, solved
+from accelcal.estimation.weak_form.covariance import NoWeakForm, factor, solved
+from accelcal.estimation.weak_form.rows import WeakRows
 
 MOST_OF_BOTH = 0.9
 """Largest share of the sensor in the noise of two accelerations."""

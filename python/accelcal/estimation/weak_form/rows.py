@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.sparse import csr_array as Sparse
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.references import POSITION_ORDER
 from accelcal.data.stamps import decimal_step
+from accelcal.effects import is_local
 from accelcal.estimation.channel_filters import HOLE
 from accelcal.estimation.columns import MOST_READINGS, MOST_SUMS, OVERSAMPLING, column_parts, multiples
 from accelcal.estimation.run import MOST_CROSSOVER
@@ -30,7 +32,16 @@ from accelcal.estimation.smoothing import (
 )
 from accelcal.estimation.values import Noise
 from accelcal.estimation.weak_form.channel import SampledChannel, covering
-from accelcal.estimation.weak_form.splines import DEGREE, Splines, bands
+from accelcal.estimation.weak_form.covariance import (
+    Covariance,
+    NoWeakForm,
+    Whitening,
+    bands,
+    factor,
+    same_along,
+    solved,
+)
+from accelcal.estimation.weak_form.splines import DEGREE, Splines
 from accelcal.model import Term
 from accelcal.signals.processing import cubic, derivative, low_pass
 from accelcal.signals.series import lagrange_weights
@@ -44,6 +55,8 @@ FEWEST_ROWS = 64
 """Fewer rows than this are no regression."""
 LEAST_STEPS = 400
 """Steps of the test functions in a record, least: half a test function is lost at either end, 1 % of it each."""
+PROBED = 32
+"""Test functions on either side of the middle of a record, whose covariance is that of all where clocks are even."""
 RESOLVED = 1.2
 """Steps of a channel between two test functions, least, where it is no whole number: aliases then stay below 1e-8."""
 WHOLE = 1e-3
@@ -55,27 +68,6 @@ TWICE_DIFFERENTIATED = 7
 """Degree of the splines through the readings whose second derivatives are taken."""
 LOST = 1.5
 """Spacing of output samples, in their steps, beyond which no test function crosses it."""
-
-
-class NoWeakForm(ValueError):
-    """A run has no weak form; the text says why."""
-
-
-@dataclass(frozen=True, slots=True)
-class Covariance:
-    """Covariance of the rows, q of_output + r of_readings + extra, by diagonals (DEGREE + 1, rows), main one first."""
-
-    of_output: Array
-    of_readings: Array
-    extra: Array
-
-    def at(self, q: float, r: float) -> Array:
-        """Diagonals at a density of process noise, (m/s²)²/Hz, and a variance of a reading, m²."""
-        return q * self.of_output + r * self.of_readings + self.extra
-
-    def part(self, rows: slice) -> Covariance:
-        """Of successive rows."""
-        return Covariance(*(each[:, rows] for each in (self.of_output, self.of_readings, self.extra)))
 
 
 class WeakRows:
@@ -96,7 +88,7 @@ class WeakRows:
     """
 
     def __init__(self, state: RunState) -> None:
-        self.state = state
+        self._state: Callable[[], RunState | None] = lambda: state
         self.signals: Signals = state.signals
         run, values = state.run, state.values
         if run.filters.blocking:
@@ -130,6 +122,19 @@ class WeakRows:
             # the smoothed motion of fewer readings, or of other noise, has noise that these rows would regress on
             self.signals = self._smoothed()
             self.__dict__.pop("at_readings", None)
+
+    @property
+    def state(self) -> RunState:
+        """The run, at the coefficients that these rows are of."""
+        found = self._state()
+        assert found is not None, "rows that a run holds live no longer than the run"
+        return found
+
+    def held(self) -> WeakRows:
+        """These rows, to be held by their run: they refer to it weakly, so that the memory of both is free at once when
+        nobody needs the run any more."""
+        self._state = weakref.ref(self.state)
+        return self
 
     def _of_reference(self, noise: Noise) -> Noise:
         """The noise of the filter over positions, with the variance of a reading of the reference in its own unit.
@@ -174,9 +179,10 @@ class WeakRows:
         return one
 
     def moved(self, state: RunState, signals: Signals) -> WeakRows:
-        """The rows of a run that differs in its signals alone: columns are of them, noise and innovations stay."""
+        """The rows of a run that differs in its signals alone, held by it: columns are of them, noise and innovations
+        stay."""
         one = copy.copy(self)
-        one.state, one.signals = state, signals
+        one._state, one.signals = weakref.ref(state), signals
         one._gain = state.run.rig.polarity / state.values.scale
         one.__dict__.pop("at_readings", None)
         return one
@@ -247,29 +253,54 @@ class WeakRows:
         ------
         The rows of the stretch, and the columns (terms, rows of the stretch) in the order of the terms.
         """
-        copies = multiples(terms, self.signals)
+        copies, acts = multiples(terms, self.signals), self.state.run.filters.acts
+        with_memory = [k for k, term in enumerate(terms) if k not in copies and (acts or not is_local(term.effect))]
+        elsewhere, ports = {*copies, *with_memory}, {term.port for term in terms}
         whiten, begin = Whitening(self.factor, len(terms)), 0
-        reads = any(term.port != "output" for term in terms)
-        # long ones: an effect with memory is evaluated over the whole record for each
         finest = min(self.reading_step, self.state.run.accel_step)
         most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
-        for part in self._parts(max(DEGREE + 1, most)):
-            kept = self._kept[part]
-            columns = np.empty((int(np.count_nonzero(kept)), len(terms)), order="F")
-            grid, of_grid = self._of_grid(part)
-            readings, of_readings = self._of_readings(part, POSITION_ORDER) if reads else (slice(0), of_grid)
+        parts = self._parts(max(DEGREE + 1, most))
+        together = max(1, MOST_SUMS // max(1, len(with_memory) * most))
+        for number, part in enumerate(parts):
+            if number % together == 0:
+                remembered = self._remembered([terms[k] for k in with_memory], parts[number : number + together])
+                passed = begin
+            of: dict[str, tuple[slice, Sparse]] = {port: self._against(port, part) for port in ports}
+            columns = np.empty((int(np.count_nonzero(self._kept[part])), len(terms)), order="F")
+            grid, readings = (of[port][0] if port in of else slice(0) for port in ("output", "position"))
             for first, found, port in column_parts(
-                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, copies
+                self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, elsewhere
             ):
-                weights, factor = (of_grid, -self._gain) if port == "output" else (of_readings, 1.0)
-                columns[:, first : first + len(found)] = (weights @ np.column_stack(found))[kept] * factor
+                columns[:, first : first + len(found)] = of[port][1] @ np.column_stack(found)
+            rows = slice(begin, begin + len(columns))
+            columns[:, with_memory] = remembered[rows.start - passed : rows.stop - passed]
             for k, (source, times) in copies.items():
                 columns[:, k] = columns[:, source] * times
-            rows = slice(begin, begin + len(columns))
             yield rows, whiten(rows, columns).T
             begin = rows.stop
         if len(self._readings.t) > MOST_READINGS:
             self.__dict__.pop("at_readings", None)  # memory
+
+    def _remembered(self, terms: Sequence[Term], parts: Sequence[slice]) -> Array:
+        """Columns over successive stretches, (rows, terms), each evaluated over the whole run once."""
+        found = np.empty((sum(int(np.count_nonzero(self._kept[part])) for part in parts), len(terms)))
+        whole = slice(None)
+        for first, columns, port in column_parts(
+            self.state.run, self.signals, terms, whole, whole, lambda: self.at_readings, ()
+        ):
+            begin = 0
+            for part in parts:
+                rows, weights = self._against(port, part)
+                sums = weights @ np.column_stack([column[rows] for column in columns])
+                found[begin : begin + len(sums), first : first + len(columns)] = sums
+                begin += len(sums)
+        return found
+
+    def _against(self, port: str, part: slice) -> tuple[slice, Sparse]:
+        """Rows of the signals, or readings, within the test functions of a stretch, and their weights in its rows."""
+        kept, output = self._kept[part], port == "output"
+        near, weights = self._of_grid(part) if output else self._of_readings(part, POSITION_ORDER)
+        return near, (weights if kept.all() else weights[kept]) * (-self._gain if output else 1.0)
 
     def whole(self, terms: Sequence[Term]) -> Array:
         """A few whitened columns over the whole run, (terms, rows)."""
@@ -291,8 +322,7 @@ class WeakRows:
         # beyond what the rows resolve nothing tells motion from noise of the output
         cutoff = min(self.signals.cutoff, self.rate / OVERSAMPLING)
         t = uniform_times(run)
-        even, used = not len(self._readings.carrier_t), np.flatnonzero(self._kept)
-        whole = self.order == POSITION_ORDER and even and used[-1] - used[0] + 1 == len(used)
+        whole = self.order == POSITION_ORDER and not len(self._readings.carrier_t) and self._unbroken
         if whole and cutoff < run.crossover(self.of_positions):
             motion = self._of_smoothed_readings(weight, cutoff, t - self._clock)
             found = given_signals(run, state.noise, state.values, motion, cutoff)
@@ -328,6 +358,12 @@ class WeakRows:
         curve = scipy.interpolate.make_interp_spline(ticks, low_pass(smooth, rate, corner), k=TWICE_DIFFERENTIATED)
         p, v, a = (cubic(ticks, np.asarray(curve(ticks, order)), t) for order in (0, 1, 2))
         return SmoothedMotion(p + self._zero, v, a, derivative(a, self.state.run.accel_step))
+
+    @property
+    def _unbroken(self) -> bool:
+        """Whether no row is missing between the first and the last."""
+        used = np.flatnonzero(self._kept)
+        return bool(used[-1] - used[0] + 1 == len(used))
 
     def _parts(self, most: int) -> list[slice]:
         """Test functions in stretches of at most so many."""
@@ -367,43 +403,49 @@ class WeakRows:
         if len(extra_r):
             extra_r = np.interp(self._clock + self._readings.t, run.t, extra_r)
         moved = self._added_to_position() if self.order != POSITION_ORDER else None
-        rows, covariances = [], []
+        constant = self._constant_variances()
+        y = np.empty(np.count_nonzero(self._kept))
+        covariance, begin = Covariance.of(len(y), constant), 0
         for part in self._parts(TOGETHER):
             # The covariance reaches DEGREE rows beyond the part.
             wide = slice(part.start, min(part.stop + DEGREE, self.splines.count))
             kept = self._kept[wide]
             inner = int(np.count_nonzero(self._kept[part]))
+            rows, begin = slice(begin, begin + inner), begin + inner
             samples, of_output = self._of_output(wide, self._tau)
-            of_noise = self._of_output(wide, 0.0)[1] if self._tau else of_output
             readings, of_readings = self._of_readings(wide, self.order)
             splines = self.splines.part(part.start, part.stop)
             count = splines.count
-            y = (-1.0) ** self.order * self._readings.sums(splines, self.order, of_readings[:count], readings)
+            sums = (-1.0) ** self.order * self._readings.sums(splines, self.order, of_readings[:count], readings)
             if moved is not None:
                 near, of_effects = self._of_readings(part, POSITION_ORDER)
-                y -= of_effects @ moved[near]
-            y -= self._gain * self._output.sums(splines, 0, of_output[:count], samples, self._tau)
+                sums -= of_effects @ moved[near]
+            sums -= self._gain * self._output.sums(splines, 0, of_output[:count], samples, self._tau)
             if acts:
                 grid, of_grid = self._of_grid(part)
-                y += self._gain * (of_grid @ added[grid])
-            rows.append(y[self._kept[part]])
-            variance = self._variances(of_noise[kept], of_readings[kept], extra_q[samples], extra_r, readings)
-            covariances.append([each[:, :inner] for each in variance])
-        found = [np.concatenate(each, axis=1) for each in zip(*covariances, strict=True)]
-        return np.concatenate(rows), Covariance(*found)
+                sums += self._gain * (of_grid @ added[grid])
+            y[rows] = sums[self._kept[part]]
+            of_noise = self._of_output(wide, 0.0)[1] if self._tau else of_output
+            of_noise, of_readings, step = of_noise[kept], of_readings[kept], run.accel_step
+            if constant is None:
+                covariance.of_output[:, rows] = bands(of_noise, 1.0 / step)[:, :inner]
+                covariance.of_readings[:, rows] = bands(of_readings)[:, :inner]
+            if np.any(extra_q[samples]):
+                covariance.extra[:, rows] += bands(of_noise, extra_q[samples] / step)[:, :inner]
+            if len(extra_r) and np.any(extra_r[readings]):
+                covariance.extra[:, rows] += bands(of_readings, extra_r[readings])[:, :inner]
+        return y, covariance
 
-    def _variances(
-        self, of_output: Sparse, of_readings: Sparse, extra_q: Array, extra_r: Array, readings: slice
-    ) -> tuple[Array, Array, Array]:
-        """Covariance of rows from unit noise of the output, of the readings, and from what varies along the record."""
-        step = self.state.run.accel_step
-        unit, one = bands(of_output, 1.0 / step), bands(of_readings)
-        extra = np.zeros_like(one)
-        if np.any(extra_q):
-            extra += bands(of_output, extra_q / step)
-        if len(extra_r) and np.any(extra_r[readings]):
-            extra += bands(of_readings, extra_r[readings])
-        return unit, one, extra
+    def _constant_variances(self) -> tuple[Array, Array] | None:
+        """Covariance of a row with itself and those that follow it, (DEGREE + 1,), from unit noise of the output and of
+        the readings; None where it is not the same along the record."""
+        if not (self._output.even and self._readings.even and self._unbroken):
+            return None
+        middle = self.splines.count // 2
+        probe = slice(max(0, middle - PROBED), min(middle + PROBED, self.splines.count))
+        of_output = same_along(bands(self._of_output(probe, 0.0)[1], 1.0 / self.state.run.accel_step))
+        of_readings = same_along(bands(self._of_readings(probe, self.order)[1]))
+        return None if of_output is None or of_readings is None else (of_output, of_readings)
 
     def _of_output(self, part: slice, tau: float) -> tuple[slice, Sparse]:
         """Samples within some test functions, and their weights: <phi - tau phi', u> undoes a low-pass of tau.
@@ -437,27 +479,6 @@ class WeakRows:
         return grid, (splines.weights(fine, 0, np.full(len(fine), s.step / between)) @ filled).tocsr()
 
 
-class Whitening:
-    """Forward substitution of many columns, stretch by stretch."""
-
-    def __init__(self, factor: Array, columns: int) -> None:
-        self.factor = factor
-        self.before = np.zeros((0, columns))
-
-    def __call__(self, rows: slice, y: Array) -> Array:
-        """Whiten the columns (rows, m) of the stretch that follows the last."""
-        reach = len(self.before)
-        y = np.array(y, order="F")
-        for back in range(1, reach + 1):  # row i - back of the stretch before, for i of this
-            for i in range(min(DEGREE, len(y))):
-                k = back + i
-                if k <= DEGREE:
-                    y[i] -= self.factor[k, rows.start - back] * self.before[reach - back]
-        found = solved(self.factor[:, rows], y)
-        self.before = np.concatenate([self.before, found])[-DEGREE:]
-        return found
-
-
 def splines_over(begin: float, end: float, step: float) -> Splines:
     """Test functions that lie within a span, s."""
     return Splines(begin, step, max(0, int((end - begin) / step) - DEGREE))
@@ -478,28 +499,3 @@ def refined(t: Array, between: int) -> tuple[Array, Sparse]:
     columns = (cell[:, None] + np.arange(4)).ravel()
     fine = t[0] + place * float((t[-1] - t[0]) / (n - 1))
     return fine, Sparse((weights.ravel(), (rows, columns)), shape=(len(place), n))
-
-
-def factor(diagonals: Array) -> Array:
-    """Cholesky factor of a banded covariance, by its diagonals.
-
-    Raises
-    ------
-    NoWeakForm
-        If it is not positive definite.
-    """
-    try:
-        return np.asarray(scipy.linalg.cholesky_banded(diagonals, lower=True))
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise NoWeakForm(f"the covariance of its rows is not positive definite: {error}") from error
-
-
-def solved(factor: Array, y: Array) -> Array:
-    """Forward substitution, (rows, m)."""
-    if factor.shape[1] != len(y):  # LAPACK would write beyond the end
-        raise ValueError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
-    if len(y) == 0:  # as it does without any row
-        return y
-    found, info = scipy.linalg.lapack.dtbtrs(np.asfortranarray(factor), np.asfortranarray(y), uplo=b"L")
-    assert info == 0
-    return np.asarray(found)

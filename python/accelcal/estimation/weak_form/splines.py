@@ -84,14 +84,3 @@ def pieces(order: int) -> Array:
     for _ in range(order):
         found = found[:, 1:] * np.arange(1.0, found.shape[1])
     return np.ascontiguousarray(found[:, ::-1])
-
-
-def bands(weights: Sparse, variance: Array | float = 1.0) -> Array:
-    """Covariance of sums of independent samples of a variance, as its diagonals, (DEGREE + 1, count), lowest first."""
-    scaled = weights.multiply(np.sqrt(variance)).tocsr() if np.ndim(variance) else weights * np.sqrt(variance)
-    product = scaled @ scaled.T
-    count = product.shape[0]
-    found = np.zeros((DEGREE + 1, count))
-    for k in range(min(DEGREE + 1, count)):
-        found[k, : count - k] = product.diagonal(-k)
-    return found

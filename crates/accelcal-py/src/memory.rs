@@ -1,6 +1,6 @@
 //! Python's view of the loops that effects with memory need; no mathematics.
 
-use ekf_core::hysteresis;
+use ekf_core::{hysteresis, lag};
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 
@@ -17,4 +17,20 @@ pub fn play_operator<'py>(
     let mut y = vec![0.0; x.len()];
     py.detach(|| hysteresis::play(x, width, start, &mut y));
     Ok(PyArray1::from_vec(py, y))
+}
+
+/// A low-pass at times of any spacing; see `ekf_core::lag::lagged`.
+#[pyfunction(name = "lagged_at")]
+#[pyo3(signature = (t, y, tau, start))]
+pub fn lagged_at<'py>(
+    py: Python<'py>,
+    t: PyReadonlyArray1<'py, f64>,
+    y: PyReadonlyArray1<'py, f64>,
+    tau: f64,
+    start: f64,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let (t, y) = (t.as_slice()?, y.as_slice()?);
+    let mut x = vec![0.0; t.len().min(y.len())];
+    py.detach(|| lag::lagged(t, y, tau, start, &mut x));
+    Ok(PyArray1::from_vec(py, x))
 }
