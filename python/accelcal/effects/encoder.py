@@ -132,7 +132,7 @@ def encoder_step(s: Signals, instant: float) -> Array:
     symbol="eps",
     scale=1e-4,
     source="10 µm over 0.1 m (paper)",
-    traits=Traits(visible=False, summand="encoder scale", uncertainty="encoder_scale"),
+    traits=Traits(visible=False, summand="encoder scale", uncertainty="encoder_scale", of_any_reference=True),
 )
 def encoder_scale(s: Signals) -> Array:
     """Scale error of the encoder.
@@ -154,7 +154,7 @@ def encoder_scale(s: Signals) -> Array:
     scale=1.0,
     source="LVDT behind a demodulator of 500 Hz: tau = 0.3 ms; filtered motion capture: 10 ms",
     shapes={"tau": Shape("s", (3e-5, 3e-2), trials=5, spacing="log")},
-    traits=Traits(positive=True, memory=True, summand="(-encoder lag)", delay_class=True),
+    traits=Traits(positive=True, memory=True, summand="(-encoder lag)", delay_class=True, of_any_reference=True),
     search=Search(includes=("time_offset",), prior=(1.0, 0.02)),
 )
 def encoder_lag(s: Signals, tau: float) -> Array:

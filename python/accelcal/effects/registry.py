@@ -204,6 +204,9 @@ class Traits:
     """Second mount with which a joint fit separates it from the base parameter."""
     uncertainty: Literal["", "level", "misalignment", "encoder_scale"] = ""
     """Key of the uncertainty that a rig declares where no joint fit separates it."""
+    of_any_reference: bool = False
+    """Whether it changes a velocity or an acceleration of the stage as it does a position; other effects at the
+    encoder are errors of a position that is read."""
     delay_class: bool = False
     """Whether it delays the output, so that only fast motion separates it from the other effects of its class."""
     noise: NoiseSource | None = None

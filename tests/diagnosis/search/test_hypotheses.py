@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from accelcal import CXL02_RIG
 from accelcal.data.arrays import Array
+from accelcal.data.references import Reference
 from accelcal.diagnosis.search.hypotheses import hypotheses_for
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
 from accelcal.effects import find
-from accelcal.estimation.estimate import estimate
+from accelcal.estimation.estimate import estimate, solve_runs
 from accelcal.model import Model
-from accelcal.simulation.sensor import Simulated
+from accelcal.simulation.sensor import Simulated, simulate
 from accelcal.workflow import add, diagnose
 from tests.diagnosis.search.records import fitted
 
@@ -28,6 +31,26 @@ def test_a_second_wave_is_offered_next_to_a_first_one_only(plain: Simulated) -> 
     assert "rail_second_wave" in {item.effect.name for item in hypotheses_for(state, held)}
     with pytest.raises(ValueError, match="add that first"):
         add(estimate(Model.linear(), plain.recording), plain.recording, "rail_second_wave")
+
+
+@pytest.mark.parametrize(("reference", "order"), [("position", 2), ("velocity", 1), ("reference_acceleration", 0)])
+def test_errors_of_a_position_are_offered_where_one_is_read(reference: Reference, order: int) -> None:
+    """A lag is that of any reference, and what users wrote themselves is offered to them."""
+    simulated = simulate(
+        "moves",
+        seconds=20.0,
+        rig=CXL02_RIG,
+        parameters={"bias": 0.05, "scale_factor": 0.01},
+        reference=reference,
+        rng=np.random.default_rng(7),
+    )
+    state = solve_runs(Model.linear(), [simulated.recording]).states[0]
+    assert state.run.order == order
+    own = replace(find("encoder_cyclic"), name="own_cyclic")
+    offered = {item.effect.name for item in hypotheses_for(state, Model.linear(), [own])}
+    of_encoder = {"encoder_cyclic", "encoder_backlash", "encoder_nonlinearity", "encoder_step"}
+    assert of_encoder & offered == (of_encoder if reference == "position" else set())
+    assert {"encoder_lag", "own_cyclic", "quadratic"} <= offered
 
 
 def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_process(plain: Simulated) -> None:

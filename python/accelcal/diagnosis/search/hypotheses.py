@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from accelcal.data.orientation import DERIVED
+from accelcal.data.references import POSITION_ORDER
 from accelcal.diagnosis.policy import FREE_SHAPE_PARAMETERS, RANDOM_PROCESS_COMPARISONS
 from accelcal.diagnosis.search.initial_shapes import PROPOSALS, InitialShape
 from accelcal.effects import BUILT_IN, Effect, find, side_channels, users_own
@@ -70,7 +71,8 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
         excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
         unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
-        if excluded or premature or unknown or any(name not in s.side for name in effect.needs):
+        foreign = state.run.order != POSITION_ORDER and reads_a_position(effect)
+        if excluded or premature or unknown or foreign or any(name not in s.side for name in effect.needs):
             continue
         tried = {
             n: [InitialShape(float(v)) for v in shape.grid(s)] for n, shape in effect.shapes.items() if not shape.picked
@@ -90,6 +92,11 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
         if effect.coarse:
             hypotheses.append(replace(hypotheses[first], leading=effect.coarse))
     return hypotheses
+
+
+def reads_a_position(effect: Effect) -> bool:
+    """Whether it is an error of a position that is read, which a velocity or an acceleration cannot have."""
+    return effect in BUILT_IN and effect.port == "position" and not effect.traits.of_any_reference
 
 
 def may_be_refined(model: Model, effect: Effect) -> bool:
