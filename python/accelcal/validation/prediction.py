@@ -99,8 +99,11 @@ class Prediction:
         self.information = np.cumsum(information)
         self.evidence = np.cumsum(np.where(self.counts, g * self.e / self.S, 0.0))
         self.travelled, self.moved = accumulated(plain, h)
-        since = d.t - d.t[0]
-        self.unknown = np.cumsum(np.where(d.restart, 0.0, d.extra_q * h) * since ** np.arange(3.0)[:, None], axis=1)
+        self.unknown = np.empty((3, len(h)))
+        lost, since = np.where(d.restart, 0.0, d.extra_q * h), d.t - d.t[0]
+        for power in self.unknown:
+            np.cumsum(lost, out=power)
+            lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
 
