@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 
 import pytest
 
@@ -10,6 +11,13 @@ from accelcal.effects import CATALOGUE
 CHROMIUM = shutil.which("chromium")
 REQUIRED = os.environ.get("ACCELCAL_REQUIRE_BROWSER") == "1"
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
+
+
+def pytest_configure():
+    """Let Ctrl-C be what it is in a terminal: who starts the tests in the background has it ignored, and children
+    inherit that."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="module", autouse=True)

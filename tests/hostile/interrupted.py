@@ -45,8 +45,6 @@ class Moments:
 
 def main() -> None:
     """Run the command line as it is installed."""
-    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a job of the background; the tests mean a terminal
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     kind, number, sent, folder = sys.argv[1:5]
     sys.argv[1:] = sys.argv[5:]
     moments = Moments(int(number), int(sent))

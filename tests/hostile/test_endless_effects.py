@@ -42,10 +42,9 @@ ENDLESS = {
 def begun(folder: Path, body: str) -> subprocess.Popen[str]:
     """A command that is in the midst of the effect."""
     (folder / "own.py").write_text(HEAD + body)
-    handled = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # as in a terminal
     child = subprocess.Popen(
         [
-            *(sys.executable, "-c", f"{handled}from accelcal.cli import main; main()"),
+            *(sys.executable, "-c", "from accelcal.cli import main; main()"),
             *("effects", "--effects-file", str(folder / "own.py")),
         ],
         stdout=subprocess.DEVNULL,

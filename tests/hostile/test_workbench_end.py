@@ -23,8 +23,7 @@ def ask_on(server: Served, ended: threading.Event) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
 def test_a_signal_while_requests_run_ends_in_one_sentence_or_none(number: signal.Signals) -> None:
-    # a terminal that was left, or a script that runs this in the background, has them ignored, and children inherit it
-    before = signal.signal(signal.SIGHUP, signal.SIG_DFL), signal.signal(signal.SIGINT, signal.default_int_handler)
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # a terminal that was left has it ignored
     ended = threading.Event()
     try:
         with serving() as server:
@@ -40,8 +39,7 @@ def test_a_signal_while_requests_run_ends_in_one_sentence_or_none(number: signal
             assert is_emptied(server.temporary)
     finally:
         ended.set()
-        signal.signal(signal.SIGHUP, before[0])
-        signal.signal(signal.SIGINT, before[1])
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_the_next_server_goes_on_with_the_folder_of_a_killed_one_and_removes_it() -> None:
