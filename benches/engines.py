@@ -148,7 +148,10 @@ def nulls(outcomes: Sequence[dict[str, Any]], trials: Mapping[str, Trial]) -> in
     middle, most = np.median(shift), np.quantile(shift, 0.99)
     print(f"|difference| over the uncertainty: median {middle:.3f} (at most 0.5), 99 % {most:.2f}")
     sigma = np.concatenate([one["sigma"] for one in compared])
-    for name, those in (("all", sigma), ("whose own exceeds the least", sigma[shift > ABOVE_LEAST * np.abs(sigma)])):
+    for name, those in (
+        ("all", sigma),
+        ("whose own exceeds three times the least", sigma[shift > ABOVE_LEAST * np.abs(sigma)]),
+    ):
         print(f"difference over its own uncertainty, {name}: rms {np.sqrt(np.mean(those**2)):.2f} of {len(those)}")
     counted = len(alarms) - len(invalid)
     print(f"alarms: {len(alarms)} of {len(compared)}; where both are valid {counted} (at most {allowed})")
@@ -166,8 +169,9 @@ def faults(outcomes: Sequence[dict[str, Any]]) -> int:
             print(
                 f"{one['key']}: the scale factor moves by {one['moved']:.0f} standard deviations, {worst(one):.1f} seen"
             )
-    print(f"faults that are seen: {len(seen)} of {len(counted)} (at least {LEAST_FAULTS:.0%})")
-    return 0 if counted and len(seen) >= LEAST_FAULTS * len(counted) else 1
+    least = int(binom.ppf(0.025, len(counted), LEAST_FAULTS))
+    print(f"faults that are seen: {len(seen)} of {len(counted)} (at least {least})")
+    return 0 if counted and len(seen) >= least else 1
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ __all__ = [
     "drive",
     "empty_call",
     "innovations",
+    "lagged_at",
     "play",
     "run_filter",
     "run_filter_batch",

@@ -2,6 +2,7 @@
 
 use ekf_core::{hysteresis, lag};
 use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// What a slack lets through of a signal; see `ekf_core::hysteresis::play`.
@@ -30,7 +31,10 @@ pub fn lagged_at<'py>(
     start: f64,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let (t, y) = (t.as_slice()?, y.as_slice()?);
-    let mut x = vec![0.0; t.len().min(y.len())];
+    if t.len() != y.len() {
+        return Err(PyValueError::new_err("a time for each sample is needed"));
+    }
+    let mut x = vec![0.0; t.len()];
     py.detach(|| lag::lagged(t, y, tau, start, &mut x));
     Ok(PyArray1::from_vec(py, x))
 }

@@ -320,6 +320,8 @@ def solve_runs(
     require_distinct(recordings)
     recordings = dwells_with_first(recordings)
     asked, model = model, complete(model, recordings)
+    if not model.free:
+        raise ValueError("no coefficient of the model is free: set one free to fit it, or compare the model as it is")
     require_shown(model, recordings)
     require_process_size(model)
     first = prepare(recordings[0], origins, start=start, end=end)

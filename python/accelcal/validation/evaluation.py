@@ -219,7 +219,8 @@ def output_share(ahead: Prediction, residual: Array, step: float) -> Array:
 
 def of_weak_form(ahead: Prediction) -> tuple[Array, Array]:
     """Times, s, and innovations of the weak form over their standard deviations, at the model as it is."""
-    sums = sums_of(settled_state(ahead.run.by("weak"), ahead.values, ahead.noise))
+    state = settled_state(ahead.run.by("weak"), ahead.values, ahead.noise)
+    sums = sums_of(state)
     return sums.times, sums.whitened
 
 

@@ -34,7 +34,7 @@ def test_a_second_wave_is_offered_next_to_a_first_one_only(plain: Simulated) -> 
 
 
 @pytest.mark.parametrize(("reference", "order"), [("position", 2), ("velocity", 1), ("reference_acceleration", 0)])
-def test_errors_of_a_position_are_offered_where_one_is_read(reference: Reference, order: int) -> None:
+def test_errors_of_a_position_are_offered_where_one_is_read(plain: Simulated, reference: Reference, order: int) -> None:
     """A lag is that of any reference, and what users wrote themselves is offered to them."""
     simulated = simulate(
         "moves",
@@ -51,6 +51,11 @@ def test_errors_of_a_position_are_offered_where_one_is_read(reference: Reference
     of_encoder = {"encoder_cyclic", "encoder_backlash", "encoder_nonlinearity", "encoder_step"}
     assert of_encoder & offered == (of_encoder if reference == "position" else set())
     assert {"encoder_lag", "own_cyclic", "quadratic"} <= offered
+    with_position = hypotheses_for(state, Model.linear(), others=[fitted(plain, np.zeros_like)])
+    assert of_encoder <= {item.effect.name for item in with_position}
+    if reference != "position":
+        with pytest.raises(ValueError, match="an error of a position as it is read"):
+            add(estimate(Model.linear(), simulated.recording), simulated.recording, "encoder_cyclic")
 
 
 def test_a_function_of_time_pays_for_more_comparisons_next_to_a_random_process(plain: Simulated) -> None:

@@ -79,3 +79,11 @@ def test_a_run_without_a_weak_form_is_refused_in_a_sentence() -> None:
     rig = replace(ac.CXL02_RIG, output_filters=(ChannelFilter("RC", "highpass", 0.5),))
     with pytest.raises(RecordingError, match=r"no weak form: the output has passed a high-pass.*--method replay"):
         ac.fit(ac.Model.linear(), recording(5, "moves", rig), method="weak")
+
+
+@pytest.mark.parametrize("method", ["weak", "replay"])
+def test_a_model_without_a_free_coefficient_is_refused(method: str) -> None:
+    made = ac.simulate("moves", seconds=5.0, rig=ac.CXL02_RIG, parameters={"bias": 0.0}, rng=np.random.default_rng(3))
+    held = ac.Model.linear().freeze(bias=0.0, scale_factor=0.0, time_offset=0.0)
+    with pytest.raises(ValueError, match="no coefficient of the model is free: set one free to fit it"):
+        ac.fit(held, made.recording, method=method)

@@ -143,7 +143,7 @@ def test_even_clocks_have_the_same_covariance_all_along(monkeypatch: pytest.Monk
         replace(made, position=gap(made.position, 10.0, 11.0)),
     ):
         assert WeakRows(solve_runs(MODEL, [other]).states[0]).covariance.of_output.strides[1] != 0
-    monkeypatch.setattr(weak, "same_along", lambda diagonals: None)
+    monkeypatch.setattr(weak, "constant_diagonals", lambda diagonals: None)
     summed = WeakRows(state).covariance
     assert summed.of_output.strides[1] != 0
     noise, y = (state.noise.q, state.noise.r), WeakRows(state).raw[:, None]
@@ -193,5 +193,6 @@ def test_nothing_to_divide_never_reaches_lapack(monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr(scipy.linalg.lapack, "dtbtrs", refused)
     assert solved(np.empty((10, 0)), np.empty((0, 3))).shape == (0, 3)
+    assert solved(np.ones((10, 2)), np.empty((2, 0))).shape == (2, 0)
     with pytest.raises(ValueError, match="2 rows of a factor, 1 of what it divides"):
         solved(np.ones((10, 2)), np.ones((1, 3)))

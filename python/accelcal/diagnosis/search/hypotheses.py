@@ -48,7 +48,9 @@ class Hypothesis:
         return terms_of(self.effect, self.shape)[len(self.terms) :]
 
 
-def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None = None) -> list[Hypothesis]:
+def hypotheses_for(
+    state: RunState, model: Model, extra: Sequence[Effect] | None = None, *, others: Sequence[RunState] = ()
+) -> list[Hypothesis]:
     """Every effect that may be missing from a model on this record, at each of its trial shapes.
 
     Parameters
@@ -56,12 +58,14 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     state : a fitted run.
     model : effects that it has are not offered again, but for the fine form of a coarse curve.
     extra : users' effects to consider besides the built-in catalogue; by default all that are registered.
+    others : further runs: one whose position was read is enough for errors of it.
     """
     s, dwells = state.signals, state.run.recording.dwells
     recorded = [(name, channel.unit) for name, channel in state.run.recording.side.items() if name not in DERIVED]
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     moving = {find(name).traits.changes for name in model.effects if find(name).port == "process"}
     time_functions = {e.name for e in BUILT_IN if e.port != "process" and e.traits.changes in moving - {""}}
+    position = any(each.run.order == POSITION_ORDER for each in (state, *others))
     hypotheses: list[Hypothesis] = []
     for effect in offered:
         if may_be_refined(model, effect):
@@ -71,7 +75,7 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
         excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
         unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
-        foreign = state.run.order != POSITION_ORDER and reads_a_position(effect)
+        foreign = not position and is_position_error(effect)
         if excluded or premature or unknown or foreign or any(name not in s.side for name in effect.needs):
             continue
         tried = {
@@ -94,8 +98,9 @@ def hypotheses_for(state: RunState, model: Model, extra: Sequence[Effect] | None
     return hypotheses
 
 
-def reads_a_position(effect: Effect) -> bool:
-    """Whether it is an error of a position that is read, which a velocity or an acceleration cannot have."""
+def is_position_error(effect: Effect) -> bool:
+    """Whether it is an error of a position as it is read. Behind a velocity or an acceleration none is looked for: the
+    position is their integral, whose slow part is noise."""
     return effect in BUILT_IN and effect.port == "position" and not effect.traits.of_any_reference
 
 

@@ -124,7 +124,7 @@ def scan(
     if only:
         known = users_own() if extra is None else tuple(extra)
         extra = (*known, *(e for e in only if e not in known and e not in BUILT_IN and not e.traits.follows))
-    items = hypotheses_for(passes[0], model, extra)
+    items = hypotheses_for(passes[0], model, extra, others=passes[1:])
     if only:
         names = {effect.name for effect in only}
         items = [item for item in items if item.effect.name in names]

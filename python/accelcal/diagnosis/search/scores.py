@@ -46,6 +46,7 @@ class BaseProjection:
     """
 
     def __init__(self, state: RunState, model: Model, separate: Sequence[Term] = ()) -> None:
+        self.state = state
         self.column_filter = sums_of(state)
         self._cached: tuple[Sequence[Term], slice, Array] | None = None
         uncertain = [*nuisances(state, model), *((term, np.inf) for term in separate)]
@@ -117,7 +118,7 @@ class BaseProjection:
     def stretches(self, terms: Sequence[Term]) -> Iterator[tuple[slice, Array]]:
         """Columns stretch by stretch, those of dwells last; those of a short run are cached for a second pass."""
         yield from self._of_motion(terms)
-        rest = rows_of_dwells(self.column_filter.state, terms)
+        rest = rows_of_dwells(self.state, terms)
         if rest is not None:
             yield slice(self.column_filter.rows, len(self.y)), rest.columns.T
 
@@ -259,7 +260,7 @@ class CandidateScores:
     def _slow_noise(self, number: int) -> SlowNoise | None:
         """Slow noise of one run; only what its base leaves is examined where that is white already."""
         run, weights = self.runs[number], self._weights[number]
-        crossover = run.column_filter.state.run.crossover(run.column_filter.state.noise)
+        crossover = run.state.run.crossover(run.state.noise)
         moving = slice(0, run.column_filter.rows)
         left = (run.y - run.wy @ run.B)[moving]
         if slow_noise(left, run.rate, crossover) is None:

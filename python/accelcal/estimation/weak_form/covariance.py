@@ -56,8 +56,8 @@ class Whitening:
         self.before = np.zeros((0, columns))
 
     def __call__(self, rows: slice, y: Array) -> Array:
-        """Whiten the columns (rows, m), in order of columns, of the stretch that follows the last; they are
-        overwritten."""
+        """Whiten the columns (rows, m), stored column by column, of the stretch that follows the last;
+        they are overwritten."""
         reach = len(self.before)
         for back in range(1, reach + 1):  # row i - back of the stretch before, for i of this
             for i in range(min(DEGREE, len(y))):
@@ -80,7 +80,7 @@ def bands(weights: Sparse, variance: Array | float = 1.0) -> Array:
     return found
 
 
-def same_along(diagonals: Array) -> Array | None:
+def constant_diagonals(diagonals: Array) -> Array | None:
     """Diagonals (DEGREE + 1,) of a covariance (DEGREE + 1, rows) that is the same along its rows; None where it is
     not. Those of the last rows, which lead beyond the end, are not looked at."""
     whole = diagonals[:, :-DEGREE]
@@ -104,10 +104,11 @@ def factor(diagonals: Array) -> Array:
 
 
 def solved(factor: Array, y: Array, *, overwrite: bool = False) -> Array:
-    """Forward substitution, (rows, m); in place of `y` where that may be overwritten and lies in order of columns."""
+    """Forward substitution, (rows, m); in place of `y` where that may be overwritten and is stored
+    column by column."""
     if factor.shape[1] != len(y):  # LAPACK would write beyond the end
         raise ValueError(f"{factor.shape[1]} rows of a factor, {len(y)} of what it divides")
-    if len(y) == 0:  # as it does without any row
+    if y.size == 0:  # as it does without any row or column
         return y
     found, info = scipy.linalg.lapack.dtbtrs(
         np.asfortranarray(factor), np.asfortranarray(y), uplo=b"L", overwrite_b=overwrite

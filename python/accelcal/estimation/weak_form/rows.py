@@ -37,8 +37,8 @@ from accelcal.estimation.weak_form.covariance import (
     NoWeakForm,
     Whitening,
     bands,
+    constant_diagonals,
     factor,
-    same_along,
     solved,
 )
 from accelcal.estimation.weak_form.splines import DEGREE, Splines
@@ -131,8 +131,8 @@ class WeakRows:
         return found
 
     def held(self) -> WeakRows:
-        """These rows, to be held by their run: they refer to it weakly, so that the memory of both is free at once when
-        nobody needs the run any more."""
+        """These rows, to be held by their run: they refer to it weakly, so that both are freed as soon as nobody uses
+        the run."""
         self._state = weakref.ref(self.state)
         return self
 
@@ -259,21 +259,22 @@ class WeakRows:
         whiten, begin = Whitening(self.factor, len(terms)), 0
         finest = min(self.reading_step, self.state.run.accel_step)
         most = min(int(MOST_READINGS * finest / self.splines.step), MOST_SUMS // COPIES // max(1, len(terms)))
-        parts = self._parts(max(DEGREE + 1, most))
+        most = max(DEGREE + 1, most)
+        parts = self._parts(most)
         together = max(1, MOST_SUMS // max(1, len(with_memory) * most))
         for number, part in enumerate(parts):
             if number % together == 0:
                 remembered = self._remembered([terms[k] for k in with_memory], parts[number : number + together])
-                passed = begin
-            of: dict[str, tuple[slice, Sparse]] = {port: self._against(port, part) for port in ports}
+                first_row = begin
+            against: dict[str, tuple[slice, Sparse]] = {port: self._against(port, part) for port in ports}
             columns = np.empty((int(np.count_nonzero(self._kept[part])), len(terms)), order="F")
-            grid, readings = (of[port][0] if port in of else slice(0) for port in ("output", "position"))
+            grid, readings = (against[port][0] if port in against else slice(0) for port in ("output", "position"))
             for first, found, port in column_parts(
                 self.state.run, self.signals, terms, grid, readings, lambda: self.at_readings, elsewhere
             ):
-                columns[:, first : first + len(found)] = of[port][1] @ np.column_stack(found)
+                columns[:, first : first + len(found)] = against[port][1] @ np.column_stack(found)
             rows = slice(begin, begin + len(columns))
-            columns[:, with_memory] = remembered[rows.start - passed : rows.stop - passed]
+            columns[:, with_memory] = remembered[rows.start - first_row : rows.stop - first_row]
             for k, (source, times) in copies.items():
                 columns[:, k] = columns[:, source] * times
             yield rows, whiten(rows, columns).T
@@ -294,6 +295,7 @@ class WeakRows:
                 sums = weights @ np.column_stack([column[rows] for column in columns])
                 found[begin : begin + len(sums), first : first + len(columns)] = sums
                 begin += len(sums)
+            del columns  # as long as the run is, while the next are evaluated
         return found
 
     def _against(self, port: str, part: slice) -> tuple[slice, Sparse]:
@@ -443,8 +445,8 @@ class WeakRows:
             return None
         middle = self.splines.count // 2
         probe = slice(max(0, middle - PROBED), min(middle + PROBED, self.splines.count))
-        of_output = same_along(bands(self._of_output(probe, 0.0)[1], 1.0 / self.state.run.accel_step))
-        of_readings = same_along(bands(self._of_readings(probe, self.order)[1]))
+        of_output = constant_diagonals(bands(self._of_output(probe, 0.0)[1], 1.0 / self.state.run.accel_step))
+        of_readings = constant_diagonals(bands(self._of_readings(probe, self.order)[1]))
         return None if of_output is None or of_readings is None else (of_output, of_readings)
 
     def _of_output(self, part: slice, tau: float) -> tuple[slice, Sparse]:
