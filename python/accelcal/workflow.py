@@ -409,7 +409,7 @@ def add(
             if lacking:
                 why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
             if is_position_error(effect) and all(state.run.order != POSITION_ORDER for state in states):
-                why = "it is an error of a position as it is read, and the reference of this record is none"
+                why = "it is an error of a position as it is read, and the reference of this record is not a position"
             if effect.search.beside and effect.search.beside not in model.effects:
                 why = f"it is searched for only beside {effect.search.beside}; add that first"
             raise ValueError(f"{name!r} cannot be added: {why}")

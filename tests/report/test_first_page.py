@@ -125,3 +125,14 @@ def test_parameters_beyond_the_page_are_counted(complete):
     assert len(shown["parameters"]) == MOST_PARAMETERS
     assert shown["further"] == len(crowd.fit.estimates) - MOST_PARAMETERS
     assert len(shown["files"]) == 5
+
+
+def test_the_conditions_name_the_reference_that_was_read(complete):
+    """A velocity is no position, neither as the reference nor in what was sampled."""
+    assert "position" in dict(first_page(complete)["conditions"])["sampling"]
+    read = replace(complete.recording.position, name="velocity", unit="m/s")
+    found = dict(first_page(replace(complete, recording=replace(complete.recording, reference=read)))["conditions"])
+    assert found["reference"] == "velocity"
+    assert "velocity" in found["sampling"]
+    assert "position" not in found["sampling"]
+    assert "position reference" not in found

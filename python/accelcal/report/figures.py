@@ -131,7 +131,7 @@ def _residuals(c: Content) -> Iterator[Entry]:
     yield Entry(
         "regions",
         "where",
-        f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the encoder is a reference.",
+        f"{caption} Below {where.band:.3g} Hz, the highest frequency at which the reference serves as one.",
         lambda theme: interactive.regions(where, theme=theme),
         lambda theme: static.regions(where, theme=theme),
     )

@@ -45,12 +45,13 @@ def first_page(content: Content) -> dict[str, Any]:
     ``si`` (value and standard uncertainty); ``further``: parameters that only the details show; ``coverage``,
     ``conditions``, ``files``, ``unknown``.
     """
+    rig = of_rig(content.fit.rig, called(content.recording))
     ordered = sorted(content.fit.estimates, key=lambda e: e.owner != "sensor")
     return {
         "parameters": [row(content, e) for e in ordered[:MOST_PARAMETERS]],
         "further": max(0, len(ordered) - MOST_PARAMETERS),
         "coverage": coverage(content),
-        "conditions": [*of_runs(content), *of_rig(content.fit.rig), *sampling(content), *of_ranges(content)],
+        "conditions": [*of_runs(content), *rig, *sampling(content), *of_ranges(content)],
         "files": files(content),
         "unknown": list(unknown(content)),
     }
@@ -95,12 +96,13 @@ def of_runs(content: Content) -> list[tuple[str, str]]:
 def sampling(content: Content) -> list[tuple[str, str]]:
     """Rates of the two channels."""
     channels = content.described["channels"]
-    both = (("output", content.recording.accel.name), ("position", content.recording.position.name))
+    recording = content.recording
+    both = (("output", recording.accel.name), (called(recording), recording.position.name))
     rates = []
-    for called, name in both:
+    for channel, name in both:
         if name in channels:
             rate, samples = channels[name]["rate_hz"], channels[name]["samples"]
-            rates.append(f"{called} {f'{rate:.6g} Hz' if rate else 'without a rate'} ({grouped(samples)} samples)")
+            rates.append(f"{channel} {f'{rate:.6g} Hz' if rate else 'without a rate'} ({grouped(samples)} samples)")
     return [("sampling", ", ".join(rates))]
 
 
@@ -111,8 +113,13 @@ def labelled(runs: Sequence[Recording], texts: Sequence[str]) -> str:
     return "; ".join(f"{text or NOT_DECLARED} ({run.name})" for run, text in zip(runs, texts, strict=True))
 
 
-def of_rig(rig: Rig) -> list[tuple[str, str]]:
-    """Sensor, position reference, orientation and declared filters."""
+def called(recording: Recording) -> str:
+    """What its reference is: a position, a velocity, or the acceleration of a reference."""
+    return "position" if recording.reference is None else recording.reference.name.replace("_", " ")
+
+
+def of_rig(rig: Rig, reference: str) -> list[tuple[str, str]]:
+    """Sensor, reference, orientation and declared filters."""
     sensor = rig.sensor
     name = " ".join(filter(None, (sensor.model, sensor.serial and f"no. {sensor.serial}"))) or NOT_DECLARED
     full_scale = f", full scale ±{number(sensor.range)} m/s²" if sensor.range else ""
@@ -124,7 +131,7 @@ def of_rig(rig: Rig) -> list[tuple[str, str]]:
     filters += [one.kind for one in rig.filters]
     return [
         ("sensor", f"{name}{full_scale}"),
-        ("position reference", step),
+        ("position reference", step) if reference == "position" else ("reference", reference),
         ("orientation", f"{AXES[rig.axis]}, mount {rig.mount}"),
         ("declared filters", ", ".join(filters) or "none"),
     ]

@@ -99,7 +99,7 @@ def _panels(fit: Fit, comparison: Comparison) -> list[Panel]:
     if below is not None:
         found.append(Panel(below, "accelerometer residual", "(m/s²)/√Hz", "accelerometer residual, inside the band"))
     if whole is not None:
-        title = "one-step residual, up to half the encoder rate"
+        title = "one-step residual, up to half the reading rate"
         found.append(Panel(whole, "one-step residual / predicted σ", "1/√Hz", title))
     return found
 
