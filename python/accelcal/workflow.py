@@ -19,7 +19,6 @@ from accelcal.data.dwell_sets import with_dwells
 from accelcal.data.dwells import Dwells
 from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
-from accelcal.data.references import POSITION_ORDER
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
@@ -30,7 +29,7 @@ from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
-from accelcal.diagnosis.search.hypotheses import is_position_error, may_be_refined
+from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
 from accelcal.diagnosis.turning import slow_residual
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
@@ -408,7 +407,7 @@ def add(
             why = "this record does not excite it; `accelcal power` says what the record can show"
             if lacking:
                 why = f"it needs the channel {' and '.join(lacking)}; record it, or name its column in the sidecar"
-            if is_position_error(effect) and all(state.run.order != POSITION_ORDER for state in states):
+            if lacks_its_position(effect, states):
                 why = "it is an error of a position as it is read, and the reference of this record is not a position"
             if effect.search.beside and effect.search.beside not in model.effects:
                 why = f"it is searched for only beside {effect.search.beside}; add that first"

@@ -277,9 +277,8 @@ class Prediction:
         for begin in range(0, len(at), TOGETHER):
             starts = at[begin : begin + TOGETHER]
             ends = starts + k
-            squares += float(
-                np.sum((self.run.readings[ends] - self._predict(starts, ends[:, None], False)[0][:, 0]) ** 2)
-            )
+            error = self.run.readings[ends] - self._predict(starts, ends[:, None], rezero=False)[0][:, 0]
+            squares += float(error @ error)
         return math.sqrt(squares / len(at))
 
     def simulate(self) -> tuple[Array, Array, Array, Array]:

@@ -65,7 +65,6 @@ def hypotheses_for(
     offered = (*BUILT_IN, *side_channels(recorded), *(users_own() if extra is None else extra))
     moving = {find(name).traits.changes for name in model.effects if find(name).port == "process"}
     time_functions = {e.name for e in BUILT_IN if e.port != "process" and e.traits.changes in moving - {""}}
-    position = any(each.run.order == POSITION_ORDER for each in (state, *others))
     hypotheses: list[Hypothesis] = []
     for effect in offered:
         if may_be_refined(model, effect):
@@ -75,7 +74,7 @@ def hypotheses_for(
         excluded = effect.name in model.effects or not shown or effect.port == "noise"
         premature = effect.search.beside and effect.search.beside not in model.effects
         unknown = dwells is not None and acts_at_rest(effect) and not dwells_show(dwells, effect)
-        foreign = not position and is_position_error(effect)
+        foreign = lacks_its_position(effect, (state, *others))
         if excluded or premature or unknown or foreign or any(name not in s.side for name in effect.needs):
             continue
         tried = {
@@ -98,10 +97,13 @@ def hypotheses_for(
     return hypotheses
 
 
-def is_position_error(effect: Effect) -> bool:
-    """Whether it is an error of a position as it is read. Behind a velocity or an acceleration none is looked for: the
-    position is their integral, whose slow part is noise."""
-    return effect in BUILT_IN and effect.port == "position" and not effect.traits.of_any_reference
+def lacks_its_position(effect: Effect, states: Sequence[RunState]) -> bool:
+    """Whether it is an error of a position as it is read, and no run has one.
+
+    Behind a velocity or an acceleration none is looked for: the position is their integral, whose slow part is noise.
+    """
+    error = effect in BUILT_IN and effect.port == "position" and not effect.traits.of_any_reference
+    return error and all(state.run.order != POSITION_ORDER for state in states)
 
 
 def may_be_refined(model: Model, effect: Effect) -> bool:
