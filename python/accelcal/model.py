@@ -10,7 +10,7 @@ import numpy as np
 from accelcal._support.arguments import check_fields, checked
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.result import Result
 from accelcal._support.short_repr import short_repr
 from accelcal.data.arrays import Array
 from accelcal.effects import Effect, find, polynomial
@@ -98,10 +98,9 @@ def evaluate(terms: Sequence[Term], s: Signals) -> Iterator[Array]:
 
 
 @immutable
-@notebook_repr
 @short_repr
 @dataclass(frozen=True, slots=True)
-class Model:
+class Model(Result):
     """Base and effects in forward sense: output(t + t0) = (1 + k) a + K0 + sum c_j e_j.
 
     Every coefficient is free unless `fixed` gives its value; `priors` holds priors of free ones. Both go by the name of
@@ -275,9 +274,8 @@ class Model:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(Result):
     """One parameter with its standard uncertainty.
 
     Examples

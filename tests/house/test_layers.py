@@ -34,8 +34,7 @@ LAYERS = (
     "serialization",
     "workflow",
     "response",
-    "formatting",
-    "frames",
+    "results",
     "live",
     "campaign",
     "demo",
@@ -44,7 +43,6 @@ LAYERS = (
     "report",
     "fleet",
     "app",
-    "notebook",
     "cli",
     "__main__",
 )

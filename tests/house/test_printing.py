@@ -15,7 +15,7 @@ from accelcal.cli import app
 from accelcal.cli.printing import show_fit, show_improvement
 from accelcal.cli.terminal import show_table
 from accelcal.estimation.estimate import estimate
-from accelcal.formatting import interval
+from accelcal.results.words import interval
 from accelcal.serialization import diagnosis_json
 from accelcal.workflow import improve
 

@@ -13,7 +13,7 @@ import accelcal as ac
 from accelcal import notebook, workflow
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
-from accelcal.formatting import concise, plain
+from accelcal.results.words import concise, plain
 from accelcal.validation.stretches import headline_horizon
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}

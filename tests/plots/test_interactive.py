@@ -10,7 +10,7 @@ from tests.plots.test_plots import SHORT, a_comparison
 from tests.plots.test_sensitivity import responded
 
 import accelcal as ac
-from accelcal import formatting
+from accelcal.results import words as formatting
 from accelcal.diagnosis.findings import Confounded
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.estimation.estimate import estimate

@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from accelcal import formatting, plots
+from accelcal import plots
+from accelcal.results import words as formatting
 from accelcal.estimation.estimate import estimate
-from accelcal.formatting import concise
+from accelcal.results.words import concise
 from accelcal.model import Model
 from accelcal.plots import style
 from accelcal.plots.numbers import normal_quantiles

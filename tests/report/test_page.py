@@ -15,7 +15,7 @@ from accelcal._support.extras import MissingExtra
 from accelcal.diagnosis.outlier_rejection import RejectedReadings
 from accelcal.diagnosis.remarks import Remark
 from accelcal.estimation.estimate import estimate
-from accelcal.formatting import readable
+from accelcal.results.words import readable
 from accelcal.report.page import script_json
 from accelcal.report.view import METHOD, view
 from tests.report.conftest import FILE, HOSTILE

@@ -13,7 +13,7 @@ from accelcal.data.recording import Recording
 from accelcal.demo import TRUTH, with_effect
 from accelcal.effects import find, spelled
 from accelcal.estimation.run import prepare
-from accelcal.formatting import with_unit
+from accelcal.results.words import with_unit
 from accelcal.simulation.sensor import CXL02_RIG, simulate
 
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.app.run import Run, Stretch
 from accelcal.app.state import State
 from accelcal.data.recording import Recording
@@ -23,6 +22,7 @@ from accelcal.plots.interactive.linked import CHOSEN
 from accelcal.plots.numbers import share_text
 from accelcal.plots.style import ThemeName
 from accelcal.response import FrequencyResponse
+from accelcal.results import words as formatting
 from accelcal.selection.nested_models import NestedModel, NestedModels
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.stretches import headline_horizon, quoted_error

@@ -11,7 +11,7 @@ from nicegui import ui
 from accelcal.app import widgets
 from accelcal.app.follower import Follower
 from accelcal.effects import spelled
-from accelcal.formatting import number
+from accelcal.results.words import number
 
 COUNTS = {
     "used": "lines",

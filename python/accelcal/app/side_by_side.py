@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from accelcal.app.state import State
 from accelcal.data.recording import RecordingError, require_same_sensor
 from accelcal.estimation.estimate import Fit
+from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.model import Estimate
 
 
@@ -18,9 +19,9 @@ class Difference:
 
     name: str
     unit: str
-    first: Estimate | None
+    first: Estimate | NoiseEffect | None
     """None where the model does not have it."""
-    second: Estimate | None
+    second: Estimate | NoiseEffect | None
 
     @property
     def value(self) -> float | None:
@@ -45,9 +46,9 @@ def differences(first: Fit, second: Fit) -> list[Difference]:
     return [Difference(name, (one.get(name) or two[name]).unit, one.get(name), two.get(name)) for name in names]
 
 
-def by_name(fit: Fit) -> dict[str, Estimate]:
-    """Parameters by name."""
-    return {e.name: fit[e.name] for e in (*fit.estimates, *fit.shapes)}
+def by_name(fit: Fit) -> dict[str, Estimate | NoiseEffect]:
+    """Parameters by name, effects on noise among them."""
+    return {e.name: fit[e.name] for e in (*fit.estimates, *fit.shapes)} | {e.name: e for e in fit.noise_effects}
 
 
 def same_sensor(fits: Sequence[Fit], state: State) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 from accelcal.app.state import State
@@ -10,11 +9,9 @@ from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import CATALOGUE, find, spelled
-from accelcal.formatting import about, amount, number, probability, readable, with_plain
-from accelcal.model import Estimate
 from accelcal.plots.numbers import candidate_groups
-from accelcal.report.view import VERDICTS
-from accelcal.serialization.diagnosis_json import sizes
+from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.words import probability, readable, with_plain
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +64,7 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
         about=" ".join(effect.card.split("\n\n")[0].split("\nEquation:")[0].split()),
         facts=(
             size,
-            f"at most {largest_contribution(found, Size(c.largest, effect.port == 'position'))}",
+            f"at most {contribution(Size(c.largest, effect.port == 'position'), found.fit.rig.sensor.range)}",
             f"{c.snr:.1f} σ, p {probability(c.p_value)}",
         ),
         rivals=rivals,
@@ -82,29 +79,9 @@ def card(found: Diagnosis, c: Candidate, named: list[str]) -> Card:
     )
 
 
-def largest_contribution(found: Diagnosis, size: Size) -> str:
-    """A largest contribution in m/s², mg and percent of full scale, or in µm at the encoder."""
-    found_sizes = sizes(size, found.fit.rig.sensor.range)
-    if found_sizes["m_per_s2"] is None:
-        return f"{number(1e6 * (found_sizes['m'] or 0.0), 3)} µm"
-    share = found_sizes["percent_of_full_scale"]
-    full = "" if share is None else f", {number(share, 3)} %FS"
-    return f"{number(found_sizes['m_per_s2'], 3)} m/s², {number(found_sizes['mg'] or 0.0, 3)} mg{full}"
-
-
-def limits(found: Diagnosis) -> list[list[str]]:
+def limits(found: Diagnosis) -> list[tuple[str, ...]]:
     """Detection limits: effect, and the smallest coefficient of it that would have been detected."""
-    rows = []
-    # Common effects first, of these the static ones before drift.
-    order = sorted(
-        CATALOGUE.items(),
-        key=lambda item: (not item[1].traits.common, item[1].traits.common and not item[1].traits.static),
-    )
-    for name, effect in order:
-        size = found.scan.detection_limits.get(name, math.inf)
-        if effect.owner == "sensor" and effect.port == "output" and effect.width == 1 and math.isfinite(size):
-            rows.append([spelled(name), about(effect.unit, size)])
-    return rows
+    return list(found.table("limits").cells[1])
 
 
 def offered(found: Diagnosis) -> tuple[list[Card], list[Card], list[Card]]:
@@ -162,8 +139,3 @@ def can_add(state: State, found: Diagnosis | None) -> bool:
     if state.step is None or found is None:
         return False
     return any(c.significant for c in cards(found)) or bool(of_noise(state, found))
-
-
-def value(e: Estimate) -> str:
-    """An estimate with its uncertainty and unit."""
-    return amount(e.value, e.std, e.unit)

@@ -16,7 +16,6 @@ from accelcal.app.figures import Picture
 from accelcal.app.page import Page
 from accelcal.app.run import Stretch
 from accelcal.data.units import instant
-from accelcal.plots.numbers import REGION_HEAD, REGION_NOTE, region_cells
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.worst import worst_stretches
@@ -92,16 +91,15 @@ class Zoom:
 
     def table(self, seen: Comparison) -> None:
         """Where the model fails: a row for each variable, whose range leads to where it is seen."""
-        rows = []
-        for region in seen.worst_regions:
-            cells: list[widgets.Cell] = list(region_cells(region))
+        shown = seen.table("regions")
+        head, worded = shown.cells
+        rows: list[list[widgets.Cell]] = [list(row) for row in worded]
+        for cells, region in zip(rows, seen.worst_regions, strict=True):
             if region.stretch is not None:
                 cells[1] = self._link(str(cells[1]), region.variable, region.stretch)
-            rows.append(cells)
         if rows:
-            widgets.table(REGION_HEAD, rows, "Where it fails")
-            text = f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}. Click a range to see it in the figure."
-            ui.label(text).classes("note")
+            widgets.table(head, rows, "Where it fails")
+            ui.label(" ".join((*shown.notes, "Click a range to see it in the figure."))).classes("note")
 
     def _link(self, text: str, variable: str, stretch: Stretch) -> Callable[[], Any]:
         """A cell that leads to a stretch of time."""

@@ -119,7 +119,7 @@ def compare_one(
     if json:
         print_json(content)
     else:
-        show_comparison(content)
+        show_comparison(seen)
         suggest("diagnose", model, run)
 
 
@@ -133,7 +133,7 @@ def compare_several(
     json: bool,
 ) -> None:
     """Each model against the first, on the same recordings."""
-    from accelcal.cli.printing import show_paired
+    from accelcal.cli.printing import show
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import compare_paired
 
@@ -156,7 +156,7 @@ def compare_several(
     if json:
         print_json(content)
     else:
-        show_paired(content)
+        show(found)
         suggest("diagnose", found.names[best_of(content)], runs[0])
 
 
@@ -203,7 +203,7 @@ def history(
 
     Example: [bold]accelcal history m.json m2.json --on run13.csv[/bold]
     """
-    from accelcal.cli.printing import show_steps
+    from accelcal.cli.printing import show
     from accelcal.serialization import diagnosis_json, model_file
     from accelcal.workflow import history as history_of
 
@@ -211,9 +211,8 @@ def history(
     fits = [model_file.load(path) for path in models]
     with progress("history") as report:
         seen = history_of(fits, load_like(fits[0], on, rig), report=within(report, LOADED, 1.0))
-    content = diagnosis_json.history_to_dict([str(m) for m in models], seen)
     if json:
-        print_json(content)
+        print_json(diagnosis_json.history_to_dict([str(m) for m in models], seen))
     else:
-        show_steps([(step["model"], step["heldout"]) for step in content["steps"]], content)
+        show(seen)
         suggest("report", models[-1], on, "-o", f"{models[-1].stem}.html")

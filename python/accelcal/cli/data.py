@@ -50,10 +50,10 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     Example: [bold]accelcal check run12.csv[/bold]
     """
     from accelcal import io
-    from accelcal.cli.printing import broken_lines
     from accelcal.data import summary
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
+    from accelcal.results.comparisons import broken
 
     with progress("check") as report:
         recording = io.load(run, rig)
@@ -69,7 +69,7 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
         print_json(content)
         return
     say_line(text)
-    for text in broken_lines({"breaks": breaks}):
+    for text in broken(breaks):
         say_line(f"suspect data: {text}")
     suggest("fit", run, "-o", f"{run.stem}.json")
 

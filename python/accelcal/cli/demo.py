@@ -69,7 +69,7 @@ def demo(
     say_line(f"\n$ accelcal compare {output / 'm.json'} {paths[1]} --plots {output}")
     with progress("compare") as report:
         seen = compare_with(found, io.load(paths[1]), report=report)
-    show_comparison(model_file.comparison_to_dict(seen))
+    show_comparison(seen)
     for path in write(found, seen, output):
         say_line(f"wrote {path}")
     say_line(f"\nThis took {time.perf_counter() - began:.1f} s.")
@@ -80,7 +80,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     """Hide an effect in two recordings and find it with `improve`."""
     from accelcal.cli.printing import show_improvement
     from accelcal.demo import hide, seal
-    from accelcal.serialization import diagnosis_json, model_file
+    from accelcal.serialization import model_file
     from accelcal.workflow import improve as improve_with
 
     hidden = hide(effect, seed)
@@ -93,7 +93,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
     with progress("improve") as report:
         found = improve_with(hidden.train, holdout=hidden.holdout, report=report)
     model_file.save(found.diagnosis.fit, output / "best.json", seed=seed)
-    show_improvement(found, diagnosis_json.improvement_to_dict(found))
+    show_improvement(found)
     say_line(f"\nFound: {', '.join(found.effects) or 'nothing'}. Hidden: {hidden_text(hidden)}.")
     suggest("report", output / "best.json", paths[0], "--holdout", paths[1], "-o", output / "report.html")
 
@@ -101,7 +101,7 @@ def demo_hidden(effect: str, output: Path, seed: int) -> None:
 def hidden_text(hidden: Hidden) -> str:
     """The hidden effect with its coefficient and its shape parameters, each with its unit."""
     from accelcal.effects import find
-    from accelcal.formatting import plain, with_unit
+    from accelcal.results.words import plain, with_unit
 
     if hidden.effect is None:
         return "nothing"

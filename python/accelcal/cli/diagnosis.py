@@ -58,7 +58,7 @@ def diagnose(
 
     Example: [bold]accelcal diagnose m.json run12.csv --holdout run13.csv[/bold]
     """
-    from accelcal.cli.printing import show_diagnosis, show_steps
+    from accelcal.cli.printing import show
     from accelcal.data.dwell_sets import with_dwells
     from accelcal.data.dwells import Dwells
     from accelcal.diagnosis.dwells import diagnose_dwells
@@ -93,15 +93,15 @@ def diagnose(
     if json:
         print_json(content)
         return
-    show_diagnosis(content)
-    if holdout is not None:
-        show_steps([(str(model), content["heldout"])])
+    show(found)
+    if seen is not None:
+        show(seen)
     after_diagnosis(model, runs, found.effects, found.verdict)
 
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
     """Print and write a diagnosis of dwells."""
-    from accelcal.cli.printing import show_dwell_diagnosis
+    from accelcal.cli.printing import show
     from accelcal.io import atomic_write
     from accelcal.serialization import diagnosis_json, model_file
 
@@ -112,7 +112,7 @@ def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> 
     if json:
         print_json(content)
     else:
-        show_dwell_diagnosis(found)
+        show(found)
 
 
 @app.command()
@@ -164,7 +164,7 @@ def improve(
     if json:
         print_json(content)
     else:
-        show_improvement(found, content)
+        show_improvement(found)
         suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
 
 
@@ -298,7 +298,7 @@ def power(
     if json:
         print_json(seen.to_dict())
     else:
-        show_power(seen.to_dict())
+        show_power(seen)
         suggest("fit", run if len(recording.accel) else None, "-o", f"{run.stem}.json")
 
 
@@ -344,7 +344,7 @@ def plan(
     if json:
         print_json(found.to_dict())
     else:
-        show_plan(found.to_dict())
+        show_plan(found)
 
 
 def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:

@@ -177,16 +177,16 @@ def triad_to_dict(fit: TriadFit) -> dict[str, Any]:
 def show_triad(fit: TriadFit) -> None:
     """Print nine parameters and what they leave."""
     from accelcal.cli.terminal import say_line, show_table
-    from accelcal.formatting import plain, short
+    from accelcal.results.words import concise, plain
 
     units = {"K": f"(m/s²)/{fit.unit}", "T": "rad", "b": fit.unit}
     std = dict(fit.std)
     rows = [
-        (name, plain(units[name[0]], y, std[name]), short(y, std[name]), units[name[0]])
+        (name, plain(units[name[0]], y, std[name]), concise(y, std[name]), units[name[0]])
         for name, y in fit.values.items()
     ]
     say_line(f"{fit.name}: a = T K (y - b), {len(fit.residual)} positions, |a| = {fit.gravity:g} m/s²")
-    show_table(("parameter", "value", "SI value (std)", "SI unit"), rows)
+    show_table(("parameter", "value", "SI value (u)", "SI unit"), rows)
     say_line(f"residual of the norm: {fit.rms:.3g} m/s² rms")
     say_line(fit.sentence)
     for text in fit.remarks:

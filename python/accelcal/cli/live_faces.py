@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 from accelcal._support.plain_text import visible
 from accelcal.cli.common import print_status
 from accelcal.cli.terminal import say_line
-from accelcal.formatting import number, with_unit
 from accelcal.live.monitor import Alarm
 from accelcal.live.session import LiveState
 from accelcal.live.state_json import state_to_dict
 from accelcal.model import Estimate
+from accelcal.results.words import number, with_unit
 from accelcal.serialization.json_text import dumps
 
 if TYPE_CHECKING:

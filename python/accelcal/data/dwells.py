@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array
 from accelcal.data.rig import STANDARD_GRAVITY, Rig
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 ATTITUDES = {"up": 0.5 * math.pi, "down": -0.5 * math.pi, "level": 0.0}
 """Elevation of the input axis by the word of a sidecar, rad."""
@@ -38,9 +37,8 @@ class DwellSetup:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True, eq=False)
-class Dwells:
+class Dwells(Result):
     """Means of the output of one sensor at rest. All arrays are (n,), one value for each dwell.
 
     Examples
@@ -101,21 +99,6 @@ class Dwells:
     def __repr__(self) -> str:
         degrees = np.degrees(self.angle)
         return f"Dwells({self.name!r}: {len(self)} between {np.min(degrees):+.4g} and {np.max(degrees):+.4g} degrees)"
-
-    def summary(self) -> str:
-        """Attitudes, means and durations in a small table, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the dwells as a pandas DataFrame, a row each.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_dwells(self)
-        return made
 
     @property
     def white(self) -> Array:

@@ -15,7 +15,7 @@ from accelcal._support.arguments import check_fields
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.data import units
 from accelcal.data.arrays import Array
 from accelcal.data.dwells import Dwells
@@ -24,7 +24,6 @@ from accelcal.data.run_labels import NO_LABELS, RunLabels
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-    from xarray import Dataset
 
 
 class RecordingError(ValueError):
@@ -139,9 +138,8 @@ class PositionStep:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True, weakref_slot=True)
-class Recording:
+class Recording(Result):
     """One run: the accelerometer output, the encoder position, side channels, and the rig it came from.
 
     `accelcal.load` reads one from a file, `from_arrays` and `from_dataframe` make one of what is in memory.
@@ -274,35 +272,6 @@ class Recording:
         found = face("io.memory").from_dataframe(frame, units=units, rig=rig, name=name)
         assert isinstance(found, Recording)
         return found
-
-    def to_dataframe(self) -> DataFrame:
-        """Return all channels as a pandas DataFrame: one row for each instant at which anything was sampled.
-
-        The index is t in s, a cell is NaN where its channel was not sampled, and `attrs["units"]` holds the units, so
-        that `from_dataframe` reads it back.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_recording(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return all channels as an xarray Dataset, each on a time axis of its own, with units.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_recording(self)
-        return made
-
-    def summary(self) -> str:
-        """What was understood of the recording, as text: channels, rates, ranges, warnings."""
-        return summary(self)
 
     @property
     def sums(self) -> tuple[float, float, float, float]:

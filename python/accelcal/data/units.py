@@ -359,35 +359,26 @@ _USUAL = {
     "m/s²": ("mg", 1e3 * MICRO_G),
     "(m/s²)⁻¹": ("ug/g²", 1.0 / (1e6 * 9.80665)),
     "(m/s²)⁻²": ("ug/g³", 1.0 / (1e6 * 9.80665**2)),
-    "s": ("us", 1e-6),
     "rad": ("deg", math.pi / 180.0),
 }
 """Unit of a coefficient -> the unit that test engineers use for it, and how much SI one of it is."""
 
 
-def display(unit: str, value: float, std: float) -> str | None:
-    """Return an SI value in the unit that test engineers use for it, None where SI is that unit.
+def usual_unit(unit: str, *values: float) -> tuple[str, float]:
+    """Name of the unit that test engineers use for values in an SI unit, and its size in SI.
 
-    A value with a standard deviation is rounded to two digits of that.
+    Lengths and times take the prefix in which the largest of the values is at least 1.
 
     Examples
     --------
-    >>> display("(m/s²)⁻¹", 1.02e-7, 0.0)
-    '1 ug/g²'
-    >>> display("m/s²", 0.050011, 2.8e-5)
-    '5.0997 ± 0.0029 mg'
-    >>> display("(m/s²)⁻²", 9.945e-4, 2.87e-6)
-    '95640 ± 280 ug/g³'
+    >>> usual_unit("m/s²", 0.05)[0], usual_unit("m", 2.7e-9, 1.7e-9)[0], usual_unit("s", 29.9)[0]
+    ('mg', 'nm', 's')
     """
-    if unit not in _USUAL:
-        return None
-    name, size = _USUAL[unit]
-    if std <= 0.0:
-        return f"{value / size:.4g} {name}"
-    spread = std / size
-    last = 1 - math.floor(math.log10(spread))
-    decimals = min(12, max(0, last))
-    return f"{round(value / size, last) + 0.0:.{decimals}f} ± {round(spread, last):.{decimals}f} {name}"
+    if unit not in ("m", "s"):
+        return _USUAL.get(unit, (unit, 1.0))
+    largest = max(map(abs, values), default=0.0)
+    sizes = ((unit, 1.0), (f"m{unit}", 1e-3), (f"u{unit}", 1e-6), (f"n{unit}", 1e-9))
+    return next((one for one in sizes if largest >= one[1]), sizes[0] if largest == 0.0 else sizes[-1])
 
 
 __dir__ = listing(globals())

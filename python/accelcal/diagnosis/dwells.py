@@ -10,9 +10,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.arguments import checked
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.data.dwells import Dwells
 from accelcal.diagnosis.policy import CLEAR_LOG_EVIDENCE, FAMILYWISE_ALPHA
 from accelcal.effects import BUILT_IN, Effect, is_local, users_own
@@ -23,7 +22,7 @@ from accelcal.estimation.multiplicity import over_all
 from accelcal.model import terms_of
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 BEYOND = 1e-6
 """Share of a column's power beyond the model and the angle zeros below which dwells do not show it."""
@@ -44,9 +43,8 @@ class DwellCandidate:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class DwellDiagnosis:
+class DwellDiagnosis(Result):
     """What a model lacks on dwells."""
 
     verdict: str
@@ -61,21 +59,6 @@ class DwellDiagnosis:
 
     def __repr__(self) -> str:
         return f"DwellDiagnosis({self.verdict}: {self.sentence})"
-
-    def summary(self) -> str:
-        """Verdict and candidates, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the candidates as a pandas DataFrame, the most significant first.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_dwell_diagnosis(self)
-        return made
 
 
 @checked

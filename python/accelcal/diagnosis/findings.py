@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import special
 
-from accelcal.data.units import display
+from accelcal.data.units import usual_unit
 from accelcal.diagnosis.contribution import Size
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.search.homogeneity import PartSizes
@@ -96,14 +96,8 @@ def with_usual_unit(value: float, unit: str) -> str:
     >>> with_usual_unit(0.0051, "s"), with_usual_unit(2e-6, "m"), with_usual_unit(0.02, "1")
     ('5.1 ms', '2 um', '0.02')
     """
-    if unit in ("s", "m") and 0.0 < abs(value) < 1.0:
-        factor, prefix = next(
-            ((f, p) for f, p in ((1e3, "m"), (1e6, "u"), (1e9, "n")) if abs(value) * f >= 1.0), (1e9, "n")
-        )
-        return f"{value * factor:.3g} {prefix}{unit}"
-    if unit == "rad":
-        return display(unit, float(f"{value:.3g}"), 0.0) or ""
-    return f"{value:.3g} {unit}" if unit not in ("", "1") else f"{value:.3g}"
+    name, size = usual_unit(unit, value) if unit in ("s", "m", "rad") else (unit, 1.0)
+    return f"{value / size:.3g} {name}".removesuffix(" 1").rstrip()
 
 
 def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:

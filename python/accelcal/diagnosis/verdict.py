@@ -11,8 +11,8 @@ import numpy as np
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal._support.progress import within
+from accelcal._support.result import Result
 from accelcal.data.recording import Recording
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.contribution import Importance, Size, sizes_of, split
@@ -56,15 +56,13 @@ from accelcal.validation.evaluation import compare
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from pandas import DataFrame
 
 SEEN_EXPERIMENT = "a further run with the axis in another direction, or the sensor turned on its mount"
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Diagnosis:
+class Diagnosis(Result):
     """What a model lacks on a recording.
 
     Examples
@@ -116,10 +114,6 @@ class Diagnosis:
     def __repr__(self) -> str:
         return f"Diagnosis({self.verdict}: {self.sentence})"
 
-    def summary(self) -> str:
-        """Verdict, candidates or detection limits, and what must be read with them, as text."""
-        return summary(self)
-
     def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw the candidates with what each explains, see `accelcal.plots.static.diagnosis.ranking`.
 
@@ -129,17 +123,6 @@ class Diagnosis:
             If matplotlib is not installed.
         """
         made: Figure = face("plots.static.diagnosis").ranking(self, theme=theme)
-        return made
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the candidates as a pandas DataFrame, the most significant first, a row for each coefficient.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_diagnosis(self)
         return made
 
     @property

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array
 from accelcal.effects import guard
 from accelcal.effects.catalogue import Catalogue
@@ -216,9 +216,8 @@ class Traits:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Effect:
+class Effect(Result):
     """One physical effect: its contribution per unit of its coefficient, and its card."""
 
     name: str

@@ -12,7 +12,7 @@ import numpy as np
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import high_passes
@@ -51,7 +51,6 @@ from accelcal.signals.signals import Origins
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-    from xarray import Dataset
 
 SEPARATED_BY_TURNING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "turning")
 SEPARATED_BY_ROLLING = tuple(effect.name for effect in BUILT_IN if effect.traits.separated_by == "rolling")
@@ -67,9 +66,8 @@ PLAUSIBLE_SCALE = (0.5, 2.0)
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(Result):
     """Estimates of a model with their covariance, and where they come from.
 
     Examples
@@ -137,19 +135,6 @@ class Fit:
         """Names that a notebook offers behind fit[."""
         return list(dict.fromkeys(e.name for e in (*self.estimates, *self.shapes)))
 
-    def summary(self) -> str:
-        """Parameters with their uncertainties in plain units, and what must be read with them, as text.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import accelcal as ac
-        >>> made = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-        >>> "scale_factor" in ac.fit(ac.Model.linear(), made.recording).summary()
-        True
-        """
-        return summary(self)
-
     def plot(self, *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw the parameters with their uncertainties, see `accelcal.plots.parameters`.
 
@@ -161,25 +146,6 @@ class Fit:
         made: Figure = face("plots").parameters(self, theme=theme)
         return made
 
-    def to_dataframe(self) -> DataFrame:
-        """Return the parameters as a pandas DataFrame: a row each, with value, std, low, high (95 %), unit and held.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> import accelcal as ac
-        >>> made = ac.simulate("tones", seconds=10.0, rig=ac.CXL02_RIG, parameters={}, rng=np.random.default_rng(1))
-        >>> ac.fit(ac.Model.linear(), made.recording).to_dataframe().loc["bias", "unit"]
-        'm/s²'
-        """
-        made: DataFrame = face("frames.dataframes").of_fit(self)
-        return made
-
     def correlations(self) -> DataFrame:
         """Return the correlations of the free parameters as a pandas DataFrame, names on both sides.
 
@@ -188,18 +154,7 @@ class Fit:
         MissingExtra
             If pandas is not installed.
         """
-        made: DataFrame = face("frames.dataframes").of_correlations(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return value, std and covariance of the free parameters as an xarray Dataset.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_fit(self)
+        made: DataFrame = face("results.frames").correlations(self)
         return made
 
     @property

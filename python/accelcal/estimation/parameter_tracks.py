@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Recording
 from accelcal.estimation.estimate import Fit, engine_of, solve_runs
 from accelcal.estimation.rows import rows_of_run
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-    from xarray import Dataset
+    pass
 
 POINTS = 240
 """Instants of a track."""
@@ -27,7 +26,7 @@ SINGULAR = 1e-10
 
 @immutable
 @dataclass(frozen=True, slots=True)
-class Track:
+class Track(Result):
     """Estimates of every free parameter over time."""
 
     names: tuple[str, ...]
@@ -41,28 +40,6 @@ class Track:
 
     def __repr__(self) -> str:
         return f"Track({', '.join(self.names)}: {len(self.t)} instants)"
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the tracks as a pandas DataFrame: a row for each instant, columns NAME and NAME_std.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_track(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return the tracks as an xarray Dataset: value and std against time and parameter.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_track(self)
-        return made
 
 
 def track(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from accelcal._support.arguments import checked
+from accelcal._support.result import Result
 from accelcal._support.threads import one_thread
 from accelcal.data.arrays import Array
 from accelcal.data.rig import Rig
@@ -47,7 +48,7 @@ LEAST_LIMIT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(Result):
     """A motion that separates named effects, and its detection limits."""
 
     motion: Motion

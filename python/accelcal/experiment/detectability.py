@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.diagnosis.policy import DETECTION_PROBABILITY
 from accelcal.experiment.detection_probability import DetectionModel
 from accelcal.experiment.drift_bandwidth import DriftBandwidth
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 SCHEMA = "accelcal/power/1"
 
@@ -61,9 +60,8 @@ class Group:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Power:
+class Power(Result):
     """What a record, or a planned motion, can detect."""
 
     detectabilities: tuple[Detectability, ...]
@@ -83,21 +81,6 @@ class Power:
     def __repr__(self) -> str:
         seen = sum(each.seen for each in self.detectabilities)
         return f"Power({self.name!r}: {seen} of {len(self.detectabilities)} effects are detectable)"
-
-    def summary(self) -> str:
-        """The smallest detectable size of every effect, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the detection limits as a pandas DataFrame: a row for each part of each effect.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_power(self)
-        return made
 
     @property
     def of_run(self) -> DetectionModel:

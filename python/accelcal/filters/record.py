@@ -12,23 +12,20 @@ from numpy.typing import ArrayLike, NDArray
 
 from accelcal import _core
 from accelcal._support.arguments import checked
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array, Flags
 from accelcal.data.recording import Channel
 from accelcal.filters.choice import PARAMETERS, FilterChoice, GaussMarkov
 from accelcal.filters.core_settings import core_prior, core_samples, core_setup
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-    from xarray import Dataset
+    pass
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True, eq=False)
-class FilterRun:
+class FilterRun(Result):
     """Result of a filter over one record: one row per event, n events, N states.
 
     Examples
@@ -75,32 +72,6 @@ class FilterRun:
             for name, x, v in zip(self.names, self.states[-1], self.variances[-1], strict=True)
         )
         return f"FilterRun({self.choice.system}: {len(self.times)} events; {last})"
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the history as a pandas DataFrame: a row for each event, columns NAME and NAME_std for every state.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_filter_run(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return the history as an xarray Dataset: states against time and name, innovations against time.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_filter_run(self)
-        return made
-
-    def summary(self) -> str:
-        """The last estimate of every state, as text."""
-        return summary(self)
 
     @property
     def estimate(self) -> dict[str, float]:

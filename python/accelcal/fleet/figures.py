@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.fleet.summary import LIMIT, OUTLYING, Chart, Fleet
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

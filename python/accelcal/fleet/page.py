@@ -12,8 +12,8 @@ from urllib.parse import quote
 from accelcal.fleet.figures import draw_charts, draw_sensors
 from accelcal.fleet.summary import OUTLYING, Fleet
 from accelcal.fleet.task import STD
-from accelcal.formatting import number, plain, short
 from accelcal.report.page import environment, svg
+from accelcal.results.words import concise, number, plain
 
 MOST_CHARTS = 12
 """Control charts that are drawn: those that age first, then those with runs outside."""
@@ -56,14 +56,14 @@ def population_row(fleet: Fleet, name: str) -> tuple[str, ...]:
         for key in ("between_sensors", "run_to_run")
     ]
     share = f"{100.0 * found['calibration_share']:.0f} %"
-    mean = f"{plain(found['unit'], found['mean'], found['mean_std'])} = {short(found['mean'], found['mean_std'])}"
+    mean = f"{plain(found['unit'], found['mean'], found['mean_std'])} = {concise(found['mean'], found['mean_std'])}"
     return (name, found["unit"], mean, *each, number(2.0 * found["next_run_std"], 2), share)
 
 
 def sensor_row(fleet: Fleet, i: int) -> tuple[str, ...]:
     """Cells of one sensor."""
     content = fleet.sensor_to_dict(i)
-    each = [short(one["value"], one["std"]) for one in content["parameters"].values()]
+    each = [concise(one["value"], one["std"]) for one in content["parameters"].values()]
     odd = [name for name, one in content["parameters"].items() if one["p"] < OUTLYING]
     return (content["sensor"], str(content["runs"]), *each, f"outlying: {', '.join(odd)}" if odd else "")
 
@@ -75,7 +75,7 @@ def run_row(fleet: Fleet, k: int, folder: Path) -> dict[str, Any]:
     link = ""
     if report.is_file():
         link = quote(Path(os.path.relpath(report.resolve(), folder.resolve())).as_posix())
-    each = [short(float(fleet.values[name][k]), float(fleet.values[name + STD][k])) for name in fleet.parameters]
+    each = [concise(float(fleet.values[name][k]), float(fleet.values[name + STD][k])) for name in fleet.parameters]
     ratio = float(fleet.values["noise_ratio"][k])
     return {
         "sensor": fleet.sensors[fleet.sensor_of[k]],

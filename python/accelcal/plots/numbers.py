@@ -10,13 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from accelcal import formatting
 from accelcal.data.arrays import Array
-from accelcal.data.units import MICRO_G, instant
+from accelcal.data.units import instant
 from accelcal.diagnosis.search.scan import Candidate
 from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.results import words as formatting
+from accelcal.results.comparisons import density
 from accelcal.selection.nested_models import NestedModels
-from accelcal.validation.comparison import Comparison, Region
+from accelcal.validation.comparison import Comparison
 from accelcal.validation.sensor_noise import SOURCES, Source
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
@@ -141,42 +142,6 @@ def overlay_headline(models: Sequence[tuple[str, Comparison]]) -> str:
     return f"Measured and simulated output{of}: {fit_text(current)} below {current.band:.3g} Hz"
 
 
-REGION_HEAD = ("variable", "range", "excess", "sigma", "share of residual", "p")
-"""Columns of the table of where a model fails."""
-REGION_NOTE = (
-    "the worst region of each variable: mean residual, its share of the mean square residual, and p adjusted for the "
-    "number of all regions"
-)
-
-
-def region_cells(region: Region) -> tuple[str, ...]:
-    """One row of the table of where a model fails: variable, range, excess, deviation, share, adjusted p value."""
-    factor, unit = (1.0, region.unit)
-    if unit not in ("s", "Hz"):
-        factor, unit = formatting.prefixed(unit, region.low, region.high)
-    low, high = (
-        instant(x) if region.variable == "time" else formatting.number(x * factor) for x in (region.low, region.high)
-    )
-    if region.excess_unit == "1":
-        excess = f"{formatting.number(region.excess, 3)} × noise"
-    else:
-        by, excess_unit = formatting.prefixed(region.excess_unit, region.excess)
-        excess = formatting.with_unit(formatting.typeset(f"{region.excess * by:+.3g}"), excess_unit)
-    return (
-        region.variable,
-        formatting.with_unit(f"{low} to {high}", unit),
-        excess,
-        f"{abs(region.sigma):.1f}",
-        "–" if region.share is None else f"{formatting.number(100.0 * max(region.share, 0.0), 2)} %",
-        formatting.probability(region.p),
-    )
-
-
-def region_rows(comparison: Comparison) -> list[tuple[str, ...]]:
-    """The table of where a model fails, worst region first."""
-    return [region_cells(region) for region in comparison.worst_regions]
-
-
 def error_reduction_sentence(nested: NestedModels) -> str:
     """The error of the first and of the last model in one sentence."""
     errors = nested.errors
@@ -198,11 +163,6 @@ def source_of_noise(source: Source, value: float, declared: float | None) -> str
     """Where a noise density comes from, and the declared one where it differs, both in (m/s²)/sqrt(Hz)."""
     beside = "" if declared is None else f"; declared {density(declared)}"
     return f"{SOURCES[source]} {density(value)}{beside}"
-
-
-def density(value: float) -> str:
-    """A noise density for people."""
-    return f"{value / MICRO_G:.3g} µg/√Hz"
 
 
 def share_text(nested: NestedModels, number: int) -> str:

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from accelcal.data.arrays import Array, Flags
-from accelcal.formatting import number, probability, typeset, with_unit
 from accelcal.response import FrequencyResponse, Point
 from accelcal.response.parametric import Fitted
+from accelcal.results.words import number, probability, typeset, with_unit
 
 RESPONSE_HEAD = ("f, Hz", "|H|", "U (k = 2)", "phase, °", "U (k = 2), °", "a, m/s²", "lack of fit, σ")
 RESPONSE_NOTE = (

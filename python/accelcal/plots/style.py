@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from accelcal.data.arrays import Array
-from accelcal.formatting import grouped
 from accelcal.io import atomic
+from accelcal.results.words import grouped
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,8 +15,8 @@ from accelcal.calibration.agreement import (
 from accelcal.calibration.budget import budget
 from accelcal.effects import spelled
 from accelcal.estimation.estimate import Fit
-from accelcal.formatting import about, number, plain
 from accelcal.model import Estimate
+from accelcal.results.words import about, number, plain
 
 BADGES = {
     "agree": "the calibrations agree",

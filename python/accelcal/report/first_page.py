@@ -11,9 +11,10 @@ from accelcal.data.rig import Rig
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.estimation.estimate import tied_sum
 from accelcal.estimation.run_fit import RunFit
-from accelcal.formatting import about, amount, at_full_scale, grouped, number, plain, prefixed, with_unit
-from accelcal.model import Estimate
 from accelcal.report.content import Content
+from accelcal.results.parameters import parameter_rows
+from accelcal.results.table import Row
+from accelcal.results.words import about, amount, at_full_scale, grouped, number, plain, prefixed, with_unit
 
 MOST_PARAMETERS, MOST_LIMITS, MOST_FILES = 12, 8, 4
 """Rows of the first page; the details show all."""
@@ -46,9 +47,9 @@ def first_page(content: Content) -> dict[str, Any]:
     ``conditions``, ``files``, ``unknown``.
     """
     rig = of_rig(content.fit.rig, called(content.recording))
-    ordered = sorted(content.fit.estimates, key=lambda e: e.owner != "sensor")
+    ordered = sorted(parameter_rows(content.fit), key=lambda row: row["owner"] != "sensor")
     return {
-        "parameters": [row(content, e) for e in ordered[:MOST_PARAMETERS]],
+        "parameters": [with_budget(content, row) for row in ordered[:MOST_PARAMETERS]],
         "further": max(0, len(ordered) - MOST_PARAMETERS),
         "coverage": coverage(content),
         "conditions": [*of_runs(content), *rig, *sampling(content), *of_ranges(content)],
@@ -57,18 +58,19 @@ def first_page(content: Content) -> dict[str, Any]:
     }
 
 
-def row(content: Content, e: Estimate) -> dict[str, Any]:
+def with_budget(content: Content, row: Row) -> Row:
     """One parameter with its expanded uncertainty, that of the budget where there is one."""
+    e = row.get("estimate")
+    named = {"name": f"{spelled(row['name'])}{row['parameter'].removeprefix(row['name'])}", "symbol": row["symbol"]}
+    if e is None:
+        return named | {"shown": row["worded"], "at_full_scale": "", "si": row["si"]}
     std = standard_uncertainty(content.budget, e)
     expanded = expanded_uncertainty(content.fit, content.budget, e)
     full_scale = content.fit.rig.sensor.range
-    run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
-    return {
-        "name": f"{spelled(e.name)}{run}",
-        "symbol": e.symbol,
+    return named | {
         "value": e.value,
         "expanded": expanded,
-        "shown": plain(e.unit, e.value, expanded) if e.std > 0.0 else f"{plain(e.unit, e.value, 0.0)} (held)",
+        "shown": f"{plain(e.unit, e.value, 0.0)} (held)" if row["held"] else plain(e.unit, e.value, expanded),
         "at_full_scale": at_full_scale(e.name, e.unit, e.value, expanded, full_scale),
         "si": amount(e.value, std, e.unit),
     }

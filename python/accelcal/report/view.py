@@ -13,29 +13,12 @@ from accelcal.data.rig import STANDARD_GRAVITY
 from accelcal.data.units import instant
 from accelcal.diagnosis.contribution import Size
 from accelcal.effects import find, spelled
-from accelcal.estimation.estimate import tied_sum
 from accelcal.estimation.noise import NoiseReport
-from accelcal.formatting import (
-    amount,
-    at_full_scale,
-    grouped,
-    label,
-    length,
-    number,
-    plain,
-    probability,
-    readable,
-    with_plain,
-    with_unit,
-)
 from accelcal.model import Estimate
 from accelcal.plots.numbers import (
-    REGION_HEAD,
-    REGION_NOTE,
     error_reduction_sentence,
     floor_sentence,
     model_names,
-    region_rows,
     share_text,
 )
 from accelcal.plots.response import (
@@ -50,7 +33,20 @@ from accelcal.plots.response import (
 )
 from accelcal.report.content import Content
 from accelcal.report.first_page import detection_limits, first_page
-from accelcal.serialization.diagnosis_json import sizes
+from accelcal.results.diagnoses import VERDICTS, contribution
+from accelcal.results.table import Column, Row, Table, as_view
+from accelcal.results.words import (
+    amount,
+    grouped,
+    label,
+    length,
+    number,
+    plain,
+    probability,
+    readable,
+    with_plain,
+    with_unit,
+)
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import headline_horizon, quoted_error
 
@@ -66,14 +62,6 @@ METHOD = (
     "Error reduction is measured as unaided drift: position is withheld, and the position predicted from the "
     "accelerometer alone is compared with the encoder on data that the fit has not used.",
 )
-VERDICTS = {
-    "adequate": "no effect is missing",
-    "named": "an effect is missing",
-    "tied": "confounded effects",
-    "shape": "nonparametric curve",
-    "unexplained": "unexplained residual",
-    "too_short": "too short for a verdict",
-}
 
 
 def view(content: Content) -> dict[str, Any]:
@@ -99,13 +87,9 @@ def view(content: Content) -> dict[str, Any]:
             f"{s[:1].upper()}{s[1:]}."
             for s in (content.diagnosis.where.worst, *content.judged.not_carried, *content.judged.remarks)
         ],
-        "regions": {
-            "head": REGION_HEAD,
-            "rows": region_rows(content.diagnosis.where),
-            "note": f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}.",
-        },
+        "regions": as_view(content.diagnosis.where.table("regions")),
         "response": response(content),
-        "parameters": [parameter(content, e) for e in (*content.fit.estimates, *content.fit.shapes)],
+        "parameters": as_view(parameters(content)),
         "electrical": volts(content),
         "budget": budget(content),
         "data": data(content),
@@ -140,7 +124,7 @@ def found(content: Content) -> list[dict[str, Any]]:
         mine = [e for e in content.fit.estimates if e.name.split(".")[0] == name]
         seen = [e for e in content.fit.noise_effects if e.name == name and e.std > 0.0]
         of_noise = [with_plain(e.value, e.std, e.unit) for e in seen]
-        size = contribution(content, d.sizes.get(name))
+        size = contributed(content, name)
         rows.append(
             {
                 "effect": name,
@@ -161,7 +145,7 @@ def found(content: Content) -> list[dict[str, Any]]:
                     "estimate": text,
                     "snr": c.snr,
                     "p_value": probability(c.p_value),
-                    "contribution": contribution(content, d.sizes.get(c.effect)),
+                    "contribution": contributed(content, c.effect),
                 }
             )
     for test in d.channels:
@@ -171,10 +155,16 @@ def found(content: Content) -> list[dict[str, Any]]:
                 "state": "in the noise",
                 "estimate": test.sentence,
                 "p_value": probability(test.p_value),
-                "contribution": contribution(content, d.sizes.get(test.effect)),
+                "contribution": contributed(content, test.effect),
             }
         )
     return rows
+
+
+def contributed(content: Content, name: str) -> str:
+    """Largest contribution of an effect over the used range; empty where it has none."""
+    size = content.diagnosis.sizes.get(name)
+    return "" if size is None else contribution(size, content.fit.rig.sensor.range)
 
 
 def several(estimates: list[Estimate]) -> str:
@@ -182,18 +172,6 @@ def several(estimates: list[Estimate]) -> str:
     if len(estimates) > 2:
         return f"{sum(e.std > 0.0 for e in estimates)} coefficients"
     return ", ".join(with_plain(e.value, e.std, e.unit) for e in estimates)
-
-
-def contribution(content: Content, size: Size | None) -> str:
-    """The largest contribution over the used range: m/s², mg and percent of full scale, or m at the encoder."""
-    if size is None:
-        return ""
-    if size.at_encoder:
-        return length(size.value)
-    found = sizes(size, content.fit.rig.sensor.range)
-    text = f"{number(size.value, 3)} m/s², {number(found['mg'] or 0.0, 3)} mg"
-    share = found["percent_of_full_scale"]
-    return text if share is None else f"{text}, {number(share, 3)} %FS"
 
 
 def importance(content: Content) -> list[str]:
@@ -265,29 +243,30 @@ def response(content: Content) -> dict[str, Any] | None:
     }
 
 
-def parameter(content: Content, e: Estimate) -> dict[str, Any]:
-    """One row of the table of parameters; uncertainties are those of the fit."""
-    run = "" if e.run is None else f" [{content.fit.runs[e.run].name}]"
-    at_encoder = any(term.name == e.name and term.port == "position" for term in content.fit.model.terms)
-    largest = content.diagnosis.largest.get(e.name)
-    size = None if largest is None else Size(largest, at_encoder)
-    expanded = content.fit.expanded(e, COVERAGE_FACTOR)
-    return {
-        "name": f"{e.name}{run}",
-        "symbol": e.symbol,
-        "unit": e.unit,
-        "value": e.value,
-        "std": e.std,
-        "expanded": expanded,
-        "shown": amount(e.value, e.std, e.unit),
-        "shown_std": with_unit(number(e.std, 2), e.unit) if e.std > 0.0 else "held",
-        "shown_expanded": with_unit(number(expanded, 2), e.unit) if e.std > 0.0 else "",
-        "plain": plain(e.unit, e.value, e.std),
-        "at_full_scale": at_full_scale(e.name, e.unit, e.value, e.std, content.fit.rig.sensor.range),
-        "owner": e.owner,
-        "stands_for": tied_sum(content.fit, e.name),
-        "contribution": contribution(content, size),
-    }
+def parameters(content: Content) -> Table:
+    """Table of parameters, with the largest contribution of each; uncertainties are those of the fit."""
+    fit, largest = content.fit, content.diagnosis.largest
+    at_encoder = {term.name for term in fit.model.terms if term.port == "position"}
+    sizes = {name: Size(value, name in at_encoder) for name, value in largest.items()} | dict(content.diagnosis.sizes)
+
+    def contributed(row: Row) -> str:
+        size = sizes.get(row["name"])
+        return "" if size is None else contribution(size, fit.rig.sensor.range)
+
+    def expanded(row: Row) -> float | None:
+        e = row.get("estimate")
+        return None if e is None else fit.expanded(e, COVERAGE_FACTOR)
+
+    def in_unit(value: float | None, row: Row) -> str:
+        return "" if not value else with_unit(number(value, 2), row["unit"])
+
+    shown: Table = fit.table()
+    return shown.with_columns(
+        Column("", "standard uncertainty", lambda r: in_unit(r.get("std"), r), exact=lambda r: r.get("std")),
+        Column("", "expanded uncertainty, coverage factor 2", lambda r: in_unit(expanded(r), r), exact=expanded),
+        Column("", "belongs to", lambda row: row["owner"]),
+        Column("", "largest contribution", contributed),
+    )
 
 
 def volts(content: Content) -> list[dict[str, Any]]:

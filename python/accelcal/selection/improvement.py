@@ -6,10 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.diagnosis.contribution import Importance, split
 from accelcal.diagnosis.findings import Confounded, Finding, in_model, in_noise, with_findings
 from accelcal.diagnosis.search.scan import Verdict
@@ -19,7 +18,7 @@ from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 
 @immutable
@@ -37,9 +36,8 @@ class Step:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Improvement:
+class Improvement(Result):
     """The error reduction: every step, and what the last model still lacks.
 
     Examples
@@ -70,21 +68,6 @@ class Improvement:
     def best(self) -> Fit:
         """The fit of the last step, which has every effect that was found."""
         return self.steps[-1].fit
-
-    def summary(self) -> str:
-        """What was found, the errors of every step on held-out data, and what is left, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the steps as a pandas DataFrame: a row for each, with its errors on held-out data, m.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_improvement(self)
-        return made
 
     @property
     def found(self) -> tuple[Finding, ...]:
@@ -137,9 +120,8 @@ class Improvement:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class History:
+class History(Result):
     """Models in the order of their selection, each compared with one recording: the error reduction.
 
     Examples
@@ -163,21 +145,6 @@ class History:
             f"{name}: {comparison.simulated_rms:.3g} m" for name, comparison in zip(self.names, self.steps, strict=True)
         )
         return f"History(rms free-running error of {', '.join(each)})"
-
-    def summary(self) -> str:
-        """The errors of every model, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the models as a pandas DataFrame: a row for each, with its errors, m.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_history(self)
-        return made
 
     def __len__(self) -> int:
         return len(self.steps)

@@ -17,8 +17,8 @@ import numpy as np
 import scipy
 
 from accelcal._support.arguments import checked
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array
 from accelcal.data.channel_filter import ChannelFilter
 from accelcal.data.recording import Channel, Recording
@@ -29,7 +29,7 @@ from accelcal.simulation.motion import Motion
 from accelcal.simulation.motion import motion as planned
 
 if TYPE_CHECKING:
-    from xarray import Dataset
+    pass
 
 __all__ = ["ADXL105_RIG", "CXL02_RIG", "PARAMETERS", "Simulated", "Truth", "Vibration", "simulate"]
 
@@ -125,7 +125,7 @@ class Truth:
 
 @immutable
 @dataclass(frozen=True, slots=True)
-class Simulated:
+class Simulated(Result):
     """A record and its truth."""
 
     recording: Recording
@@ -133,17 +133,6 @@ class Simulated:
 
     def __repr__(self) -> str:
         return f"Simulated({self.recording!r}, {self.truth!r})"
-
-    def to_xarray(self) -> Dataset:
-        """Return the recording, and the exact motion (p, v, a, jerk) at the samples of the output, as a Dataset.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_simulated(self)
-        return made
 
 
 @checked

@@ -10,7 +10,7 @@ import numpy as np
 
 from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.estimation.noise_effects import NoiseScore
@@ -19,7 +19,6 @@ from accelcal.validation.sensor_noise import SensorNoise
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from pandas import DataFrame
-    from xarray import Dataset
 
 FigureName = Literal[
     "overlay", "coasting", "simulated", "one_step", "regions", "accel_residual", "histogram", "autocorrelation"
@@ -34,7 +33,7 @@ HORIZONS = (1.0, 5.0, 10.0)
 
 @immutable
 @dataclass(frozen=True, slots=True)
-class Coast:
+class Coast(Result):
     """Unaided drift: what position would have been, had it been withheld.
 
     Examples
@@ -63,28 +62,6 @@ class Coast:
     def __repr__(self) -> str:
         end = f" to {instant(self.t[-1])} s" if len(self.t) else ""
         return f"Coast(from {instant(self.start)} s{end}: {len(self.t)} readings)"
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the predicted positions as a pandas DataFrame, a row for each reading, m.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_coast(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return the predicted positions as an xarray Dataset.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_coast(self)
-        return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,9 +198,8 @@ class NoiseFloor:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(Result):
     """A fitted model against a recording.
 
     Examples
@@ -320,10 +296,6 @@ class Comparison:
         drifts = (f"{h:g} s: {drift:.3g} m" for h, drift in self.coast_rms.items() if drift is not None)
         return f"Comparison({self.recording!r}: rms drift after {', '.join(drifts) or 'no time: too short'})"
 
-    def summary(self) -> str:
-        """Unaided drift by horizon with its noise floor, and what must be read with it, as text."""
-        return summary(self)
-
     def plot(self, figure: FigureName = "overlay", *, theme: Literal["light", "dark"] = "light") -> Figure:
         """Draw one figure of the comparison.
 
@@ -345,17 +317,6 @@ class Comparison:
         made: Figure = getattr(face("plots"), figure)(self, theme=theme)
         return made
 
-    def to_dataframe(self) -> DataFrame:
-        """Return the drift by horizon as a pandas DataFrame, m: drift, drift_frozen, noise_floor, start_points.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_comparison(self)
-        return made
-
     def where_it_fails(self) -> DataFrame:
         """Return the worst region of every variable as a pandas DataFrame, worst first.
 
@@ -367,19 +328,7 @@ class Comparison:
         MissingExtra
             If pandas is not installed.
         """
-        made: DataFrame = face("frames.dataframes").of_regions(self)
-        return made
-
-    def to_xarray(self) -> Dataset:
-        """Return what was simulated and measured, and the residuals, as an xarray Dataset.
-
-        Raises
-        ------
-        MissingExtra
-            If xarray is not installed.
-        """
-        made: Dataset = face("frames.datasets").of_comparison(self)
-        return made
+        return self.to_dataframe("regions")
 
 
 HELD_OUT = 0.3

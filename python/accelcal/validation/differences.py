@@ -6,9 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from accelcal._support.faces import face
 from accelcal._support.immutable import immutable
-from accelcal._support.notebook_repr import notebook_repr, summary
+from accelcal._support.result import Result
 from accelcal.estimation.estimate import Fit
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.paired import HeldOutChange, PairedStretches, paired_stretches
@@ -16,7 +15,7 @@ from accelcal.validation.ruler import Ruler
 from accelcal.validation.stretches import LEAST_STRETCHES, stretch_count
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
+    pass
 
 DifferenceVerdict = Literal["better", "worse", "undecided", "too_short"]
 """Of a model against the first one: decided where the 95 % interval of the change does not hold 0."""
@@ -77,9 +76,8 @@ class ModelDifference:
 
 
 @immutable
-@notebook_repr
 @dataclass(frozen=True, slots=True)
-class PairedComparison:
+class PairedComparison(Result):
     """Several models on the same recordings, and the difference of their errors.
 
     Examples
@@ -130,21 +128,6 @@ class PairedComparison:
     def _stretches(self, k: int, horizon: float | None) -> list[PairedStretches | None]:
         """Errors of one model and of the first, for each recording."""
         return [paired_stretches(each[0], each[k], horizon) for each in self.seen]
-
-    def summary(self) -> str:
-        """Whether each model is better than the first, and by how much, as text."""
-        return summary(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """Return the differences as a pandas DataFrame: a row for each model and recording, and one for all of them.
-
-        Raises
-        ------
-        MissingExtra
-            If pandas is not installed.
-        """
-        made: DataFrame = face("frames.dataframes").of_paired(self)
-        return made
 
 
 def pooled(several: Sequence[PairedStretches | None]) -> HeldOutChange | None:

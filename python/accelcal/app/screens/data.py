@@ -13,7 +13,7 @@ from accelcal.app.run import Run
 from accelcal.app.screens import columns, recordings, session, start, uploads
 from accelcal.app.state import State
 from accelcal.data.dwells import Dwells
-from accelcal.formatting import amount, number
+from accelcal.results.words import amount, number
 
 
 def show(page: Page) -> None:

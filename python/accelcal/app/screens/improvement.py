@@ -6,7 +6,6 @@ import math
 
 from nicegui import ui
 
-from accelcal import formatting
 from accelcal.app import figures, widgets, wording
 from accelcal.app.examples import example_of
 from accelcal.app.figures import Picture
@@ -16,6 +15,7 @@ from accelcal.app.screens import per_run, start
 from accelcal.app.state import State, Step
 from accelcal.app.zoom import Zoom, stretches_of
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.sensor_noise import ONLY_WHITE
 from accelcal.validation.stretches import quoted_error

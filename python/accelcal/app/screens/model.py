@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from nicegui import ui
 
-from accelcal.app import widgets, wording
+from accelcal.app import widgets
 from accelcal.app.page import Page
 from accelcal.app.screens import per_run, side_by_side
 from accelcal.effects import BUILT_IN, spelled
 from accelcal.effects.formula import FUNCTIONS, MOTION
-from accelcal.estimation.estimate import tied_sum
-from accelcal.formatting import amount, number, plain, with_unit
 from accelcal.model import Estimate
 
 
@@ -24,8 +24,6 @@ def show(page: Page) -> None:
         return
     with widgets.card("Parameters", "parameters"):
         parameters(page)
-        widgets.lines([f"{spelled(one.name)}: {one.sentence}" for one in step.fit.noise_effects])
-        widgets.lines(step.fit.remarks)
     per_run.fitted(page)
     side_by_side.card(page)
     with ui.element("div").classes("halves"):
@@ -40,66 +38,40 @@ def parameters(page: Page) -> None:
     """Every parameter with its uncertainty, and a button that fixes or frees it."""
     step = page.bench.state.step
     assert step is not None
-    rows: list[list[widgets.Cell]] = []
-    for e in (*step.fit.estimates, *step.fit.shapes):
-        fixed = e.name in step.fit.model.fixed
-
-        def act(e: Estimate = e, fixed: bool = fixed) -> None:
-            bench = page.bench
-            if fixed:
-                widgets.button(
-                    "Free",
-                    "lock_open",
-                    lambda: page.improve(bench.release, e.name),
-                    flat=True,
-                    label=f"Free {e.name}",
-                )
-                return
-            with ui.row().classes("line tight"):
-                value = ui.input(value=f"{e.value:.4g}").props(
-                    f'dense outlined aria-label="Value to fix {widgets.attribute(spelled(e.name))} at"'
-                )
-
-                async def fix() -> None:
-                    try:
-                        number_ = float(str(value.value).replace("−", "-"))
-                    except ValueError:
-                        bench.refuse(f"{e.name}: {value.value!r} is not a number; give a value in {e.unit}")
-                        return
-                    await page.improve(bench.freeze, e.name, number_)
-
-                widgets.button("Fix", "lock", fix, flat=True, label=f"Fix {e.name}")
-
-        rows.append(
-            [
-                spelled(e.name),
-                e.symbol,
-                wording.value(e),
-                plain(e.unit, e.value, e.std),
-                "fixed" if fixed else f"{number(e.std, 2)} {e.unit if e.unit != '1' else ''}",
-                tied_sum(step.fit, e.name),
-                e.owner,
-                act,
-            ]
-        )
-    for one in step.fit.noise_effects:
-        read_off = one.std <= 0.0
-        value = with_unit(number(one.value, 4), one.unit) if read_off else amount(one.value, one.std, one.unit)
-        spread = "read off the values" if read_off else with_unit(number(one.std, 2), one.unit)
-        rows.append(
-            [spelled(one.name), one.symbol, value, plain(one.unit, one.value, one.std), spread, "", one.owner, ""]
-        )
-    titles = [
-        "parameter",
-        "symbol",
-        "value",
-        "in plain units",
-        "standard uncertainty",
-        "includes on this rig",
-        "owner",
-        "fix at (SI)",
+    shown = step.fit.table()
+    head, cells = shown.cells
+    rows = [
+        [spelled(first), *rest, *([partial(fix_or_free, page, row["estimate"])] if "estimate" in row else [""])]
+        for row, (first, *rest) in zip(shown.rows, cells, strict=True)
     ]
-    widgets.table(titles, rows, "Parameters")
+    widgets.table([*head, "fix at (SI)"], rows, "Parameters")
+    widgets.lines(shown.alarms, "warning")
+    widgets.lines(shown.notes)
+
+
+def fix_or_free(page: Page, e: Estimate) -> None:
+    """A button that frees a parameter that is fixed, or a value to fix it at."""
+    bench, step = page.bench, page.bench.state.step
+    assert step is not None
+    if e.name in step.fit.model.fixed:
+        widgets.button(
+            "Free", "lock_open", lambda: page.improve(bench.release, e.name), flat=True, label=f"Free {e.name}"
+        )
+        return
+    with ui.row().classes("line tight"):
+        value = ui.input(value=f"{e.value:.4g}").props(
+            f'dense outlined aria-label="Value to fix {widgets.attribute(spelled(e.name))} at"'
+        )
+
+        async def fix() -> None:
+            try:
+                number = float(str(value.value).replace("−", "-"))
+            except ValueError:
+                bench.refuse(f"{e.name}: {value.value!r} is not a number; give a value in {e.unit}")
+                return
+            await page.improve(bench.freeze, e.name, number)
+
+        widgets.button("Fix", "lock", fix, flat=True, label=f"Fix {e.name}")
 
 
 def added(page: Page) -> None:

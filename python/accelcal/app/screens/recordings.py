@@ -11,7 +11,7 @@ from accelcal.app.page import Page
 from accelcal.app.roles import ROLES
 from accelcal.app.run import Run, time_span
 from accelcal.app.screens import uploads
-from accelcal.formatting import number
+from accelcal.results.words import number
 
 
 def card(page: Page) -> None:

@@ -11,7 +11,6 @@ from accelcal.app.run import Stretch
 from accelcal.app.screens import response
 from accelcal.app.state import State
 from accelcal.app.zoom import Zoom
-from accelcal.plots.numbers import REGION_HEAD, REGION_NOTE, region_rows
 from accelcal.plots.style import ThemeName
 from accelcal.validation.comparison import Comparison
 
@@ -67,5 +66,6 @@ def regions(state: State, zoom: Zoom, seen: Comparison) -> None:
         "note"
     )
     if seen.worst_regions:
-        widgets.table(REGION_HEAD, region_rows(seen), "Where it fails")
-        ui.label(f"{REGION_NOTE[:1].upper()}{REGION_NOTE[1:]}.").classes("note")
+        shown = seen.table("regions")
+        widgets.table(*shown.cells, "Where it fails")
+        ui.label(" ".join(shown.notes)).classes("note")

@@ -10,8 +10,9 @@ from accelcal.app.screens import uploads
 from accelcal.app.side_by_side import Difference
 from accelcal.app.state import State
 from accelcal.effects import spelled
-from accelcal.formatting import amount, length, number, plain
+from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.model import Estimate
+from accelcal.results.words import amount, length, number, plain
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.paired import heldout_change
 from accelcal.validation.stretches import headline_horizon, quoted_error
@@ -73,7 +74,7 @@ def row(one: Difference) -> list[widgets.Cell]:
     return [spelled(one.name), text(one.first), text(one.second), difference, sigma]
 
 
-def text(e: Estimate | None) -> str:
+def text(e: Estimate | NoiseEffect | None) -> str:
     """A value with its uncertainty, or that the model has none."""
     return "not in it" if e is None else amount(e.value, e.std, e.unit)
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from accelcal import formatting
 from accelcal._support.extras import MissingExtra
 from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.style import LineStyle, Theme, Thinned
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

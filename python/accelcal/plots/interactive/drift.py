@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.numbers import allowed_horizons, drift_headline
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.experiment import DriftBandwidth
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

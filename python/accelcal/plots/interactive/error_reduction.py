@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.numbers import error_reduction_sentence, model_names, share_text
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.selection.nested_models import NestedModels
 
 if TYPE_CHECKING:

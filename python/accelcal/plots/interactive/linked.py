@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, Recording
 from accelcal.data.units import instant
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Comparison
 
 if TYPE_CHECKING:

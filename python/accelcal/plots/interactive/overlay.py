@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from accelcal import formatting
 from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.interactive.linked import CHOSEN, inside, mark
 from accelcal.plots.numbers import fit_text, named_models, overlay_headline
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.worst import worst_stretches
 

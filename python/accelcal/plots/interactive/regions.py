@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.data.arrays import Array
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import Theme, ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Bins, Comparison
 
 if TYPE_CHECKING:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from accelcal import formatting
 from accelcal.estimation.shape_functions import Shape
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

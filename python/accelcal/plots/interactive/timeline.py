@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.data.recording import Recording
 from accelcal.data.summary import rest
 from accelcal.data.units import instant
@@ -19,6 +18,7 @@ from accelcal.estimation.run import prepare
 from accelcal.plots import style
 from accelcal.plots.interactive import drawing
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

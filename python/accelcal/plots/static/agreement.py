@@ -8,9 +8,9 @@ import numpy as np
 
 from accelcal.calibration.agreement import LIMIT, Agreement
 from accelcal.effects import spelled
-from accelcal.formatting import label, prefixed
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
+from accelcal.results.words import label, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.worst import worst_stretches
 

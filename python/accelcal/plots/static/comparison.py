@@ -18,7 +18,6 @@ from accelcal.data.arrays import Array
 from accelcal.data.units import instant
 from accelcal.effects import find
 from accelcal.estimation.estimate import Fit
-from accelcal.formatting import concise, grouped, label, length, prefixed, with_unit
 from accelcal.io import together
 from accelcal.model import Estimate
 from accelcal.plots import style
@@ -34,6 +33,7 @@ from accelcal.plots.numbers import (
 from accelcal.plots.static.nonlinearity import nonlinearity
 from accelcal.plots.static.overlay import overlay
 from accelcal.plots.style import Theme, ThemeName
+from accelcal.results.words import concise, grouped, label, length, prefixed, with_unit
 from accelcal.validation.comparison import Bins, Comparison
 from accelcal.validation.consistency import whiteness
 

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal._support.listing import listing
 from accelcal.diagnosis.verdict import Diagnosis
 from accelcal.effects import spelled
@@ -22,6 +21,7 @@ from accelcal.plots.numbers import (
 )
 from accelcal.plots.static.comparison import WIDTH
 from accelcal.plots.style import OKABE_ITO, ThemeName
+from accelcal.results import words as formatting
 from accelcal.selection.nested_models import NestedModels
 from accelcal.validation.comparison import Comparison
 

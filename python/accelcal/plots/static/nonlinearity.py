@@ -8,10 +8,10 @@ import numpy as np
 
 from accelcal.calibration.straight_line import straight_line
 from accelcal.estimation.estimate import Fit
-from accelcal.formatting import label, prefixed
 from accelcal.plots import style
 from accelcal.plots.numbers import TWO_SIDED_95
 from accelcal.plots.style import ThemeName
+from accelcal.results.words import label, prefixed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

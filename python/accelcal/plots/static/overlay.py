@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from accelcal.data.arrays import Array
-from accelcal.formatting import label, prefixed
 from accelcal.io import together
 from accelcal.plots import style
 from accelcal.plots.numbers import fit_text, named_models, overlay_headline
 from accelcal.plots.style import LineStyle, ThemeName
+from accelcal.results.words import label, prefixed
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.differences import PairedComparison
 from accelcal.validation.worst import worst_stretches

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from accelcal import formatting
 from accelcal.io.rests import Rests
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from accelcal.formatting import label
 from accelcal.plots import style
 from accelcal.plots.response import ResponseCurves, ResponsePanel, response_curves
 from accelcal.plots.style import Theme, ThemeName
 from accelcal.response import FrequencyResponse
+from accelcal.results.words import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from accelcal import formatting
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import ANGULAR_ACCELERATION, LEVERS, RATES, TURNED
 from accelcal.effects import Effect, spelled
 from accelcal.plots import style
 from accelcal.plots.style import ThemeName
+from accelcal.results import words as formatting
 from accelcal.signals.signals import Signals
 from accelcal.simulation.motion import motion
 from accelcal.simulation.sensor import ADXL105_RIG

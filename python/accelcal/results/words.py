@@ -1,4 +1,4 @@
-"""Numbers, units and names for people: shared by command line, figures, report, notebook and workbench."""
+"""Words: numbers with their uncertainty, units and names, in one notation for every face."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
-from accelcal.data.units import display
+from accelcal.data.units import usual_unit
 from accelcal.effects import CATALOGUE, spelled, static_terms
 
 
@@ -36,34 +36,6 @@ def concise(value: float, std: float) -> str:
     return (shown + tail).replace("-", "−")
 
 
-def plus_minus(value: float, std: float) -> str:
-    """A value with two digits of its standard deviation, where that is known.
-
-    Examples
-    --------
-    >>> plus_minus(229.04, 3.52), plus_minus(-1.598e-4, 2.1e-4), plus_minus(1.04321, math.nan)
-    ('229.0 ± 3.5', '-0.00016 ± 0.00021', '1.043')
-    """
-    from uncertainties import ufloat
-
-    if not math.isfinite(std) or std <= 0.0:
-        return f"{value:.4g}"
-    return f"{ufloat(value, std):.2u}".replace("+/-", " ± ")
-
-
-def short(value: float, std: float) -> str:
-    """A value with the last two digits of its standard deviation in parentheses.
-
-    Examples
-    --------
-    >>> short(0.0009945, 2.8e-6), short(-4.5e-7, 4.4e-7)
-    ('0.0009945(28)', '-4.5(4.4)e-07')
-    """
-    from uncertainties import ufloat
-
-    return f"{ufloat(value, std):.2uS}"
-
-
 def interval(value: float, std: float, factor: float = 1.96) -> str:
     """The interval that contains the true value with 95 % probability, to two digits of the standard deviation.
 
@@ -71,13 +43,17 @@ def interval(value: float, std: float, factor: float = 1.96) -> str:
 
     Examples
     --------
-    >>> interval(0.04984, 2.1e-4), interval(9e-7, 3.2e-6)
-    ('0.04943 .. 0.05025', '-5.4e-06 .. 7.2e-06')
+    >>> interval(0.04984, 2.1e-4), interval(9e-7, 3.2e-6), interval(0.050017, 4.25e-5)
+    ('0.04943 .. 0.05025', '(−5.4 .. 7.2)e−6', '0.049934 .. 0.050100')
     """
     last = 1 - math.floor(math.log10(std))
-    low, high = (round(value + side * factor * std, last) for side in (-1.0, 1.0))
-    digits = max(1, 1 + last + math.floor(math.log10(max(abs(low), abs(high)))))
-    return f"{low:.{digits}g} .. {high:.{digits}g}"
+    ends = [round(value + side * factor * std, last) + 0.0 for side in (-1.0, 1.0)]
+    largest = max(map(abs, ends))
+    if 0.0 < largest < 1e-4:
+        power = math.floor(math.log10(largest))
+        low, high = (f"{end / 10.0**power:.{max(0, last + power)}f}" for end in ends)
+        return typeset(f"({low} .. {high})e{power}")
+    return " .. ".join(f"{end:.{max(0, last)}f}" for end in ends).replace("-", "−")
 
 
 def millionths(value: float | None) -> str:
@@ -124,17 +100,13 @@ def plain(unit: str, value: float, std: float) -> str:
     --------
     >>> plain("(m/s²)⁻²", 9.99e-4, 2.0e-5), plain("1", 0.01929, 2.2e-4), plain("K⁻¹", 1.25e-5, 3.1e-6)
     ('96100 ± 1900 µg/g³', '1.929 ± 0.022 %', '0.0000125 ± 0.0000031 K⁻¹')
-    >>> plain("1", 0.01929, math.inf)
-    '1.929 % ± not known'
+    >>> plain("m", 2.7e-9, 1.7e-9), plain("s", 29.867305, 3.9e-5), plain("1", 0.01929, math.inf)
+    ('2.7 ± 1.7 nm', '29.867305 ± 0.000039 s', '1.929 % ± not known')
     """
     if not math.isfinite(std):
         return f"{plain(unit, value, 0.0)} ± not known"
-    shown = display(unit, value, std)
-    if shown:
-        return typeset(shown).replace(" u", " µ")
-    if unit == "1":
-        return f"{decimal(100.0 * value, 100.0 * std)} %"
-    return with_unit(decimal(value, std), unit)
+    name, size = ("%", 0.01) if unit == "1" else usual_unit(unit, value, std)
+    return with_unit(decimal(value / size, std / size), typeset(name.replace("u", "µ")) if size != 1.0 else name)
 
 
 def about(unit: str, value: float) -> str:

@@ -1,4 +1,4 @@
-"""Results as pandas DataFrames and xarray Datasets."""
+"""Results as people and programs read them: words, tables, data frames."""
 
 from accelcal._support.listing import listing
 

@@ -1,0 +1,378 @@
+"""Tables of comparisons: drift by horizon, where a model fails, and the errors of several models."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+from accelcal._support.listing import listing
+from accelcal.data.units import MICRO_G, instant
+from accelcal.results.diagnoses import VERDICTS
+from accelcal.results.table import Column, Row, Table, as_sentence, require, table
+from accelcal.results.words import decimal, length, number, percent, prefixed, probability, typeset, with_unit
+from accelcal.selection.improvement import History, Improvement
+from accelcal.validation.comparison import Comparison, NoiseFloor, Outside, Region
+from accelcal.validation.differences import PairedComparison, verdict_of
+from accelcal.validation.paired import HeldOutChange, heldout_change
+from accelcal.validation.ruler import Ruler
+from accelcal.validation.sensor_noise import ONLY_WHITE, SOURCES
+from accelcal.validation.stretches import headline_horizon, quoted_error
+
+
+@table.register
+def _(seen: Comparison, which: str = "") -> Table:
+    require(which, "regions")
+    if which == "regions":
+        return regions(seen)
+    return Table(
+        title=f"Model against {seen.recording or 'recording'}",
+        sentence=drift_sentence(seen),
+        columns=(
+            Column("horizon", "unaided drift after", lambda r: f"{r['horizon']:g} s", "s"),
+            length_column("drift", "bias re-estimated"),
+            length_column("drift_frozen", "all from the fit"),
+            length_column("noise_floor", "noise alone"),
+            Column("start_points", "start points"),
+        ),
+        rows=tuple(
+            {
+                "horizon": h,
+                "drift": seen.coast_rms[h],
+                "drift_frozen": seen.coast_frozen_rms[h],
+                "noise_floor": seen.drift_floors[h],
+                **span_of(seen.noise_floor, h, "noise_floor"),
+                "start_points": seen.coast_starts[h],
+            }
+            for h in seen.coast_rms
+        ),
+        alarms=tuple(f"Suspect data: {text}" for text in broken(seen.breaks)),
+        notes=(*floor_notes(seen.noise_floor), *comparison_notes(seen)),
+        about={"name": seen.recording},
+    )
+
+
+def comparison_notes(seen: Comparison) -> list[str]:
+    """Errors beside the drift, and what must be read with them."""
+    (setup, std), k_steps = seen.setup_bias, seen.k_step_rms.items()
+    nis = "" if seen.nis is None else f", normalised innovation squared {seen.nis:.4f} (1 when consistent)"
+    return [
+        *([f"Change of set-up or turn-on bias: {decimal(setup, std)} m/s²."] if math.isfinite(std) else []),
+        f"One-step prediction error: {length(seen.one_step_rms)} rms{nis}.",
+        f"Errors of k steps, in readings: {', '.join(f'{k}: {length(y)}' for k, y in k_steps if y is not None)}.",
+        f"Accelerometer residual up to {number(seen.band)} Hz: {number(seen.accel_rms)} m/s² rms"
+        + ("." if seen.fit_percent is None else f"; fit {percent(seen.fit_percent)}."),
+        f"Largest residual: {seen.worst}.",
+        *(as_sentence(score.sentence) for score in seen.noise_scores),
+        *map(as_sentence, seen.not_carried),
+        *(outside_notes(seen) or map(as_sentence, seen.remarks)),
+    ]
+
+
+def regions(seen: Comparison) -> Table:
+    """Where a model fails: the worst region of every variable, worst first."""
+    return Table(
+        title="Where it fails",
+        sentence=as_sentence(seen.worst),
+        columns=(
+            Column("variable", "variable"),
+            Column("", "range", range_text),
+            Column("excess", "excess", excess_text),
+            Column("sigma", "sigma", lambda r: f"{abs(r['sigma']):.1f}"),
+            Column("share", "share of residual", share_text),
+            Column("p", "p", lambda r: probability(r["p"])),
+            *(Column(key) for key in ("unit", "low", "high", "excess_unit", "start", "end")),
+        ),
+        rows=tuple(region_row(region) for region in seen.worst_regions),
+        notes=(
+            "The worst region of each variable: mean residual, its share of the mean square residual, and p adjusted "
+            "for the number of all regions.",
+        ),
+        about={"name": seen.recording, "worst": seen.worst},
+    )
+
+
+def region_row(region: Region) -> Row:
+    """Values of one region."""
+    start, end = region.stretch or (None, None)
+    keys = ("variable", "unit", "low", "high", "excess", "excess_unit", "sigma", "share", "p")
+    return {**{key: getattr(region, key) for key in keys}, "start": start, "end": end}
+
+
+def range_text(row: Row) -> str:
+    """Range of a region in its unit."""
+    factor, unit = (1.0, row["unit"])
+    if unit not in ("s", "Hz"):
+        factor, unit = prefixed(unit, row["low"], row["high"])
+    low, high = (instant(x) if row["variable"] == "time" else number(x * factor) for x in (row["low"], row["high"]))
+    return with_unit(f"{low} to {high}", unit)
+
+
+def excess_text(row: Row) -> str:
+    """Mean residual of a region beyond noise."""
+    if row["excess_unit"] == "1":
+        return f"{number(row['excess'], 3)} × noise"
+    factor, unit = prefixed(row["excess_unit"], row["excess"])
+    return with_unit(typeset(f"{row['excess'] * factor:+.3g}"), unit)
+
+
+def share_text(row: Row) -> str:
+    """Share of the mean square residual in per cent."""
+    return "–" if row["share"] is None else f"{number(100.0 * max(row['share'], 0.0), 2)} %"
+
+
+def length_column(key: str, head: str) -> Column:
+    """Column of lengths, each with the prefix that fits it; an interval where the row has its ends."""
+    return Column(key, head, lambda r: length_text(r, key), "m")
+
+
+def length_text(row: Row, key: str) -> str:
+    """A length, or the interval that holds it in 95 of 100 such records."""
+    if row.get(f"{key}_low") is not None:
+        return f"{length(row[f'{key}_low'])} to {length(row[f'{key}_high'])}"
+    return "–" if row.get(key) is None else length(row[key])
+
+
+def span_of(floor: NoiseFloor | None, horizon: float | None, key: str) -> Row:
+    """Ends of the interval of the noise floor at a horizon, or of the simulation."""
+    spread = None if floor is None else floor.at(horizon)
+    return {} if spread is None else {f"{key}_low": spread.low, f"{key}_high": spread.high}
+
+
+def drift_sentence(seen: Comparison) -> str:
+    """The drift that is quoted first and its noise floor."""
+    h = headline_horizon(seen)
+    if h is None:
+        return f"Simulation error {length(seen.simulated_rms)} rms; too short for a drift."
+    return f"Unaided drift after {h:g} s: {length(quoted_error(seen, h))} rms{floor_of(seen, h)}."
+
+
+def floor_of(seen: Comparison, horizon: float | None) -> str:
+    """Errors that noise of the sensor alone would give, as the end of a sentence."""
+    spread = None if seen.noise_floor is None else seen.noise_floor.at(horizon)
+    return "" if spread is None else f"; noise alone {length(spread.low)} to {length(spread.high)}"
+
+
+def floor_notes(floor: NoiseFloor | None) -> list[str]:
+    """Source of the noise floor, and what it leaves out."""
+    if floor is None:
+        return []
+    sensor = floor.sensor
+    beside = "" if sensor.declared is None else f"; declared {density(sensor.declared)}"
+    return [
+        f"Noise alone: {SOURCES[sensor.source]} {density(sensor.density)}{beside}; 95 % prediction intervals for a "
+        f"record of this length; {ONLY_WHITE}."
+    ]
+
+
+def density(value: float) -> str:
+    """A noise density in the unit of data sheets."""
+    return f"{number(value / MICRO_G, 3)} µg/√Hz"
+
+
+def broken(breaks: Sequence[float]) -> list[str]:
+    """A sentence for each instant from which no relation of the channels holds, s."""
+    return [
+        f"from t = {instant(at)} s on no relation of output and position holds; only the part before is used"
+        for at in breaks
+    ]
+
+
+def outside_notes(seen: Comparison) -> list[str]:
+    """One sentence for each variable that leaves the trained range: how often, and the errors inside and outside."""
+    return [outside_note(part) for part in seen.outside if part.count and part.range is not None]
+
+
+def outside_note(part: Outside) -> str:
+    """Readings outside the trained range of one variable, and the errors on both sides."""
+    assert part.range is not None
+    low, high = part.range
+    errors = [f"{'–' if y is None else length(y)} {side}" for y, side in zip(part.one_step, SIDES, strict=True)]
+    drifts = [
+        f"; drift after {h:g} s "
+        + ", ".join(
+            f"{length(y)} {side} ({n})" if n and y is not None else f"none {side}"
+            for y, side, n in zip(part.coast[h], SIDES, counts, strict=True)
+        )
+        for h, counts in part.starts.items()
+        if counts[1]
+    ]
+    return (
+        f"{part.count} of {part.of} readings lie outside the trained range of {part.variable} "
+        f"[{number(low)}, {number(high)}] {part.unit}: one-step error {', '.join(errors)}{''.join(drifts)}."
+    )
+
+
+SIDES = ("inside", "outside")
+
+
+@table.register
+def _(history: History, which: str = "") -> Table:
+    require(which)
+    return error_reduction(
+        f"History on {history.steps[0].recording or 'recording'}",
+        history.names,
+        history.steps,
+        Ruler.of(history.fits),
+    )
+
+
+@table.register
+def _(result: Improvement, which: str = "") -> Table:
+    require(which)
+    last = result.diagnosis
+    same = "the end of the same run, which does not reveal set-up and slow-drift errors"
+    return error_reduction(
+        f"Improvement: {VERDICTS[last.verdict]}; held out: {same if result.same_run else 'another recording'}",
+        [" + ".join(("base", *step.effects)) for step in result.steps],
+        [step.heldout for step in result.steps],
+        Ruler.of([step.fit for step in result.steps]),
+        typeset(result.sentence),
+        *map(as_sentence, last.notes),
+        alarms=tuple(f"Suspect data: {text}" for text in last.suspect),
+    )
+
+
+def error_reduction(
+    title: str,
+    names: Sequence[str],
+    steps: Sequence[Comparison],
+    ruler: Ruler,
+    *notes: str,
+    alarms: tuple[str, ...] = (),
+) -> Table:
+    """Several models on one held-out recording, one row each, and a row for noise alone."""
+    h = headline_horizon(*steps)
+    errors = [quoted_error(seen, h) for seen in steps]
+    measure = "Simulation error" if h is None else f"Unaided drift after {h:g} s"
+    fall = " → ".join(length(error) for error in (errors[0], errors[-1])[: len(errors)])
+    horizons, floor = list(steps[0].coast_rms), steps[0].noise_floor
+    changes = [None, *(heldout_change(before, after) for before, after in pairwise(steps))]
+    changed = next((change.measure for change in changes if change is not None), "")
+    rows: list[Row] = [
+        {
+            "model": name,
+            **{f"drift_{k:g}s": seen.coast_rms[k] for k in horizons},
+            "simulation": seen.simulated_rms,
+            "one_step": seen.one_step_rms,
+            "change": None if change is None else change.percent,
+            "change_std": None if change is None else change.percent_std,
+        }
+        for name, seen, change in zip(names, steps, changes, strict=True)
+    ]
+    if floor is not None:
+        alone: dict[str, Any] = {"model": "noise alone"}
+        for k in horizons:
+            alone |= {f"drift_{k:g}s": steps[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
+        rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
+    longest = max(errors) or 1.0
+    return Table(
+        title=title,
+        sentence=f"{measure} on held-out data: {fall}{floor_of(steps[0], h)}.",
+        columns=(
+            Column("model", "model"),
+            *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
+            length_column("simulation", "simulation"),
+            Column("one_step", "one step", lambda r: length_text(r, "one_step") if "one_step" in r else "", "m"),
+            Column("change", f"change of {changed}, %", step_text),
+            Column("change_std"),
+        ),
+        rows=tuple(rows),
+        alarms=(*alarms, *(f"Held out: {text}" for text in broken(steps[-1].breaks))),
+        notes=(
+            *notes,
+            *floor_notes(floor),
+            ruler_note(ruler, steps[0].band),
+            *(as_sentence(score.sentence) for score in steps[-1].noise_scores),
+            *map(as_sentence, steps[-1].not_carried),
+            *outside_notes(steps[-1]),
+        ),
+        bars=tuple([error / longest for error in errors] + [0.0] * (len(rows) - len(errors))),
+        about={"name": steps[0].recording},
+    )
+
+
+def step_text(row: Row) -> str:
+    """Change from the model before, in per cent with its paired standard error."""
+    return "" if row.get("change") is None else typeset(f"{row['change']:+.3g} ± {row['change_std']:.2g}")
+
+
+def ruler_note(ruler: Ruler, band: float) -> str:
+    """The filter and the band that all models of a table share."""
+    usual = ruler.noise.usual
+    return (
+        f"One filter for all rows: {density(math.sqrt(2.0 * usual.q))}, {length(math.sqrt(usual.r))}; residuals up to "
+        f"{number(band)} Hz; changes are paired, with their standard error."
+    )
+
+
+@table.register
+def _(result: PairedComparison, which: str = "") -> Table:
+    require(which)
+    several = len(result.recordings) > 1
+    every: list[tuple[str, str, HeldOutChange | None]] = []
+    for difference in result.differences:
+        together = "" if several else result.recordings[0]
+        if several:
+            every += [(difference.name, *part) for part in zip(result.recordings, difference.recordings, strict=True)]
+        every.append((difference.name, together, difference.pooled))
+        shown = None if difference.pooled is None else difference.pooled.measure
+        every += [(difference.name, together, change) for change in difference.horizons if change.measure != shown]
+    return Table(
+        title=f"{len(result.fits)} models on {', '.join(result.recordings)}",
+        sentence=" ".join(as_sentence(typeset(difference.sentence)) for difference in result.differences),
+        columns=(
+            Column("model", "model"),
+            Column("recording", "recording", lambda r: r["recording"] or "all"),
+            Column("verdict", "verdict", lambda r: r["verdict"].replace("_", " ")),
+            Column("measure", "rms of"),
+            Column("before", result.names[0], lambda r: error_text(r, "before")),
+            Column("after", "this model", lambda r: error_text(r, "after")),
+            Column("percent", "change, % (95 % interval)", change_text),
+            Column("low"),
+            Column("high"),
+            Column("stretches", "stretches"),
+        ),
+        rows=tuple(
+            {"model": model, "recording": name, "verdict": verdict_of(change), **change_values(change)}
+            for model, name, change in every
+        ),
+        notes=(
+            f"Changes are paired, against {result.names[0]}; the interval is that of these recordings.",
+            ruler_note(result.ruler, result.seen[0][0].band),
+            *(
+                f"{name} on {recording or 'recording'}: {text}."
+                for recording, seen in zip(result.recordings, result.seen, strict=True)
+                for name, one_model in zip(result.names, seen, strict=True)
+                for text in (*broken(one_model.breaks), *(note.rstrip(".") for note in one_model.not_carried))
+            ),
+        ),
+        about={"reference": result.names[0]},
+    )
+
+
+def change_values(change: HeldOutChange | None) -> dict[str, Any]:
+    """Errors of two models, and the change in per cent with its 95 % interval."""
+    if change is None:
+        return {}
+    low, high = change.percent_interval
+    keys = ("measure", "unit", "before", "after", "percent", "stretches")
+    return {**{key: getattr(change, key) for key in keys}, "low": low, "high": high}
+
+
+def error_text(row: Row, key: str) -> str:
+    """An error in its unit."""
+    if row.get(key) is None:
+        return "–"
+    return length(row[key]) if row["unit"] == "m" else number(row[key])
+
+
+def change_text(row: Row) -> str:
+    """A change in per cent with its interval."""
+    if row.get("percent") is None:
+        return "too short"
+    return typeset(f"{row['percent']:+.3g} ({row['low']:+.3g} to {row['high']:+.3g})")
+
+
+__dir__ = listing(globals())

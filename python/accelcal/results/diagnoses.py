@@ -1,0 +1,262 @@
+"""Tables of diagnoses: candidates, detection limits, and what is confounded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from accelcal._support.listing import listing
+from accelcal.data.rig import STANDARD_GRAVITY
+from accelcal.diagnosis.contribution import Size
+from accelcal.diagnosis.dwells import DwellDiagnosis
+from accelcal.diagnosis.search.scan import Candidate
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.effects import CATALOGUE, find, spelled
+from accelcal.experiment.design import Plan
+from accelcal.experiment.detectability import Detectability, Power
+from accelcal.results.table import Column, Row, Table, as_sentence, require, table
+from accelcal.results.words import about, amount, length, number, plain, probability, typeset, with_plain, with_unit
+
+VERDICTS = {
+    "adequate": "no effect is missing",
+    "named": "an effect is missing",
+    "tied": "confounded effects",
+    "shape": "nonparametric curve",
+    "unexplained": "unexplained residual",
+    "too_short": "too short for a verdict",
+}
+CANDIDATES = 8
+"""Candidates, and detection limits, that a table shows; data frames and JSON have all."""
+
+
+@table.register
+def _(result: Diagnosis, which: str = "") -> Table:
+    require(which, "candidates", "limits", "coefficients")
+    missing = result.verdict != "adequate"  # a ranking of insignificant candidates would mislead
+    which = which or ("candidates" if missing else "limits")
+    columns, rows = {
+        "limits": (LIMIT_COLUMNS, limit_rows),
+        "candidates": (CANDIDATE_COLUMNS, candidate_rows),
+        "coefficients": (COEFFICIENT_COLUMNS, coefficient_rows),
+    }[which]
+    ties = [tie for tie in result.classes if len(tie.members) > 1]
+    return Table(
+        title=f"Diagnosis: {VERDICTS[result.verdict]}",
+        sentence=typeset(result.sentence),
+        columns=columns,
+        rows=tuple(rows(result)),
+        alarms=tuple(f"Suspect data: {text}" for text in result.suspect),
+        notes=(
+            *map(as_sentence, result.notes),
+            *contribution_notes(result),
+            f"Largest residual: {result.where.worst}.",
+            *(as_sentence(rejected.sentence) for rejected in result.dropped),
+            *(as_sentence(test.sentence) for test in result.channels),
+            *(f"Confounded on this record: {', '.join(t.members)}. To separate them: {t.experiment}." for t in ties),
+            *(
+                f"Confounded on this rig: {', '.join(t.members)}. To separate them: {t.experiment}."
+                for t in result.inseparable
+            ),
+        ),
+        about={"verdict": result.verdict, "sentence": result.sentence},
+    )
+
+
+def ranked(result: Diagnosis) -> list[Candidate]:
+    """Candidates, best first, each class of confounded ones together."""
+    left, ordered = list(result.scan.candidates), list[Candidate]()
+    while left:
+        first = left[0]
+        sure = first.p_value < result.alpha
+        group = [c for c in left if c is first or (sure and c.effect in first.members and c.p_value < result.alpha)]
+        ordered += group
+        left = [c for c in left if c not in group]
+    return ordered
+
+
+def candidate_rows(result: Diagnosis) -> list[Row]:
+    """The best candidates."""
+    return [candidate_row(result, c) for c in ranked(result)[:CANDIDATES]]
+
+
+CANDIDATE_COLUMNS = (
+    Column("effect", "candidate", lambda r: spelled(r["effect"])),
+    Column("", "estimate", lambda r: r["size"]),
+    Column("", "largest contribution", lambda r: r["contribution"]),
+    Column("", "significance", lambda r: typeset(f"{r['sigma']:.1f} σ, p {probability(r['p_value'])}")),
+    *(Column(key) for key in ("estimate", "std", "unit", "sigma", "p_value", "largest", "largest_unit")),
+    *(Column(key) for key in ("confounded_with", "named")),
+)
+
+
+def candidate_row(result: Diagnosis, c: Candidate) -> Row:
+    """Row of one candidate; an effect of several coefficients has no single estimate."""
+    single, at_encoder = len(c.estimate) == 1, find(c.effect).port == "position"
+    return {
+        "effect": c.effect,
+        "estimate": c.estimate[0] if single else None,
+        "std": c.std[0] if single else None,
+        "unit": c.unit,
+        "sigma": c.snr,
+        "p_value": c.p_value,
+        "largest": c.largest,
+        "largest_unit": "m" if at_encoder else "m/s²",
+        "confounded_with": ", ".join(name for name in c.members if name != c.effect),
+        "named": c.effect in result.effects,
+        "size": with_plain(c.estimate[0], c.std[0], c.unit) if single else f"{len(c.estimate)} coefficients",
+        "contribution": contribution(Size(c.largest, at_encoder), result.fit.rig.sensor.range),
+    }
+
+
+def contribution(size: Size, full_scale: float | None) -> str:
+    """Largest contribution over the used range: m/s², mg and per cent of full scale, or a length at the encoder."""
+    if size.at_encoder:
+        return length(size.value)
+    share = f", {number(100.0 * size.value / full_scale, 3)} %FS" if full_scale else ""
+    return f"{number(size.value, 3)} m/s², {number(1e3 * size.value / STANDARD_GRAVITY, 3)} mg{share}"
+
+
+def contribution_notes(result: Diagnosis) -> list[str]:
+    """One sentence for each named effect: its largest contribution over the used range, and whether that matters."""
+    judged, notes = result.importance, []
+    for name in result.effects:
+        size = result.sizes.get(name)
+        text = "no contribution of its own" if size is None else contribution(size, result.fit.rig.sensor.range)
+        matters = ""
+        if judged is not None:
+            limit = f"{number(1e3 * judged.tolerance / STANDARD_GRAVITY, 3)} mg"
+            matters = "; not comparable with the tolerance, which applies to the output"
+            if name in (*judged.matters, *judged.below):
+                matters = f"; {'matters' if name in judged.matters else 'below tolerance'} (tolerance {limit})"
+        notes.append(f"{name}: at most {text}{matters}." if size is not None else f"{name}: {text}{matters}.")
+    return notes
+
+
+COEFFICIENT_COLUMNS = tuple(
+    Column(key, key.replace("_", " "))
+    for key in (
+        *("effect", "part", "estimate", "std", "unit", "sigma", "p_value", "largest", "largest_unit"),
+        *("confounded_with", "named"),
+    )
+)
+
+
+def coefficient_rows(result: Diagnosis) -> list[Row]:
+    """One row for each coefficient of each candidate, the most significant candidate first."""
+    return [
+        {**candidate_row(result, c), "part": part, "estimate": estimate, "std": std}
+        for c in result.scan.candidates
+        for part, (estimate, std) in enumerate(zip(c.estimate, c.std, strict=True))
+    ]
+
+
+LIMIT_COLUMNS: tuple[Column, ...] = (
+    Column("effect", "effect", lambda r: spelled(r["effect"])),
+    Column("limit", "detection limit (95 % probability)", lambda r: about(r["unit"], r["limit"])),
+    Column("unit"),
+)
+
+
+def limit_rows(result: Diagnosis) -> list[Row]:
+    """Detection limits of effects of the sensor: common effects first, of these the static ones before drift."""
+    order = sorted(CATALOGUE.values(), key=lambda e: (not e.traits.common, e.traits.common and not e.traits.static))
+    limits = result.scan.detection_limits
+    return [
+        {"effect": effect.name, "limit": limits[effect.name], "unit": effect.unit}
+        for effect in order
+        if (effect.owner, effect.port, effect.width) == ("sensor", "output", 1)
+        and math.isfinite(limits.get(effect.name, math.inf))
+    ]
+
+
+@table.register
+def _(result: DwellDiagnosis, which: str = "") -> Table:
+    require(which)
+    return Table(
+        title=f"Diagnosis of dwells: {result.verdict}",
+        sentence=as_sentence(typeset(result.sentence)),
+        columns=(
+            Column("effect", "candidate", lambda r: spelled(r["effect"])),
+            Column("", "value", lambda r: plain(r["unit"], r["estimate"], r["std"])),
+            Column("", "SI value (u)", lambda r: amount(r["estimate"], r["std"], r["unit"])),
+            Column("", "significance", lambda r: f"{r['sigma']:.1f} σ, p {probability(r['p_value'])}"),
+            *(Column(key) for key in ("estimate", "std", "unit", "sigma", "p_value")),
+        ),
+        rows=tuple(
+            {key: getattr(c, key) for key in ("effect", "estimate", "std", "unit", "sigma", "p_value")}
+            for c in result.candidates[:CANDIDATES]
+        ),
+        notes=tuple(map(as_sentence, result.remarks)),
+        about={"verdict": result.verdict, "sentence": result.sentence},
+    )
+
+
+@table.register
+def _(result: Power, which: str = "") -> Table:
+    require(which, "coefficients")
+    visible = [limit for limit in result.detectabilities if limit.seen]
+    return Table(
+        title=f"Detection limits of {result.name or 'a recording'}",
+        sentence=f"{len(visible)} of {len(result.detectabilities)} effects would be detected at some size "
+        f"({result.examined} candidates, false alarms {100.0 * result.alpha:.2g} % per record).",
+        columns=DETECTABLE_COLUMNS,
+        rows=detectable_rows(result.detectabilities, in_full=which == "coefficients"),
+        notes=tuple(f"Confounded: {', '.join(tie.members)}. {tie.experiment}" for tie in result.ties),
+        about={"name": result.name},
+    )
+
+
+@table.register
+def _(result: Plan, which: str = "") -> Table:
+    require(which)
+    return Table(
+        title="Detection limits of the planned motion",
+        sentence="",
+        columns=DETECTABLE_COLUMNS,
+        rows=detectable_rows(result.detectabilities),
+        notes=tuple(
+            f"{limit.effect} is confounded with {', '.join(limit.members[1:])}."
+            for limit in result.detectabilities
+            if limit.members[1:]
+        ),
+    )
+
+
+def detectable_rows(limits: Sequence[Detectability], *, in_full: bool = False) -> tuple[Row, ...]:
+    """Smallest detectable sizes: of the best coefficient of each effect, or of every one."""
+    return tuple(
+        {
+            "effect": limit.effect,
+            "part": part,
+            "smallest": size,
+            "unit": limit.unit,
+            "largest": limit.largest,
+            "largest_unit": limit.largest_unit,
+            "confounded_with": ", ".join(limit.members[1:]),
+        }
+        for limit in limits
+        for part, size in enumerate(limit.smallest if in_full else (min(limit.smallest),))
+    )
+
+
+def smallest_text(row: Row) -> str:
+    """Smallest detectable size with its unit."""
+    if not math.isfinite(row["smallest"]):
+        return "not detectable"
+    return with_unit(number(row["smallest"], 3), row["unit"])
+
+
+def largest_text(row: Row) -> str:
+    """Largest contribution at the smallest detectable size."""
+    return with_unit(number(row["largest"], 2), row["largest_unit"]) if math.isfinite(row["smallest"]) else ""
+
+
+DETECTABLE_COLUMNS = (
+    Column("effect", "effect", lambda r: spelled(r["effect"])),
+    Column("smallest", "smallest size (95 % probability)", smallest_text),
+    Column("largest", "largest contribution at that size", largest_text),
+    *(Column(key) for key in ("part", "unit", "largest_unit", "confounded_with")),
+)
+
+
+__dir__ = listing(globals())

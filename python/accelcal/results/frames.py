@@ -1,0 +1,266 @@
+"""Time series of results as pandas DataFrames, and their arrays as xarray Datasets: SI units, named axes.
+
+Everything that is no time series is a DataFrame by its table.
+"""
+
+from __future__ import annotations
+
+from functools import singledispatch
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from accelcal._support.extras import MissingExtra
+from accelcal._support.listing import listing
+from accelcal.data.dwells import Dwells
+from accelcal.data.recording import Recording
+from accelcal.diagnosis.verdict import Diagnosis
+from accelcal.estimation.estimate import Fit
+from accelcal.estimation.parameter_tracks import Track
+from accelcal.experiment.detectability import Power
+from accelcal.filters.choice import STATE_UNITS
+from accelcal.filters.record import FilterRun
+from accelcal.io.write import common_rows, common_stamps
+from accelcal.model import Estimate
+from accelcal.results.table import as_frame, pandas_module
+from accelcal.results.tables import table
+from accelcal.simulation.sensor import Simulated
+from accelcal.validation.comparison import Coast, Comparison
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+Columns = dict[str, tuple[Any, str]]
+"""Values and SI unit of each column; the first one is the index."""
+IN_FULL = (Fit, Diagnosis, Power)
+"""Results whose data frame has every coefficient of every effect."""
+
+
+def frame(result: object, which: str = "") -> DataFrame:
+    """DataFrame of a result: its time series where it is one, else its table.
+
+    Raises
+    ------
+    MissingExtra
+        If pandas is not installed.
+    ValueError
+        If there is no table of that name.
+    """
+    if not which and isinstance(result, Recording | Dwells | Coast | Track | FilterRun):
+        columns, name = series(result)
+        data = pandas_module().DataFrame({key: values for key, (values, _) in columns.items()})
+        data = data.set_index(next(iter(columns)))
+        data.attrs = {
+            "units": {key: unit for key, (_, unit) in columns.items() if unit},
+            **({"name": name} if name else {}),
+        }
+        return data
+    return as_frame(table(result, which or ("coefficients" if isinstance(result, IN_FULL) else "")))
+
+
+@singledispatch
+def series(result: object) -> tuple[Columns, str]:
+    """Columns of a time series, and its name."""
+    raise TypeError(f"a {type(result).__name__} is no time series")
+
+
+@series.register
+def _(recording: Recording) -> tuple[Columns, str]:
+    columns: Columns = {"t": (common_stamps(recording), "s")}
+    for channel, values, missing in common_rows(recording):
+        columns[channel.name] = (np.where(missing, np.nan, values), channel.unit)
+    return columns, recording.name
+
+
+@series.register
+def _(dwells: Dwells) -> tuple[Columns, str]:
+    units = {"angle": "rad", "mean": "m/s²", "std": "m/s²", "duration": "s", "samples": "", "group": ""}
+    columns: Columns = {"dwell": (np.arange(len(dwells)), "")}
+    columns |= {key: (getattr(dwells, key), unit) for key, unit in units.items()}
+    if dwells.temperature is not None:
+        columns["temperature"] = (dwells.temperature, "degC")
+    return columns, dwells.name
+
+
+@series.register
+def _(coast: Coast) -> tuple[Columns, str]:
+    predicted = {key: (getattr(coast, key), "m") for key in ("frozen", "rezeroed", "floor")}
+    return {"t": (coast.t, "s"), **predicted}, ""
+
+
+@series.register
+def _(track: Track) -> tuple[Columns, str]:
+    columns: Columns = {"t": (track.t, "s")}
+    for k, (name, unit) in enumerate(zip(track.names, track.units, strict=True)):
+        columns |= {name: (track.values[:, k], unit), f"{name}_std": (track.std[:, k], unit)}
+    return columns, ""
+
+
+@series.register
+def _(run: FilterRun) -> tuple[Columns, str]:
+    columns: Columns = {"t": (run.times, "s"), "from_position": (run.from_position, "")}
+    for k, name in enumerate(run.names):
+        unit = STATE_UNITS[name]
+        columns |= {name: (run.states[:, k], unit), f"{name}_std": (np.sqrt(run.variances[:, k]), unit)}
+    columns["innovation"] = (run.innovations, "")
+    columns["innovation_std"] = (np.sqrt(run.innovation_variances), "")
+    return columns, ""
+
+
+def correlations(fit: Fit) -> DataFrame:
+    """Correlations of the free parameters, names on both sides."""
+    std = np.sqrt(np.diag(fit.covariance))
+    names = [name_in_data(fit, e) for e in fit.free]
+    made: DataFrame = pandas_module().DataFrame(fit.covariance / np.outer(std, std), index=names, columns=names)
+    return made
+
+
+def name_in_data(fit: Fit, e: Estimate) -> str:
+    """Name of an estimate, with that of its run where every run has one."""
+    return e.name if e.run is None else f"{e.name} [{fit.runs[e.run].name}]"
+
+
+def variable(dims: str | tuple[str, ...], values: Any, unit: str, text: str = "") -> Any:
+    """A variable of a Dataset with its unit, and what it is.
+
+    Raises
+    ------
+    MissingExtra
+        If xarray is not installed.
+    """
+    return xarray_module().Variable(dims, values, {"units": unit, **({"long_name": text} if text else {})})
+
+
+def xarray_module() -> Any:
+    """The module xarray.
+
+    Raises
+    ------
+    MissingExtra
+        If it is not installed.
+    """
+    try:
+        import xarray
+    except ImportError as error:
+        raise MissingExtra('a Dataset needs xarray; install it with: pip install "accelcal[xarray]"') from error
+    return xarray
+
+
+@singledispatch
+def dataset(result: object) -> Any:
+    """Dataset of the arrays of a result.
+
+    Raises
+    ------
+    MissingExtra
+        If xarray is not installed.
+    TypeError
+        If it has no arrays.
+    """
+    raise TypeError(f"a {type(result).__name__} has no arrays; to_dataframe() gives its numbers")
+
+
+@dataset.register
+def _(recording: Recording) -> Any:
+    reference = [] if recording.reference is None else [recording.reference]
+    channels = [recording.accel, recording.position, *reference, *recording.side.values()]
+    return xarray_module().Dataset(
+        {c.name: variable(f"t_{c.name}", c.y, c.unit) for c in channels},
+        {f"t_{c.name}": variable(f"t_{c.name}", c.t, "s") for c in channels},
+        {"name": recording.name},
+    )
+
+
+@dataset.register
+def _(fit: Fit) -> Any:
+    names = [name_in_data(fit, e) for e in fit.free]
+    units = [e.unit for e in fit.free]
+    return xarray_module().Dataset(
+        {
+            "value": ("parameter", [e.value for e in fit.free]),
+            "std": ("parameter", [e.std for e in fit.free]),
+            "covariance": (("parameter", "other"), fit.covariance),
+        },
+        {"parameter": names, "other": names, "unit": ("parameter", units)},
+        {"name": ", ".join(name for name, _ in fit.sources)},
+    )
+
+
+@dataset.register
+def _(seen: Comparison) -> Any:
+    t, measured, simulated = seen.simulated
+    return xarray_module().Dataset(
+        {
+            "measured": variable("t", measured, "m", "measured position"),
+            "simulated": variable("t", simulated, "m", "position simulated without readings"),
+            "simulated_std": variable("t", seen.simulated_std, "m", "standard deviation from noise and start state"),
+            "one_step": variable("t_reading", seen.residual[1], "m", "one-step prediction error"),
+            "one_step_std": variable("t_reading", seen.residual_std, "m", "its predicted standard deviation"),
+            "accel_residual": variable("t_accel", seen.accel_residual[1], "m/s²", "residual at the accelerometer"),
+        },
+        {
+            "t": variable("t", t, "s"),
+            "t_reading": variable("t_reading", seen.residual[0], "s"),
+            "t_accel": variable("t_accel", seen.accel_residual[0], "s"),
+        },
+        {"name": seen.recording},
+    )
+
+
+@dataset.register
+def _(coast: Coast) -> Any:
+    return xarray_module().Dataset(
+        {
+            "frozen": variable("t", coast.frozen, "m", "every parameter from the fit"),
+            "rezeroed": variable("t", coast.rezeroed, "m", "bias estimated before the start"),
+            "floor": variable("t", coast.floor, "m", "standard deviation from noise and start state"),
+        },
+        {"t": variable("t", coast.t, "s")},
+        {"start": coast.start},
+    )
+
+
+@dataset.register
+def _(track: Track) -> Any:
+    return xarray_module().Dataset(
+        {"value": (("t", "parameter"), track.values), "std": (("t", "parameter"), track.std)},
+        {
+            "t": variable("t", track.t, "s"),
+            "parameter": list(track.names),
+            "unit": ("parameter", list(track.units)),
+        },
+    )
+
+
+@dataset.register
+def _(run: FilterRun) -> Any:
+    smoothed = {"smoothed_state": run.smoothed_states, "smoothed_variance": run.smoothed_variances}
+    return xarray_module().Dataset(
+        {
+            "state": (("t", "state_name"), run.states),
+            "variance": (("t", "state_name"), run.variances),
+            "innovation": ("t", run.innovations),
+            "innovation_variance": ("t", run.innovation_variances),
+            "from_position": ("t", run.from_position),
+            **{key: (("t", "state_name"), y) for key, y in smoothed.items() if y is not None},
+        },
+        {
+            "t": variable("t", run.times, "s"),
+            "state_name": list(run.names),
+            "unit": ("state_name", [STATE_UNITS[name] for name in run.names]),
+        },
+        {"log_likelihood": run.log_likelihood},
+    )
+
+
+@dataset.register
+def _(made: Simulated) -> Any:
+    t = made.recording.accel.t
+    exact = np.asarray(made.truth.motion.derivatives(t))
+    names = {"p": "m", "v": "m/s", "a": "m/s²", "jerk": "m/s³"}
+    return dataset(made.recording).assign(
+        {name: variable("t_accel", y, unit, "exact") for (name, unit), y in zip(names.items(), exact, strict=True)}
+    )
+
+
+__dir__ = listing(globals())

@@ -1,0 +1,157 @@
+"""Tables of recordings, dwells, filter runs, models and effects."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from accelcal._support.listing import listing
+from accelcal.data.dwells import Dwells
+from accelcal.data.recording import Recording
+from accelcal.data.summary import describe
+from accelcal.data.units import instant
+from accelcal.effects import Effect, spelled
+from accelcal.effects.registry import CARD
+from accelcal.filters.choice import STATE_UNITS
+from accelcal.filters.record import FilterRun
+from accelcal.model import Model
+from accelcal.results.table import Column, Table, require, table
+from accelcal.results.words import amount, grouped, label, number, plain, with_unit
+
+TERMS = 12
+"""Coefficients of a model that are shown."""
+
+
+@table.register
+def _(recording: Recording, which: str = "") -> Table:
+    require(which)
+    seen = describe(recording)
+    warnings = [f.text for f in recording.findings if f.severity == "warning"]
+    used = "" if seen["range_used"] is None else f"; {100.0 * seen['range_used']:.0f} % of the sensor's range used"
+    counted = f"{len(warnings)} warning{'s' if len(warnings) != 1 else ''}" if warnings else "no warnings"
+    rest = sum(end - start for start, end in seen["rest_s"])
+    clocks = [channel.t for channel in (recording.accel, recording.position) if len(channel)]
+    duration = float(max(t[-1] for t in clocks) - min(t[0] for t in clocks))
+    return Table(
+        title=f"Recording {recording.name}".strip(),
+        sentence=f"{instant(duration)} s, at rest for {instant(rest)} s{used}; {counted}.",
+        columns=(
+            Column("channel", "channel"),
+            Column("samples", "samples", lambda r: grouped(r["samples"])),
+            Column("rate_hz", "rate", lambda r: f"{r['rate_hz']:.6g} Hz" if r["rate_hz"] else "", "Hz"),
+            Column("start_s", "from", lambda r: f"{instant(r['start_s'])} s", "s"),
+            Column("end_s", "to", lambda r: f"{instant(r['end_s'])} s", "s"),
+            Column("min", "least", lambda r: reading(r["min"], r["unit"])),
+            Column("max", "largest", lambda r: reading(r["max"], r["unit"])),
+            Column("unit"),
+        ),
+        rows=tuple({"channel": name, **channel} for name, channel in seen["channels"].items()),
+        alarms=tuple(f"warning: {text}" for text in warnings),
+        notes=(
+            *(f.text for f in recording.findings if f.severity != "warning"),
+            *(f"assumed: {text}" for text in seen["assumptions"]),
+        ),
+    )
+
+
+@table.register
+def _(dwells: Dwells, which: str = "") -> Table:
+    require(which)
+    groups = len(set(dwells.group))
+    quantities = {
+        "attitude": (np.degrees(dwells.angle), "deg", 5),
+        "mean": (dwells.mean, "m/s²", 4),
+        "duration": (dwells.duration, "s", 4),
+        "standard deviation of a mean": (np.sqrt(dwells.variance), "m/s²", 4),
+    }
+    return Table(
+        title=f"{dwells.name or 'Dwells'}",
+        sentence=f"{len(dwells)} dwells in {groups} group{'s' if groups > 1 else ''} that share an angle zero.",
+        columns=(
+            Column("quantity", "quantity"),
+            Column("least", "least", lambda r: f"{number(r['least'], r['digits'])} {r['unit']}"),
+            Column("greatest", "greatest", lambda r: f"{number(r['greatest'], r['digits'])} {r['unit']}"),
+            Column("unit"),
+        ),
+        rows=tuple(
+            {"quantity": name, "least": float(y.min()), "greatest": float(y.max()), "unit": unit, "digits": digits}
+            for name, (y, unit, digits) in quantities.items()
+        ),
+        notes=tuple(f"assumed: {text}" for text in dwells.assumptions),
+    )
+
+
+def reading(y: float, unit: str) -> str:
+    """A sample in its unit."""
+    return with_unit(number(y), label("", unit).strip(" ()"))
+
+
+@table.register
+def _(model: Model, which: str = "") -> Table:
+    require(which)
+    rest = len(model.terms) - TERMS
+    return Table(
+        title="Model",
+        sentence=f"{len(model.terms)} coefficients, {len(model.free)} of them free.",
+        columns=tuple(Column(key, key) for key in ("coefficient", "symbol", "unit", "owner", "state")),
+        rows=tuple(
+            {
+                "coefficient": spelled(term.name),
+                "symbol": term.symbol,
+                "unit": term.unit,
+                "owner": term.owner,
+                "state": state_of(model, term.name),
+            }
+            for term in model.terms[:TERMS]
+        ),
+        notes=(
+            *(f"{spelled(e.name)} acts on the noise." for e in model.noise_effects),
+            *((f"{rest} more coefficients.",) if rest > 0 else ()),
+        ),
+    )
+
+
+def state_of(model: Model, name: str) -> str:
+    """Whether a coefficient is free, held, has a prior, or differs from run to run."""
+    if name in model.fixed:
+        return f"held at {number(model.fixed[name])}"
+    prior = model.priors.get(name)
+    text = "free" if prior is None else f"free, prior {number(prior.mean)} ± {number(prior.std)}"
+    return f"{text}, one for each run" if name in model.per_run else text
+
+
+@table.register
+def _(effect: Effect, which: str = "") -> Table:
+    require(which)
+    lines = {label_: text for label_ in CARD if (text := effect.line(label_))}
+    lines["Unit"] = f"{effect.unit}; owner: {effect.owner}"
+    return Table(
+        title=f"Effect {effect.name}",
+        sentence=" ".join(effect.card.split("\nEquation:")[0].split()),
+        columns=(Column("property", " "), Column("text", "  ")),
+        rows=tuple({"property": name, "text": text} for name, text in lines.items()),
+    )
+
+
+@table.register
+def _(run: FilterRun, which: str = "") -> Table:
+    require(which)
+    last = zip(run.names, run.states[-1].tolist(), run.variances[-1].tolist(), strict=True)
+    return Table(
+        title=f"Filter {run.choice.system}, {run.choice.model} model",
+        sentence=f"{grouped(len(run.times))} events, {instant(run.times[0])} s to {instant(run.times[-1])} s; "
+        f"{len(run.rejections)} readings rejected.",
+        columns=(
+            Column("state", "state"),
+            Column("", "last value", lambda r: plain(r["unit"], r["value"], r["std"])),
+            Column("", "SI value (u)", lambda r: amount(r["value"], r["std"], r["unit"])),
+            *(Column(key) for key in ("value", "std", "unit")),
+        ),
+        rows=tuple(
+            {"state": name, "value": x, "std": math.sqrt(max(v, 0.0)), "unit": STATE_UNITS[name]} for name, x, v in last
+        ),
+    )
+
+
+__dir__ = listing(globals())
