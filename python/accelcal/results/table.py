@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import singledispatch
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -74,6 +74,10 @@ class Table:
         """Titles and worded rows."""
         columns = self.shown
         return tuple(c.head for c in columns), tuple(tuple(c.cell(row) for c in columns) for row in self.rows)
+
+    def with_columns(self, *columns: Column) -> Table:
+        """Copy of the table with further columns."""
+        return replace(self, columns=(*self.columns, *columns))
 
 
 @singledispatch

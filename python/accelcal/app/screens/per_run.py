@@ -14,7 +14,7 @@ from accelcal.diagnosis.policy import HOMOGENEITY_ALPHA
 from accelcal.diagnosis.run_agreement import RunValues
 from accelcal.effects import spelled
 from accelcal.estimation.dwell_fit import DwellFit
-from accelcal.plots.numbers import density
+from accelcal.results.comparisons import density
 from accelcal.results.words import amount, length, number, probability, with_unit
 from accelcal.validation.stretches import quoted_error
 

@@ -67,5 +67,6 @@ def regions(state: State, zoom: Zoom, seen: Comparison) -> None:
     )
     if seen.worst_regions:
         shown = seen.table("regions")
-        widgets.table(*shown.cells, "Where it fails")
+        head, rows = shown.cells
+        widgets.table(head, rows, "Where it fails")
         ui.label(" ".join(shown.notes)).classes("note")
