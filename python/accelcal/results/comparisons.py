@@ -228,9 +228,9 @@ def _(result: Improvement, which: str = "") -> Table:
         [" + ".join(("base", *step.effects)) for step in result.steps],
         [step.heldout for step in result.steps],
         Ruler.of([step.fit for step in result.steps]),
-        typeset(result.sentence),
         *map(as_sentence, last.notes),
         alarms=tuple(f"Suspect data: {text}" for text in last.suspect),
+        sentence=typeset(result.sentence),
     )
 
 
@@ -241,6 +241,7 @@ def error_reduction(
     ruler: Ruler,
     *notes: str,
     alarms: tuple[str, ...] = (),
+    sentence: str = "",
 ) -> Table:
     """Several models on one held-out recording, one row each, and a row for noise alone."""
     h = headline_horizon(*steps)
@@ -267,9 +268,10 @@ def error_reduction(
             alone |= {f"drift_{k:g}s": steps[0].drift_floors[k], **span_of(floor, k, f"drift_{k:g}s")}
         rows.append(alone | {"simulation": floor.simulated.value, **span_of(floor, None, "simulation")})
     longest = max(errors) or 1.0
+    falling = f"{measure} on held-out data: {fall}{floor_of(steps[0], h)}."
     return Table(
         title=title,
-        sentence=f"{measure} on held-out data: {fall}{floor_of(steps[0], h)}.",
+        sentence=sentence or falling,
         columns=(
             Column("model", "model"),
             *(length_column(f"drift_{k:g}s", f"drift, {k:g} s") for k in horizons),
@@ -281,6 +283,7 @@ def error_reduction(
         rows=tuple(rows),
         alarms=(*alarms, *(f"Held out: {text}" for text in broken(steps[-1].breaks))),
         notes=(
+            *([falling] if sentence else []),
             *notes,
             *floor_notes(floor),
             ruler_note(ruler, steps[0].band),

@@ -33,6 +33,7 @@ CANDIDATES = 8
 def _(result: Diagnosis, which: str = "") -> Table:
     require(which, "candidates", "limits", "coefficients")
     missing = result.verdict != "adequate"  # a ranking of insignificant candidates would mislead
+    most = None if which else CANDIDATES
     which = which or ("candidates" if missing else "limits")
     columns, rows = {
         "limits": (LIMIT_COLUMNS, limit_rows),
@@ -44,7 +45,7 @@ def _(result: Diagnosis, which: str = "") -> Table:
         title=f"Diagnosis: {VERDICTS[result.verdict]}",
         sentence=typeset(result.sentence),
         columns=columns,
-        rows=tuple(rows(result)),
+        rows=tuple(rows(result)[:most]),
         alarms=tuple(f"Suspect data: {text}" for text in result.suspect),
         notes=(
             *map(as_sentence, result.notes),
@@ -75,8 +76,8 @@ def ranked(result: Diagnosis) -> list[Candidate]:
 
 
 def candidate_rows(result: Diagnosis) -> list[Row]:
-    """The best candidates."""
-    return [candidate_row(result, c) for c in ranked(result)[:CANDIDATES]]
+    """Candidates, best first, confounded ones together."""
+    return [candidate_row(result, c) for c in ranked(result)]
 
 
 CANDIDATE_COLUMNS = (

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 import accelcal as ac
-from accelcal import notebook, workflow
+from accelcal import workflow
+from accelcal.results import table as tables
 from accelcal.data.dwells import Dwells
 from accelcal.estimation.estimate import estimate
-from accelcal.results.words import concise, plain
+from accelcal.results.words import concise, interval, plain
 from accelcal.validation.stretches import headline_horizon
 
 TRUTH = {"bias": 0.05, "scale_factor": 0.01, "cubic": 1e-3}
@@ -88,10 +89,9 @@ def test_every_parameter_stands_with_its_uncertainties(results):
     rows = {row[0]: row for row in cells(shown(fit))[1:]}
     assert list(rows) == [e.name for e in fit.estimates]
     for e in fit.estimates:
-        assert concise(e.value, e.std) in rows[e.name][3]
-        assert rows[e.name][1] == plain(e.unit, e.value, e.std)
-        shown_twice = float(rows[e.name][4].replace("−", "-").split()[0])
-        assert shown_twice == pytest.approx(2.0 * e.std, rel=0.05)  # two digits are shown
+        assert concise(e.value, e.std) in " ".join(rows[e.name])
+        assert plain(e.unit, e.value, e.std) in rows[e.name]
+        assert interval(e.value, e.std) in rows[e.name]
 
 
 def test_drifts_are_those_of_the_comparison(results):
@@ -117,7 +117,7 @@ def test_bars_are_as_long_as_the_errors(results):
     horizon = headline_horizon(*history)
     assert horizon == 1.0  # 5 s have too few independent stretches here, 10 s even fewer
     errors = [seen.coast_rms[horizon] for seen in history]
-    assert widths[0] == notebook.LONGEST_BAR
+    assert widths[0] == tables.LONGEST_BAR
     assert widths[1] / widths[0] == pytest.approx(errors[1] / errors[0], abs=0.01)  # whole pixels
     assert errors[1] < 0.5 * errors[0]
 
@@ -139,11 +139,44 @@ def test_a_hostile_name_is_text(results):
 
 
 def test_what_is_no_result_has_no_card():
-    with pytest.raises(TypeError, match="expected one of Recording, Dwells, Fit"):
-        notebook.html(3)
+    with pytest.raises(TypeError, match="a int has no table"):
+        tables.table(3)
 
 
 def test_the_face_is_loaded_when_a_result_is_shown_and_not_before():
     code = "import sys, accelcal, accelcal.workflow; print('accelcal.notebook' in sys.modules, 'plotly' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120)
     assert done.stdout.split() == ["False", "False"]
+
+
+@pytest.fixture(scope="module")
+def full():
+    """A fit with an effect on noise, a curve and a shape parameter beside its coefficients."""
+    rng = np.random.default_rng(7)
+    made = ac.simulate("interleaved", seconds=30.0, rig=ac.ADXL105_RIG, parameters=TRUTH, rng=rng, lsb=0.02)
+    fit = ac.fit(ac.Model.linear(), made.recording)
+    return ac.add(fit, made.recording, "shape_of_velocity", "creep", "quantisation"), made.recording
+
+
+def test_an_effect_on_noise_a_curve_and_a_shape_stand_in_every_face(full, tmp_path, capsys):
+    from accelcal.app.side_by_side import by_name
+    from accelcal.cli.printing import show_fit
+    from accelcal.report.content import gather
+    from accelcal.report.view import view
+
+    fit, recording = full
+    assert fit.noise_effects and fit.shapes
+    show_fit(fit)
+    page = view(gather(fit, recording))
+    faces = {
+        "terminal": capsys.readouterr().out,
+        "text": str(fit),
+        "notebook": fit._repr_html_(),
+        "frame": " ".join(fit.to_dataframe().index),
+        "report": str(page["parameters"]["rows"]),
+        "first page": str(page["page"]["parameters"]).replace(" ", "_"),
+        "side by side": " ".join(by_name(fit)),
+    }
+    for name in ("quantisation", "shape_of_velocity", "creep", fit.shapes[0].name):
+        for face, text in faces.items():
+            assert name.replace(".", "_") in text.replace(".", "_"), (face, name)
