@@ -51,12 +51,13 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     """
     from accelcal import io
     from accelcal.cli.printing import broken_lines
-    from accelcal.data import summary
+    from accelcal.data import quality, summary
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
 
     with progress("check") as report:
         recording = io.load(run, rig)
+        quality.require_varying(recording)
         report(0.6)
         try:
             breaks = list(usable(recording).breaks)
