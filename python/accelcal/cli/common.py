@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import json
 import math
 import os
 import shlex
@@ -209,11 +210,16 @@ def print_alignment(recording: Any) -> None:
             print_status(f"{recording.name}: {finding.text}")
 
 
-def print_json(content: dict[str, Any]) -> None:
-    """Print JSON on stdout."""
-    from accelcal.serialization import model_file
+def print_json(content: dict[str, Any], indent: int | None = 2) -> None:
+    """Print JSON on stdout, in ASCII where its encoding lacks a character; without an indent in one line."""
+    from accelcal.serialization.json_text import dumps
 
-    print(model_file.dumps(content), end="")
+    text = dumps(content, indent)
+    try:
+        text.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        text = f"{json.dumps(json.loads(text), indent=indent)}\n"
+    print(text, end="", flush=True)
 
 
 def parse_quantity(text: str | None, kind: str, option: str) -> float | None:

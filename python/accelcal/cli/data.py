@@ -39,7 +39,8 @@ def init(run: RunFile) -> None:
     """
     from accelcal import io
 
-    print_status(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
+    io.init(run)
+    print_status(f"wrote {io.sidecar_of(run)}: fill in the marked lines, then run: accelcal check {run}")
 
 
 @app.command()

@@ -29,7 +29,7 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
-from accelcal.cli.hints import after_diagnosis, suggest
+from accelcal.cli.hints import after_diagnosis, held_out, suggest
 from accelcal.cli.models import LOADED, load_any, load_like, load_run
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
@@ -96,7 +96,7 @@ def diagnose(
     show_diagnosis(content)
     if holdout is not None:
         show_steps([(str(model), content["heldout"])])
-    after_diagnosis(model, runs, found.effects, found.verdict)
+    after_diagnosis(fitted, found, model, runs, holdout)
 
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
@@ -165,7 +165,7 @@ def improve(
         print_json(content)
     else:
         show_improvement(found, content)
-        suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
+        suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 
 
 @contextmanager
