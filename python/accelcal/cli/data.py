@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     with_exit_codes,
 )
 from accelcal.cli.hints import suggest
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -189,5 +190,6 @@ def write_recording(recording: Recording, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)
     with io.together():
-        io.write_sidecar(recording.rig, write(recording, path), sidecar, labels=recording.labels)
+        columns = write(recording, path)
+        io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels, mark=mark_of(path))
     return sidecar

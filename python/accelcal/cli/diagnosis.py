@@ -31,6 +31,7 @@ from accelcal.cli.common import (
 )
 from accelcal.cli.hints import after_diagnosis, held_out, suggest
 from accelcal.cli.models import LOADED, load_any, load_like, load_run
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
@@ -364,5 +365,5 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     }
     with io.together():
         io.atomic_write(path, f"t_s,position_m\n{rows}\n")
-        io.write_sidecar(rig, columns, sidecar)
+        io.write_sidecar(rig, columns, sidecar, mark=mark_of(path))
     return path, sidecar
