@@ -26,7 +26,8 @@ def opened(path: str) -> Source:
         version = file.read(16)[8:].decode("latin-1").strip("\x00 ")
     if not version.startswith("4"):
         raise RefusedError(f"it is MDF of version {version[:8]}; expected version 4; convert it with asammdf")
-    return opened_channels(_sampled(MDF(path, process_bus_logging=False)))  # which converts masters at once
+    # Logs of a bus would be decoded at once, by masters that have been converted.
+    return opened_channels(_sampled(MDF(path, process_bus_logging=False)))  # type: ignore[call-arg]
 
 
 def _sampled(file: Any) -> Iterator[Sampled]:
