@@ -137,6 +137,7 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     """Why a model, a table or a page is not written; "" where it may be."""
     if not path.is_file() or path.suffix in FIGURES or not path.stat().st_size:
         return ""
+    from accelcal.io.dwell_table import digest_of
     from accelcal.serialization.json_text import read_json
 
     if path.suffix == ".json":
@@ -148,9 +149,14 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
         if schema.startswith("accelcal/model/"):
             if command not in MODELLING:
                 return f"{path} is a model"
-            if any(path.samefile(model) for model in models if model.is_file()) and not read:
-                return ""
-            return "" if _shares_recording(content, read, joined=joined) else f"{path} is a model of another recording"
+            used = _sources(content)
+            if joined or not content.get("data"):  # made of several files, with a digest of its own
+                same = any(file.name in str(source.get("file", source.get("name"))) for source in used for file in read)
+            elif command == "live":  # which goes on with a model
+                same = any(_digests(used) & _digests(_sources(read_json(model))) for model in models)
+            else:
+                same = any(file.is_file() and digest_of(file) in _digests(used) for file in read)
+            return "" if same else f"{path} is a model of another recording"
         if schema.startswith("accelcal/") and command not in MODELLING:
             return ""
     elif _is_text_of_accelcal(path):
@@ -158,15 +164,14 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
     return f"accelcal {command} did not write {path}"
 
 
-def _shares_recording(model: Mapping[str, Any], read: Sequence[Path], *, joined: bool) -> bool:
-    """Whether a model was fitted to one of some recordings, or tables of dwells."""
-    from accelcal.io.dwell_table import digest_of
+def _sources(model: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Recordings and dwells that a model was fitted to."""
+    dwells = model.get("dwells")
+    return [*(model.get("data") or ()), *([dwells] if isinstance(dwells, Mapping) else ())]
 
-    sources = [*(model.get("data") or ()), *([model["dwells"]] if isinstance(model.get("dwells"), dict) else [])]
-    if joined:
-        return any(path.name in str(source.get("file")) for source in sources for path in read)
-    known = {source.get(key) for source in sources for key in ("sha256", "session_sha256")}
-    return any(path.is_file() and digest_of(path) in known for path in read)
+
+def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
+    return {source.get(key) for source in sources for key in ("sha256", "session_sha256", "digest")} - {None}
 
 
 def _is_text_of_accelcal(path: Path) -> bool:
