@@ -150,10 +150,12 @@ def _of_file(path: Path, command: str, read: Sequence[Path], models: Sequence[Pa
             if command not in MODELLING:
                 return f"{path} is a model"
             used = _sources(content)
-            if joined or not content.get("data"):  # made of several files, with a digest of its own
+            if joined or (not content.get("data") and len(read) > 1):  # made of several files, with a digest of its own
                 same = any(file.name in str(source.get("file", source.get("name"))) for source in used for file in read)
             elif command == "live":  # which goes on with a model
                 same = any(_digests(used) & _digests(_sources(read_json(model))) for model in models)
+            elif not _digests(used):  # of arrays of a program
+                same = any(path.samefile(model) for model in models)
             else:
                 same = any(file.is_file() and digest_of(file) in _digests(used) for file in read)
             return "" if same else f"{path} is a model of another recording"
@@ -171,7 +173,7 @@ def _sources(model: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _digests(sources: Sequence[Mapping[str, Any]]) -> set[Any]:
-    return {source.get(key) for source in sources for key in ("sha256", "session_sha256", "digest")} - {None}
+    return {source.get(key) for source in sources for key in ("sha256", "session_sha256", "digest")} - {None, ""}
 
 
 def _is_text_of_accelcal(path: Path) -> bool:
