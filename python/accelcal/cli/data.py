@@ -23,6 +23,7 @@ from accelcal.cli.common import (
     with_exit_codes,
 )
 from accelcal.cli.hints import suggest
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_line
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ def init(run: RunFile) -> None:
     """
     from accelcal import io
 
-    print_status(f"wrote {io.init(run)}: fill in the marked lines, then run: accelcal check {run}")
+    io.init(run)
+    print_status(f"wrote {io.sidecar_of(run)}: fill in the marked lines, then run: accelcal check {run}")
 
 
 @app.command()
@@ -51,12 +53,13 @@ def check(run: RunFile, rig: Rig = None, json: Json = False) -> None:
     """
     from accelcal import io
     from accelcal.cli.printing import broken_lines
-    from accelcal.data import summary
+    from accelcal.data import quality, summary
     from accelcal.data.recording import RecordingError
     from accelcal.diagnosis.change_points import usable
 
     with progress("check") as report:
         recording = io.load(run, rig)
+        quality.require_varying(recording)
         report(0.6)
         try:
             breaks = list(usable(recording).breaks)
@@ -187,5 +190,6 @@ def write_recording(recording: Recording, path: Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     sidecar = io.sidecar_of(path)
     with io.together():
-        io.write_sidecar(recording.rig, write(recording, path), sidecar, labels=recording.labels)
+        columns = write(recording, path)
+        io.write_sidecar(recording.rig, columns, sidecar, labels=recording.labels, mark=mark_of(path))
     return sidecar

@@ -29,8 +29,9 @@ from accelcal.cli.common import (
     progress,
     with_exit_codes,
 )
-from accelcal.cli.hints import after_diagnosis, suggest
+from accelcal.cli.hints import after_diagnosis, held_out, suggest
 from accelcal.cli.models import LOADED, load_any, load_like, load_run
+from accelcal.cli.overwriting import mark_of
 from accelcal.cli.terminal import say_card, show_wrapped_table
 
 if TYPE_CHECKING:
@@ -96,7 +97,7 @@ def diagnose(
     show_diagnosis(content)
     if holdout is not None:
         show_steps([(str(model), content["heldout"])])
-    after_diagnosis(model, runs, found.effects, found.verdict)
+    after_diagnosis(fitted, found, model, runs, holdout)
 
 
 def report_on_dwells(found: DwellDiagnosis, output: Path | None, json: bool) -> None:
@@ -165,7 +166,7 @@ def improve(
         print_json(content)
     else:
         show_improvement(found, content)
-        suggest("report", output, runs[0], "-o", f"{runs[0].stem}.html")
+        suggest("report", output, runs[0], *held_out(holdout), "-o", f"{runs[0].stem}.html")
 
 
 @contextmanager
@@ -364,5 +365,5 @@ def write_set_points(found: Plan, rig: RigOf, path: Path) -> tuple[Path, Path]:
     }
     with io.together():
         io.atomic_write(path, f"t_s,position_m\n{rows}\n")
-        io.write_sidecar(rig, columns, sidecar)
+        io.write_sidecar(rig, columns, sidecar, mark=mark_of(path))
     return path, sidecar

@@ -6,17 +6,16 @@ import math
 import time
 from collections import deque
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Self
 
 from accelcal._support.plain_text import visible
-from accelcal.cli.common import print_status
+from accelcal.cli.common import print_json, print_status
 from accelcal.cli.terminal import say_line
 from accelcal.formatting import number, with_unit
 from accelcal.live.monitor import Alarm
 from accelcal.live.session import LiveState
 from accelcal.live.state_json import state_to_dict
 from accelcal.model import Estimate
-from accelcal.serialization.json_text import dumps
 
 if TYPE_CHECKING:
     from rich.console import Group
@@ -71,18 +70,15 @@ class JsonLines(Lines):
 
     def show(self, state: LiveState) -> None:
         """One object of what is known."""
-        self._print(state_to_dict(state, self.source))
+        print_json(state_to_dict(state, self.source), indent=None)
 
     def alarm(self, alarm: Alarm, state: LiveState) -> None:
         """One object of the alarm."""
-        self._print(state_to_dict(state, self.source, "alarm", alarm=alarm))
+        print_json(state_to_dict(state, self.source, "alarm", alarm=alarm), indent=None)
 
     def end(self, state: LiveState, ended: str) -> None:
         """The last object."""
-        self._print(state_to_dict(state, self.source, "end", ended=ended))
-
-    def _print(self, content: dict[str, Any]) -> None:
-        print(dumps(content, indent=None), end="", flush=True)
+        print_json(state_to_dict(state, self.source, "end", ended=ended), indent=None)
 
 
 class Screen(Lines):

@@ -17,7 +17,7 @@ from accelcal._support.immutable import immutable
 from accelcal._support.listing import listing
 from accelcal._support.notebook_repr import notebook_repr, summary
 from accelcal.data import units
-from accelcal.data.arrays import Array
+from accelcal.data.arrays import Array, copied
 from accelcal.data.dwells import Dwells
 from accelcal.data.rig import Rig
 from accelcal.data.run_labels import NO_LABELS, RunLabels
@@ -60,14 +60,17 @@ class Channel:
     t: Array
     """(n,) s, strictly rising, finite."""
     y: Array
-    """(n,) in `unit`, finite: a sample that was not taken is simply absent."""
+    """(n,) in `unit`, finite: a sample that was not taken is simply absent, as is one that is masked."""
     unit: str
     """SI unit of `y` (temperature: "degC")."""
 
     def __post_init__(self) -> None:
-        t, y = _series(self.name, "t", self.t), _series(self.name, "y", self.y)
+        t, y = series(self.name, "t", self.t), series(self.name, "y", self.y)
         if len(t) != len(y):
             raise RecordingError(f"{self.name}: {t.shape} stamps and {y.shape} readings, expected as many of each")
+        if np.ma.isMaskedArray(self.t) or np.ma.isMaskedArray(self.y):
+            sampled = ~(np.isnan(t) | np.isnan(y))
+            t, y = t[sampled], y[sampled]
         try:
             rule = units.conversion(self.unit)
         except units.UnitError as error:
@@ -84,17 +87,21 @@ class Channel:
         return f"Channel({self.name}: {len(self)} samples{span}, {self.unit})"
 
 
-def _series(name: str, key: str, values: ArrayLike) -> Array:
-    """Numbers in one dimension."""
-    if isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1:
-        return values
-    numbers = np.asarray(values)
+def series(name: str, key: str, values: ArrayLike) -> Array:
+    """Real numbers in one dimension, copied; NaN = not sampled.
+
+    Raises
+    ------
+    RecordingError
+        If they are something else.
+    """
+    numbers = copied(values)
     if numbers.ndim != 1 or numbers.dtype.kind not in "fiu":
         raise RecordingError(
             f"{name}: {key} is an array of {numbers.dtype} of shape {numbers.shape}; expected real numbers in one "
             "dimension"
         )
-    return numbers.astype(np.float64)
+    return numbers.astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -112,7 +112,7 @@ def power_fit(power: Array, X: Array) -> tuple[Array, Array]:
     """Coefficients of power = X c, c not negative, spread proportional to the mean (quasi-likelihood), covariance."""
     size = np.maximum(np.max(np.abs(X), axis=0), 1e-300)
     X = X / size
-    usual = float(np.median(power))
+    usual = float(np.median(power)) or float(np.mean(power)) or 1.0  # a channel that is exact has no power
     mean = np.full(len(power), usual)
     for _ in range(8):
         w = 1.0 / mean
