@@ -258,11 +258,8 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
 
 
 def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
-    """Side channels at times `t`; temperature from the model's origin."""
-    side = {name: resample(channel, t) for name, channel in run.recording.side.items()}
-    if "temperature" in side:
-        side["temperature"] = side["temperature"] - run.origins.temperature
-    return side
+    """Side channels at times `t`, from the model's origin."""
+    return {name: resample(channel, t) - run.origins.of(name) for name, channel in run.recording.side.items()}
 
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
@@ -285,4 +282,5 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         rig=run.rig,
         cutoff=cutoff,
         side=side,
+        side_origins=run.origins.side,
     )

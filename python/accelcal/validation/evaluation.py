@@ -194,6 +194,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         rig=rig,
         cutoff=band,
         side=side,
+        side_origins=run.origins.side,
     )
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)
