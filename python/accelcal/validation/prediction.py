@@ -204,7 +204,9 @@ class Prediction:
         origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
         plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)
         moved = replace(plain, p=plain.p + constant * unit_p, v=plain.v + constant * unit_v, constant=constant)
-        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
+        # A constant of the effects, which the bias takes back, moves no path away.
+        constant_move = 0.5 * abs(self.ahead.gain * float(np.mean(self.ahead.known_effects))) * float(np.max(h)) ** 2
+        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std)) + constant_move
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
             followed = self.ahead.feeds_back and rezero
