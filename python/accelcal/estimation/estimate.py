@@ -64,6 +64,7 @@ FARTHEST = 0.3
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
+"""1 + k that a working sensor can have; a factor beyond is one of units."""
 
 
 @immutable
@@ -747,11 +748,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f"{name}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is mounted the other "
                 f'way round or a sign is swapped; write in the sidecar\n[rig]\nmount = "{other}"'
             )
-        if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
-            remarks.append(
-                f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
-                f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
-            )
+        remarks += implausible_scale(scale)
     for i in layout.rows_of("bias"):
         run = runs[layout.slots[i][1] or 0]
         axis = "up" if x[i] * run.rig.polarity > 0.0 else "down"
@@ -761,6 +758,16 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks
+
+
+def implausible_scale(scale: float) -> list[str]:
+    """The sentence on a value of 1 + k that no working sensor has; none on an ordinary one."""
+    if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
+        return []
+    return [
+        f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
+        f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
+    ]
 
 
 def of_filters(runs: Sequence[PreparedRun]) -> list[str]:

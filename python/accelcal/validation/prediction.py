@@ -106,6 +106,9 @@ class Prediction:
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
+        self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
+        """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
+        none is."""
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
@@ -247,9 +250,9 @@ class Prediction:
 
     def _fewer(self, k: NDArray[np.intp], horizon: float) -> NDArray[np.intp]:
         """Every so many of the start readings where effects remember simulated motion."""
-        if self.ahead is None or not self.ahead.remembers:
+        if not self.nodes_apart:
             return k
-        nodes = len(k) * (horizon + MEMORY) / self.ahead.known.step
+        nodes = len(k) * (horizon + MEMORY) / self.nodes_apart
         return k[:: max(1, min(math.ceil(nodes / MOST_NODES), len(k) // FEWEST_STARTS))]
 
     def at_horizon(self, horizon: float) -> Coasting:
