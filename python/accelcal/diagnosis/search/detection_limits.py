@@ -26,7 +26,7 @@ def detectable_sizes(
     dof = score_gain(A, evidence.c[columns])[1]
     information = np.diag(A)
     if item.effect.port == "process":
-        information, own, left = (np.sum(y, keepdims=True) for y in (information, own, left))
+        information, own, left = (np.array([y.sum()]) for y in (information, own, left))
         dof = 1
     d = np.sqrt(np.maximum(information, 0.0))
     if dof == 0:
