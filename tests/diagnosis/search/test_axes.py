@@ -8,9 +8,15 @@ import pytest
 
 import accelcal as ac
 from accelcal.data.recording import Channel
+from accelcal.diagnosis.search.hypotheses import Hypothesis
+from accelcal.diagnosis.search.scores import BaseProjection, CandidateScores
+from accelcal.effects import find
 from accelcal.effects.guard import read_only
+from accelcal.estimation.estimate import solve_runs
 from accelcal.estimation.run import prepare
 from accelcal.estimation.smoothing import side_channels_at
+from accelcal.filters.causal_signals import CausalSignals
+from accelcal.signals.signals import Origins
 from tests.diagnosis.search.axes import G, sideways, vertical
 
 
@@ -70,9 +76,8 @@ def test_the_mean_is_that_of_the_model_on_any_record_and_of_the_fitted_runs(fold
 def test_rates_have_a_zero_of_their_own_and_effects_of_the_user_get_what_was_recorded(folder):
     run = sideways(45, folder, constant=G).recording
     turning = Channel("rate_i", run.accel.t, np.full(len(run.accel.t), 0.3), "rad/s")
-    state = ac.estimation.estimate.solve_runs(
-        ac.Model.linear(), [dataclasses.replace(run, side={**run.side, "rate_i": turning})]
-    ).states[0]
+    made = dataclasses.replace(run, side={**run.side, "rate_i": turning})
+    state = solve_runs(ac.Model.linear(), [made]).states[0]
     assert np.allclose(state.signals.side["rate_i"], 0.3)
     assert abs(np.mean(state.signals.side["a_y"])) < 0.01
     assert np.mean(read_only(state.signals).side["a_y"]) == pytest.approx(G, abs=0.05)
@@ -95,3 +100,20 @@ def test_a_quadratic_is_named_on_a_vertical_axis_with_bias_and_scale_at_zero_for
 def test_nothing_is_named_on_a_plain_lift(folder):
     found = ac.improve(vertical(54, folder, hidden="").recording)
     assert (found.verdict, found.effects) == ("adequate", ())
+
+
+def test_powers_of_the_force_are_testable_together_or_not_at_all(folder):
+    state = solve_runs(ac.Model.linear(), [vertical(57, folder, hidden="").recording]).states[0]
+    items = [Hypothesis(find(name), {}) for name in ("quadratic", "cubic", "odd_quadratic", "scale_asymmetry")]
+    scores = CandidateScores([BaseProjection(state, ac.Model.linear())], items)
+    assert scores.gains()[1].tolist() == [1, 1, 1, 0]  # |a| is the scale factor where the force keeps its sign
+    shares = np.diag(scores.G) / scores.own
+    assert np.max(shares) < 1e-4  # of a power about zero force: what the bias and the scale factor take up
+
+
+def test_a_live_filter_counts_channels_from_the_means_of_the_model():
+    signals = CausalSignals(ac.Rig(), Origins(side={"a_y": G}), step=1e-3, q=1e-8)
+    there = signals.over(0.1, np.zeros(2), np.zeros(4), np.ones(4), {"a_y": G + 0.5, "supply": 5.0})
+    assert np.allclose(there.side["a_y"], 0.5)
+    assert np.allclose(there.side["supply"], 5.0)
+    assert np.allclose(read_only(there).side["a_y"], G + 0.5)
