@@ -245,7 +245,8 @@ def fit(
     recordings : one run, or several with one sensor; static dwells of it, alone (a tumble test) or with runs.
     start, end : s, optional; only this part is used.
     band : bandwidth of the smoothed motion, Hz; by default the most likely one.
-    origins : zero of time, position and temperature; by default those of the first recording.
+    origins : zero of time, position and side channels; by default those of the first recording, and the mean of each
+        channel over all of them.
     method : "replay", a filter on position and velocity, or "weak", integrals against smooth test functions
         (derivations 6.15); both give the same estimates where the record is what it should be. "auto" takes the weak
         form where the reference is so good that it meets the noise of the output above a tenth of its sampling rate.

@@ -67,6 +67,7 @@ KINDS: dict[str, Kind] = {
         "{band:.2g} Hz, {rms:.2g} m/s² rms where a bias instability of {bias_instability:.2g} m/s² is ordinary; "
         "orientation is not recorded. Do not take bias and scale factor for the sensor's: run accelcal diagnose",
     ),
+    "implausible_scale": Kind("verdict", "{text}", forbids_names=True),
     "unresolved_motion": Kind(
         "beside",
         "The motion changes faster than the sampling resolves at {instants} instants; declare or smooth the set-points",

@@ -47,7 +47,7 @@ from accelcal.diagnosis.transverse import transverse_coherence
 from accelcal.diagnosis.turning import FittedSpan, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.effects import BUILT_IN, Effect, find
-from accelcal.estimation.estimate import Fit, result
+from accelcal.estimation.estimate import Fit, implausible_scale, result
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run import prepare
 from accelcal.model import Model, evaluate
@@ -250,8 +250,11 @@ def verdict_on(
         significant = ()
     where = compare(profiled, recording, start=stretch.start, end=stretch.end)
     span = (stretch.start, stretch.end)
-    turning = turning_sensor(model, found.found, where, sizes, fitted, span) if found.enough else None
-    forbidding = next((one for one in (unresolved, turning) if one is not None and one.forbids_names), None)
+    wrong_scale = scale_remark(profiled)
+    judged = found.enough and wrong_scale is None
+    turning = turning_sensor(model, found.found, where, sizes, fitted, span) if judged else None
+    causes = (wrong_scale, unresolved, turning)
+    forbidding = next((one for one in causes if one is not None and one.forbids_names), None)
     if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
         found, significant, delay_found = replace(found, found=(), named=(), changing=()), (), False
     groups = [Confounded(f.effect, f.members, f.experiment, f.parts) for f in found.found]
@@ -311,7 +314,7 @@ def verdict_on(
         alpha=alpha,
         breaks=stretch.breaks,
         remarks=(
-            *(one for one in (apart, turning, coloured, unresolved, disagreeing) if one is not None),
+            *(one for one in (wrong_scale, apart, turning, coloured, unresolved, disagreeing) if one is not None),
             *run_to_run(profiled),
             *stretch.remarks,
             *unsteady,
@@ -321,6 +324,13 @@ def verdict_on(
         present=inside,
         left=left,
     )
+
+
+def scale_remark(fit: Fit) -> Remark | None:
+    """The remark on an estimate of 1 + k that no working sensor has: beside it every curve is significant."""
+    scale = fit.values().scale
+    text = "scale_factor" not in fit.model.fixed and implausible_scale(scale)
+    return remark("implausible_scale", text=text[0], scale=scale) if text else None
 
 
 def with_further(experiment: str, members: Sequence[str], further: Sequence[FurtherRun]) -> str:

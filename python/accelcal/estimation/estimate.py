@@ -36,7 +36,7 @@ from accelcal.estimation.gauss_newton import (
 )
 from accelcal.estimation.noise_effects import NoiseEffect
 from accelcal.estimation.rows import measure_noise, settle_dwells
-from accelcal.estimation.run import Engine, Method, PreparedRun, prepare
+from accelcal.estimation.run import Engine, Method, PreparedRun, prepare, side_means
 from accelcal.estimation.run_covariates import GoesWith, covariates_of, goes_with
 from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
@@ -64,6 +64,7 @@ FARTHEST = 0.3
 SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
+"""1 + k that a working sensor can have; a factor beyond is one of units."""
 
 
 @immutable
@@ -271,7 +272,8 @@ def estimate(
     start, end : s, optional; only readings in [start, end] are used.
     band : Hz, optional; trust the encoder up to this frequency and the accelerometer's share below it, instead of up
         to the crossover of the two noises.
-    origins : zero points of t, p and temperature; by default those of the first recording.
+    origins : zero points of t, p and side channels; by default those of the first recording, and the mean of each
+        channel over all of them.
     method : "replay", "weak", or "auto": the weak form where a reference is too good for the replay.
     report : called with the share of the work that is done, 0 to 1.
 
@@ -327,6 +329,9 @@ def solve_runs(
     first = prepare(recordings[0], origins, start=start, end=end)
     begin, stop = (None, None) if others_whole else (start, end)
     runs = [first, *(prepare(r, first.origins, start=begin, end=stop) for r in recordings[1:])]
+    if origins is None:
+        shared = replace(first.origins, side=side_means(runs))
+        runs = [replace(run, origins=shared) for run in runs]
     for run in runs:
         require_motion(run)
         require_band(run, band)
@@ -743,11 +748,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f"{name}: the output runs against the encoder (1 + k = {scale:.3f}). The sensor is mounted the other "
                 f'way round or a sign is swapped; write in the sidecar\n[rig]\nmount = "{other}"'
             )
-        if not PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
-            remarks.append(
-                f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
-                f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
-            )
+        remarks += implausible_scale(scale)
     for i in layout.rows_of("bias"):
         run = runs[layout.slots[i][1] or 0]
         axis = "up" if x[i] * run.rig.polarity > 0.0 else "down"
@@ -757,6 +758,16 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
                 f'level. If the axis is vertical, write in the sidecar\n[rig]\naxis = "{axis}"'
             )
     return remarks
+
+
+def implausible_scale(scale: float) -> list[str]:
+    """The sentence on a value of 1 + k that no working sensor has; none on an ordinary one."""
+    if PLAUSIBLE_SCALE[0] <= scale <= PLAUSIBLE_SCALE[1]:
+        return []
+    return [
+        f"1 + k = {scale:.4g} is implausible for a working sensor: check the units of position and output "
+        f"(a factor of {1.0 / scale:.4g}), for instance mm read as m"
+    ]
 
 
 def of_filters(runs: Sequence[PreparedRun]) -> list[str]:
@@ -794,8 +805,7 @@ def validity(states: Sequence[RunState]) -> dict[str, tuple[float, float]]:
             widen(key, float(np.min(y)), float(np.max(y)))
         widen("frequency", 0.0, s.cutoff)
         for key, y in ((name, y) for name, y in s.side.items() if name not in DERIVED):
-            offset = origins.temperature if key == "temperature" else 0.0
-            widen(key, float(np.min(y)) + offset, float(np.max(y)) + offset)
+            widen(key, float(np.min(y)) + origins.of(key), float(np.max(y)) + origins.of(key))
     return {key: (low, high) for key, (low, high) in ranges.items()}
 
 
@@ -809,4 +819,10 @@ def tied_sum(fit: Fit, name: str) -> str:
         return fit[name].symbol
     members = [find(member) for member in base.traits.lumped.members]
     inside = [m for m in members if not (m.traits.separated_by and m.name in fit.model.effects)]
-    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning))
+    at_mean = [
+        f"{effect.name} at the mean of {channel}"
+        for effect in (find(added) for added in fit.model.added)
+        for channel in effect.needs
+        if name in effect.search.includes and channel in fit.origins.side
+    ]
+    return " + ".join((*(effect.traits.summand for effect in (base, *inside)), *turning, *at_mean))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -30,6 +31,8 @@ PASSED = 1.25
 """Corner of the low-pass of motion over its bandwidth, 1.4 times the highest frequency in it, where the model has
 effects: it then passes that to 1e-4, of which a cubic makes three times as much. Without effects only columns are
 evaluated on the motion, and harmonics that the model lacks lie above it."""
+CONSTANT_LEFT = 1e-5
+"""Constant that a further correction for the effects may move, over the standard deviation of the acceleration."""
 
 
 def corner_of(values: Values, cutoff: float) -> float:
@@ -253,16 +256,18 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
         jerk = derivative(a, run.accel_step)
         return sensor_signals(run, grid.t, SmoothedMotion(p, v, grid.thin(a), grid.thin(jerk)), values, cutoff)
 
-    # Each correction gains the ratio of the effects to the acceleration, at most a few percent.
-    return corrected(corrected(corrected(None)))
+    # Each correction gains the ratio of the effects to the acceleration, at most a few percent. Only gravity makes a
+    # constant of them that is large beside the motion.
+    before = corrected(corrected(None))
+    signals, moved = corrected(before), math.inf
+    while CONSTANT_LEFT * float(np.std(signals.a)) < (step := abs(float(np.mean(signals.a - before.a)))) < moved:
+        before, signals, moved = signals, corrected(signals), step
+    return signals
 
 
 def side_channels_at(run: PreparedRun, t: Array) -> dict[str, Array]:
-    """Side channels at times `t`; temperature from the model's origin."""
-    side = {name: resample(channel, t) for name, channel in run.recording.side.items()}
-    if "temperature" in side:
-        side["temperature"] = side["temperature"] - run.origins.temperature
-    return side
+    """Side channels at times `t`, from the model's origin."""
+    return {name: resample(channel, t) - run.origins.of(name) for name, channel in run.recording.side.items()}
 
 
 def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, values: Values, cutoff: float) -> Signals:
@@ -285,4 +290,5 @@ def sensor_signals(run: PreparedRun, t_grid: Array, motion: SmoothedMotion, valu
         rig=run.rig,
         cutoff=cutoff,
         side=side,
+        side_origins=run.origins.side,
     )

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import scipy
 
+from accelcal._support.found_before import found_before
 from accelcal.data.arrays import Array
 from accelcal.data.orientation import GRAVITY
 from accelcal.data.recording import Recording
@@ -74,6 +75,8 @@ def compare(
     motion, the start state from the causal filter, the constant from readings before the start.
     """
     ahead = Prediction.of(fit if ruler is None else ruler.held_by(fit), recording, start=start, end=end)
+    if ruler is not None and ruler.lags:
+        ahead.nodes_apart = nodes_apart(ruler, recording, start, end)
     run, e, S = ahead.run, ahead.e, ahead.S
     counts = ahead.counts
     report(0.3)
@@ -124,6 +127,17 @@ def compare(
         reference_noise=ahead.reference_noise,
         innovations=innovations,
     )
+
+
+def nodes_apart(ruler: Ruler, recording: Recording, start: float | None, end: float | None) -> float:
+    """Spacing of nodes, s, on which a model of a table remembers simulated motion of a recording; 0 where none does."""
+
+    def largest() -> float:
+        tried = (Prediction.of(ruler.held_by(fit), recording, start=start, end=end) for fit in ruler.lagging)
+        return max(ahead.nodes_apart for ahead in tried)
+
+    question = (ruler, tuple(fit.estimates for fit in ruler.lagging), start, end)
+    return found_before(recording, "nodes apart", question, largest)
 
 
 def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast:
@@ -194,6 +208,7 @@ def accel_residual(ahead: Prediction, band: float) -> tuple[Array, Array, Signal
         rig=rig,
         cutoff=band,
         side=side,
+        side_origins=run.origins.side,
     )
     edge = int(min(EDGE / band, 0.25 * (t[-1] - t[0])) * rate)
     inside = np.zeros(len(t), dtype=np.bool_)

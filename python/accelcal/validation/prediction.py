@@ -106,6 +106,9 @@ class Prediction:
             lost *= since
         self.breaks = np.cumsum(d.restart)
         self.ahead = None if self.causal is None else self._dead_reckoning(self.causal, cutoff)
+        self.nodes_apart = self.ahead.known.step if self.ahead is not None and self.ahead.remembers else 0.0
+        """Spacing of nodes on which simulated motion is remembered, by this or another model of its table, s; 0 where
+        none is."""
 
     def _causal(self, plain: DriveIntegrals, cutoff: float, withheld: float) -> Signals:
         """Motion for the effects: acceleration from the output, position and velocity from the causal filter."""
@@ -204,7 +207,9 @@ class Prediction:
         origin, P = self.run.origins, np.stack([entry[k] for entry in self.P], axis=1)
         plain = Starts(t[k] - origin.t, self.p[k] - origin.p, self.v[k], np.zeros(len(k)), P)
         moved = replace(plain, p=plain.p + constant * unit_p, v=plain.v + constant * unit_v, constant=constant)
-        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std))
+        # A constant of the effects, which the bias takes back, moves no path away.
+        constant_move = 0.5 * abs(self.ahead.gain * float(np.mean(self.ahead.known_effects))) * float(np.max(h)) ** 2
+        limit = DIVERGED * float(np.ptp(self.run.z) + np.max(std)) + constant_move
         for batch in self.ahead.batches(len(k), float(np.max(h))):
             at = t[rows[batch]] - origin.t
             followed = self.ahead.feeds_back and rezero
@@ -245,9 +250,9 @@ class Prediction:
 
     def _fewer(self, k: NDArray[np.intp], horizon: float) -> NDArray[np.intp]:
         """Every so many of the start readings where effects remember simulated motion."""
-        if self.ahead is None or not self.ahead.remembers:
+        if not self.nodes_apart:
             return k
-        nodes = len(k) * (horizon + MEMORY) / self.ahead.known.step
+        nodes = len(k) * (horizon + MEMORY) / self.nodes_apart
         return k[:: max(1, min(math.ceil(nodes / MOST_NODES), len(k) // FEWEST_STARTS))]
 
     def at_horizon(self, horizon: float) -> Coasting:
