@@ -106,7 +106,8 @@ def _cleaned(recording: Recording) -> Recording | None:
             return None
         spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of(out, 1))
         gone.append(LeftOut(kind, name, int(np.count_nonzero(out)), len(channel), spans, reach))
-        left = replace(left, **{name: replace(channel, t=channel.t[~out], y=channel.y[~out])})
+        cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
+        left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
     return replace(left, left_out=tuple(gone)) if gone else None
 
 
