@@ -98,7 +98,7 @@ def outcome(trial: Trial) -> Outcome:
     step = improve(recording)
     base, last = step.steps[0].fit, step.diagnosis
     errors = {name: (base[name].value - value) / base[name].std for name, value in TRUTH.items()}
-    told = [remark for remark in last.remarks if remark.code == "rail_hit"]
+    told = [remark for remark in last.remarks if remark.code == "saturated"]
     codes = [remark.code for remark in last.remarks]
     right = bool(told) and not step.effects and last.verdict == "adequate" and "turning_sensor" not in codes
     return {

@@ -22,7 +22,7 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
-from accelcal.diagnosis.left_out import left_out_remarks, without_wrong_readings
+from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
@@ -564,7 +564,8 @@ def compare_models(
         seen = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
         )
-        return replace(seen, noise_scores=noise_scores(fit, part, start=begin, end=finish), breaks=breaks)
+        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
+        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
 
     def floor(report: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -749,7 +750,8 @@ def compare(
     seen = evaluation.compare(
         fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
     )
-    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks)
+    scores, gone = noise_scores(fit, recording, start=start, end=end), left_out_sentences(recording, start, end)
+    seen = replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
     if ruler is not None:
         return seen
     floor = noise_floor(Ruler.of([fit]), fit, recording, horizons=horizons, start=start, end=end)

@@ -138,7 +138,7 @@ class PositionStep:
         )
 
 
-WrongKind = Literal["rail_hit", "stuck"]
+WrongKind = Literal["saturated", "stuck"]
 """At the limit of its range; or one value repeated while the other channel moves."""
 
 

@@ -14,11 +14,12 @@ from accelcal._support.listing import listing
 from accelcal.data.arrays import Array
 from accelcal.data.recording import Channel, PositionStep, Recording
 from accelcal.data.units import instant
-from accelcal.diagnosis.left_out import without_wrong_readings
+from accelcal.diagnosis.left_out import runs_of_true, without_wrong_readings
 from accelcal.diagnosis.policy import (
     DELAY_CHANGE_SIGMA,
     DROPOUT_ALPHA,
     FAULT_ALPHA,
+    RAIL_SAMPLES,
     RELATION_LEAST_BLOCKS,
     STEP_LEAST_COUNTS,
     STEP_PULSE_SHARE,
@@ -31,8 +32,8 @@ from accelcal.estimation.glitches import spikes
 from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import LOCAL, local_spread
 
-Kind = Literal["dropout", "glitch", "position_step", "dropped_samples"]
-LASTING: tuple[Kind, ...] = ("dropout",)
+Kind = Literal["dropout", "glitch", "rail_hit", "position_step", "dropped_samples"]
+LASTING: tuple[Kind, ...] = ("dropout", "rail_hit")
 """Faults whose size is a length of time."""
 LISTED_SINGLY = 2
 """Faults of one kind and channel that have a sentence each; more share one."""
@@ -47,7 +48,7 @@ class Fault:
     time: float
     """Its beginning, s."""
     size: float
-    """dropout: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
+    """dropout, rail_hit: its length, s; glitch, position_step: m; dropped_samples: whole samples."""
     sentence: str
 
 
@@ -62,7 +63,7 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
 
     Returns
     -------
-    Dropouts, glitches, position steps (missed counts) and dropped samples; what was left out is told by itself.
+    Dropouts, glitches, saturation, position steps (missed counts) and dropped samples; not what was left out.
     """
     found = [*dropouts(run.accel), *dropouts(recording.reference or recording.position), *glitches(recording, run)]
     gone = [(one.channel, begin, end) for one in recording.left_out for begin, end in one.stretches]
@@ -74,6 +75,7 @@ def faults(recording: Recording, run: PreparedRun, columns: RelationColumns | No
             for name, begin, end in gone
         )
     ]
+    found += rail_hits(run)
     columns = columns or RelationColumns(run)
     steps = (*recording.position_steps, *(() if recording.reference else position_steps(columns)))
     found += [Fault("position_step", "position", step.time, step.size, step.sentence) for step in steps]
@@ -153,6 +155,27 @@ def glitches(recording: Recording, run: PreparedRun) -> list[Fault]:
         size = float(jumps[np.argmax(np.abs(jumps))])
         text = f"position: {b - a + 1} readings jump by {size:.3g} m at t = {instant(t[a])} s and return"
         found.append(Fault("glitch", "position", float(t[a]), size, text))
+    return found
+
+
+def rail_hits(run: PreparedRun) -> list[Fault]:
+    """Stretches in which the output repeats its extreme: it saturates below the declared range, or none is declared.
+
+    They are told and kept: a move at constant acceleration, seen by a coarse converter, looks the same.
+    """
+    t, u = run.accel.t, run.accel.y
+    steps = np.abs(np.diff(u))
+    quantum = float(np.min(steps[steps > 0.0], initial=math.inf))
+    found = []
+    for extreme in (float(u.max()), float(u.min())):
+        for a, b in runs_of_true(u == extreme, RAIL_SAMPLES):
+            jump = max(abs(u[a] - u[max(a - 1, 0)]), abs(u[b] - u[min(b + 1, len(u) - 1)]))
+            if jump > 8.0 * quantum:
+                begin, size = float(t[a]), float(t[b] - t[a])
+                text = (
+                    f"accel: the output saturates at {extreme:.4g} m/s² for {size:.2g} s from t = {instant(begin)} s on"
+                )
+                found.append(Fault("rail_hit", "accel", begin, size, text))
     return found
 
 

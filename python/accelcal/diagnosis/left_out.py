@@ -83,11 +83,16 @@ def left_out_remarks(
     ]
 
 
+def left_out_sentences(recording: Recording, start: float | None = None, end: float | None = None) -> tuple[str, ...]:
+    """The same of one recording, as sentences."""
+    return tuple(note.sentence for note in left_out_remarks([recording], "", start, end))
+
+
 def _cleaned(recording: Recording) -> Recording | None:
     """The recording without its wrong readings; None where it has none, or no others."""
     try:
         require_usable(recording)
-        wrong = (("rail_hit", "accel", rail_hits(recording)), *stuck(recording))
+        wrong = (("saturated", "accel", rail_hits(recording)), *stuck(recording))
     except ValueError:
         return None
     rig, left, gone = recording.rig, recording, []
@@ -104,7 +109,7 @@ def _cleaned(recording: Recording) -> Recording | None:
             continue
         if len(channel) - np.count_nonzero(out) < 2:
             return None
-        spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of(out, 1))
+        spans = tuple((float(channel.t[a]), float(channel.t[b])) for a, b in runs_of_true(out, 1))
         gone.append(LeftOut(kind, name, int(np.count_nonzero(out)), len(channel), spans, reach))
         cleaned = replace(channel, t=channel.t[~out], y=channel.y[~out])
         left = replace(left, accel=cleaned) if name == "accel" else replace(left, position=cleaned)
@@ -127,13 +132,13 @@ def rail_hits(recording: Recording) -> Stretches:
         tolerance = max(RAIL_TOLERANCE * declared, noise)
         for upward in (y, -y):
             extreme = float(np.max(upward))
-            beyond = extreme > declared + tolerance and runs_of(upward == extreme, RAIL_SAMPLES)
+            beyond = extreme > declared + tolerance and runs_of_true(upward == extreme, RAIL_SAMPLES)
             limit = extreme if beyond else declared
             at, below = np.abs(upward - limit) <= tolerance, (limit - 3.0 * tolerance, limit - tolerance)
             others = np.count_nonzero((upward >= below[0]) & (upward < below[1]))
             higher = np.count_nonzero(upward > limit + tolerance)
             if np.count_nonzero(at) >= RAIL_PILED * max(others, higher):
-                found += [(float(t[a]), float(t[b])) for a, b in runs_of(at, 2)]
+                found += [(float(t[a]), float(t[b])) for a, b in runs_of_true(at, 2)]
     return found
 
 
@@ -151,7 +156,9 @@ def _before_low_passes(recording: Recording) -> tuple[Array, Array]:
 
 def stuck(recording: Recording) -> list[tuple[WrongKind, str, Stretches]]:
     """Stretches in which one channel repeats a value while the other one moves, by channel."""
-    repeats = [runs_of(np.diff(channel.y) == 0.0, STUCK_SAMPLES) for channel in (recording.accel, recording.position)]
+    repeats = [
+        runs_of_true(np.diff(channel.y) == 0.0, STUCK_SAMPLES) for channel in (recording.accel, recording.position)
+    ]
     if not any(repeats):
         return []
     run = prepare(recording, every_reading=True)
@@ -165,7 +172,7 @@ def stuck_outputs(run: PreparedRun) -> Stretches:
     steps = np.abs(np.diff(accel.y))
     count = float(np.quantile(steps[steps > 0.0], 0.01)) if np.any(steps) else 0.0
     found = []
-    for a, b in runs_of(steps == 0.0, STUCK_SAMPLES):
+    for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
         begin, end = float(accel.t[a]), float(accel.t[b + 1])
         rows = slice(*np.searchsorted(t, [begin, end]))
         hidden = HIDDEN[degree] * count * (end - begin) ** degree
@@ -189,7 +196,7 @@ def stuck_positions(run: PreparedRun) -> Stretches:
     speed = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(accel.t))])
     usual = float(np.std(force))
     found = []
-    for a, b in runs_of(np.diff(z) == 0.0, STUCK_SAMPLES):
+    for a, b in runs_of_true(np.diff(z) == 0.0, STUCK_SAMPLES):
         begin, end = float(t[a]), float(t[b + 1])
         rows = slice(*np.searchsorted(accel.t, [begin, end]))
         u, step = force[rows], run.accel_step
@@ -215,7 +222,7 @@ def _departure_from_polynomial(t: Array, y: Array, degree: int) -> float:
     return float(np.ptp(y - np.polynomial.Polynomial.fit(x, y, degree)(x)))
 
 
-def runs_of(flags: Flags, least: int) -> list[tuple[int, int]]:
+def runs_of_true(flags: Flags, least: int) -> list[tuple[int, int]]:
     """First and last index of each run of true flags of at least this length."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a >= least]

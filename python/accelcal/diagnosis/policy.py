@@ -348,8 +348,8 @@ REST_LOG_LIKELIHOOD = 20.0
 """Log-likelihood that output and encoder share by chance in a record at rest. Three coefficients in a dozen bands
 gain as much once in ten million records. [nat; tests/diagnosis/test_rest.py]"""
 RAIL_SAMPLES = 4
-"""Equal readings in a row at the extreme of a record, beyond the declared range, that are a saturated output. Three can
-be quantisation. [samples; tests/diagnosis/test_left_out.py]"""
+"""Equal readings in a row at the extreme of a record, after a jump or beyond the declared range, that are a saturated
+output. Three can be quantisation. [samples; tests/diagnosis/test_left_out.py]"""
 RAIL_TOLERANCE = 1e-3
 """Distance from the declared range, over that range, within which an output is at its limit. Converters end a few
 counts short of it. [share; tests/diagnosis/test_left_out.py]"""

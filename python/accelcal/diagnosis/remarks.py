@@ -36,6 +36,11 @@ KINDS: dict[str, Kind] = {
     ),
     "rail_hit": Kind(
         "data",
+        "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
+        "most from t = {time:.6g} s on",
+    ),
+    "saturated": Kind(
+        "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
         "{time:.6g} s to {end:.6g} s) are left out: the output is at the limit of its range there, where a smaller "
         "motion or a wider range would keep them",
