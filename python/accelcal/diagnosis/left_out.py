@@ -191,12 +191,14 @@ def stuck_positions(run: PreparedRun) -> Stretches:
     if run.order != POSITION_ORDER:
         return []
     t, z, accel = run.t, run.z, run.accel
-    noise = math.sqrt(run.reading_variance_guess) + run.least_step
+    steps = np.abs(np.diff(z))
+    count = float(np.min(steps[steps > 0.0], initial=np.ptp(z)))  # whatever resolution is declared
+    noise = math.sqrt(run.reading_variance_guess) + max(run.least_step, count)
     force = run.rig.polarity * (accel.y - np.mean(accel.y))
     speed = np.concatenate([[0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(accel.t))])
     usual = float(np.std(force))
     found = []
-    for a, b in runs_of_true(np.diff(z) == 0.0, STUCK_SAMPLES):
+    for a, b in runs_of_true(steps == 0.0, STUCK_SAMPLES):
         begin, end = float(t[a]), float(t[b + 1])
         rows = slice(*np.searchsorted(accel.t, [begin, end]))
         u, step = force[rows], run.accel_step

@@ -48,8 +48,8 @@ KINDS: dict[str, Kind] = {
     "stuck": Kind(
         "data",
         "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
-        "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check cable, "
-        "supply and logger",
+        "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
+        "cable, supply and logger",
     ),
     "position_step": Kind(
         "data",
