@@ -35,6 +35,8 @@ from accelcal.estimation.run import PreparedRun, prepare
 from accelcal.signals.series import interpolation_spread
 from accelcal.signals.transfer import FORGOTTEN, memory
 
+FEWEST = 16
+"""Samples of the output in a stretch, least, from which its noise is known."""
 SLOPE = 8
 """Readings on either side of a stretch that tell the speed there."""
 HIDDEN = (1.0, 0.25, 1.0 / 16.0)
@@ -202,10 +204,10 @@ def stuck_positions(run: PreparedRun) -> Stretches:
         begin, end = float(t[a]), float(t[b + 1])
         rows = slice(*np.searchsorted(accel.t, [begin, end]))
         u, step = force[rows], run.accel_step
-        if len(u) < 8 or np.std(u) < STUCK_MOTION_SHARE * usual:
+        if len(u) < FEWEST or np.std(u) < STUCK_MOTION_SHARE * usual:
             continue
         position = np.cumsum(np.cumsum(u - np.mean(u))) * step**2
-        random_motion = float(np.median(np.abs(np.diff(u)))) * step**2 * len(u) ** 1.5
+        random_motion = interpolation_spread(accel.t[rows], u) * step**2 * len(u) ** 1.5
         if _departure_from_polynomial(accel.t[rows], position, 1) <= 20.0 * noise + 5.0 * random_motion:
             continue
         before, behind = slice(max(0, a - SLOPE), a + 1), slice(b + 2, b + 2 + SLOPE)
