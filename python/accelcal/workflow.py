@@ -1,6 +1,7 @@
 """The product's verbs: fit, diagnose, add, drop, improve, history, compare, compare_paired, coast.
 
-Outliers are rejected before every fit, and jumps of the position are found before anything else.
+Readings that are known to be wrong are left out and jumps of the position found before anything else, and outliers are
+rejected before every fit.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
+from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
@@ -75,7 +77,7 @@ def model_in_motion(fit: Fit) -> Model:
 
 
 def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> list[Recording]:
-    """Recordings of motions, dwells among them given to the first.
+    """Recordings of motions without readings that are known to be wrong, dwells among them given to the first.
 
     Raises
     ------
@@ -85,7 +87,7 @@ def runs_of(recordings: Recording | Dwells | Sequence[Recording | Dwells]) -> li
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         raise RecordingError(f"{several.name or 'dwells'}: dwells alone show no motion; diagnose_dwells judges them")
-    return several
+    return [without_wrong_readings(one) for one in several]
 
 
 @checked
@@ -278,6 +280,7 @@ def fit(
     several = with_dwells(recordings)
     if isinstance(several, Dwells):
         return estimate_dwells(model, several, origins)
+    several = [without_wrong_readings(one) for one in several]
     if "scale_factor" not in model.fixed:
         require_motion_above_noise(several, start=start, end=end)
         require_one_axis(several, start=start, end=end)
@@ -562,7 +565,8 @@ def compare_models(
         seen = evaluation.compare(
             fit, part, band=band, horizons=horizons, start=begin, end=finish, ruler=ruler, report=report
         )
-        return replace(seen, noise_scores=noise_scores(fit, part, start=begin, end=finish), breaks=breaks)
+        scores, gone = noise_scores(fit, part, start=begin, end=finish), left_out_sentences(part, begin, finish)
+        return replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
 
     def floor(report: Callable[[float], None]) -> NoiseFloor:
         return noise_floor(ruler, base or fits[0], part, horizons=horizons, start=begin, end=finish)
@@ -747,7 +751,8 @@ def compare(
     seen = evaluation.compare(
         fit, recording, band=band, horizons=horizons, start=start, end=end, ruler=ruler, report=part
     )
-    seen = replace(seen, noise_scores=noise_scores(fit, recording, start=start, end=end), breaks=breaks)
+    scores, gone = noise_scores(fit, recording, start=start, end=end), left_out_sentences(recording, start, end)
+    seen = replace(seen, noise_scores=scores, breaks=breaks, left_out=gone)
     if ruler is not None:
         return seen
     floor = noise_floor(Ruler.of([fit]), fit, recording, horizons=horizons, start=start, end=end)
@@ -762,7 +767,7 @@ def compared_part(
     if start is not None or end is not None:
         return with_position_steps(recording), start, end, ()
     recording, start, end, broken = whole_part(recording)
-    return recording, start, end, tuple(float(note.values["time"]) for note in broken)
+    return recording, start, end, tuple(float(note.values["time"]) for note in broken if note.code == "break")
 
 
 @checked
@@ -869,16 +874,18 @@ def coast(fit: Fit, recording: Recording, start: float, horizon: float) -> Coast
 
 
 def whole_part(recording: Recording, place: str = "") -> tuple[Recording, float | None, float | None, list[Remark]]:
-    """A recording with the jumps of its position, the end of the part before a break, and the remark on the break.
+    """A recording with the jumps of its position, the end of the part before a break, and the remarks on what was left
+    out and on the break.
 
     Start and end are None where nothing breaks; `place` stands before the name of the recording.
     """
     found = found_before(recording, "unbroken part", recording.sums, lambda: UnbrokenPart.of(recording))
     whole = recording if found.stepped is None else found.stepped
     if not found.breaks:
-        return whole, None, None, []
+        return whole, None, None, left_out_remarks([whole], place)
     name = f"{place}{recording.name or 'recording'}"
-    return whole, found.start, found.end, [remark("break", recording=name, time=found.breaks[0])]
+    broken = remark("break", recording=name, time=found.breaks[0])
+    return whole, found.start, found.end, [*left_out_remarks([whole], place, found.start, found.end), broken]
 
 
 @dataclass(frozen=True, slots=True)
@@ -906,14 +913,15 @@ def judged_recordings(
     recordings: Sequence[Recording], start: float | None = None, end: float | None = None
 ) -> tuple[list[Recording], TimeSpan, list[Remark]]:
     """Recordings of which a model is judged on the first: all with the jumps of their positions, the others up to their
-    first breaks; the part of the first on which one model can hold, and the remarks on breaks of the others."""
+    first breaks; the part of the first on which one model can hold, and the remarks on the others."""
     first, columns = position_steps_sought(recordings[0])
     others, broken = usable_recordings(recordings[1:], start is not None or end is not None)
     return [first, *others], TimeSpan.of(first, start, end, columns), broken
 
 
 def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> tuple[list[Recording], list[Remark]]:
-    """Recordings with the jumps of their positions, each up to its first break, and the remarks on the breaks.
+    """Recordings with the jumps of their positions, each up to its first break, and the remarks on breaks and on what
+    was left out.
 
     Parameters
     ----------
@@ -925,6 +933,7 @@ def usable_recordings(recordings: Sequence[Recording], chosen: bool = False) -> 
     for recording in recordings:
         if chosen:
             found.append(with_position_steps(recording))
+            remarks += left_out_remarks(found[-1:])
             continue
         whole, begin, finish, broken = whole_part(recording)
         if begin is not None and finish is not None:

@@ -348,14 +348,32 @@ REST_LOG_LIKELIHOOD = 20.0
 """Log-likelihood that output and encoder share by chance in a record at rest. Three coefficients in a dozen bands
 gain as much once in ten million records. [nat; tests/diagnosis/test_rest.py]"""
 RAIL_SAMPLES = 4
-"""Equal readings in a row at the extreme of a record, after a jump, that are a saturated output. Three can be
-quantisation. [samples; tests/diagnosis/test_change_points.py]"""
+"""Equal readings in a row at the extreme of a record, after a jump or beyond the declared range, that are a saturated
+output. Three can be quantisation. [samples; tests/diagnosis/test_left_out.py]"""
 RAIL_TOLERANCE = 1e-3
-"""Distance from the declared range, over that range, within which an output is at its limit. Readings beyond it mean
-that the range is another. [share; tests/diagnosis/test_change_points.py]"""
+"""Distance from the declared range, over that range, within which an output is at its limit. Converters end a few
+counts short of it. [share; tests/diagnosis/test_left_out.py]"""
+RAIL_NOISE = 4.0
+"""The same in standard deviations of an output whose low-passes are inverted. That amplifies its noise. [sigma;
+tests/diagnosis/test_left_out.py]"""
+RAIL_PILED = 5
+"""Readings at the limit over those beyond it, and over those as far below it, least, that are a saturated output. A
+sine has at most 2.4 times as many at its peak, and readings beyond mean that the range is another. [ratio;
+tests/diagnosis/test_left_out.py]"""
+LEFT_OUT_BESIDE = 8
+"""Samples of the output on either side of wrong ones that are left out with them. Nothing then interpolates over the
+gap, whose motion is always that beyond the limit: a polynomial through its edges errs to one side. [samples;
+tests/diagnosis/test_left_out.py]"""
 STUCK_SAMPLES = 32
 """Equal readings in a row, while the other channel moves, that are a stuck channel. Fewer are quantisation.
-[samples; tests/diagnosis/test_change_points.py]"""
+[samples; tests/diagnosis/test_left_out.py]"""
+STUCK_MOTION_SHARE = 0.1
+"""Spread of the output over that of the whole record, least, where a position that repeats is stuck. A floor that
+shakes moves encoder and scale together, by less. [share; tests/diagnosis/test_left_out.py]"""
+STUCK_VELOCITY_SHARE = 0.5
+"""Change of speed that the output shows over a stuck stretch and the readings beside it do not, most, over its swing. A
+sensor that is touched at rest shows one, and the stage rests before and behind. [share;
+tests/diagnosis/test_left_out.py]"""
 STEP_PULSE_SHARE = 0.6
 """Share of the excess residual around a position step that the filter's pulse must explain. A misfit of the model is
 wider than a pulse. [share; tests/diagnosis/test_change_points.py]"""

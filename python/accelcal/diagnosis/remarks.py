@@ -39,10 +39,17 @@ KINDS: dict[str, Kind] = {
         "{channel}: the output saturates {count} times, {share:.2g} % of the record together, for {longest:.2g} s at "
         "most from t = {time:.6g} s on",
     ),
+    "saturated": Kind(
+        "data",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: the output is at the limit of its range there, where a smaller "
+        "motion or a wider range would keep them",
+    ),
     "stuck": Kind(
         "data",
-        "{channel}: {count} stretches of repeated readings while the other channel changes, {share:.2g} % of the "
-        "record together, the longest {longest:.3g} s from t = {time:.6g} s on",
+        "{recording}: {count} of {of} readings of {channel} ({share:.2g} %, stretches: {stretches}, from t = "
+        "{time:.6g} s to {end:.6g} s) are left out: they repeat one value while the other channel moves; check range, "
+        "cable, supply and logger",
     ),
     "position_step": Kind(
         "data",

@@ -29,6 +29,7 @@ from accelcal.diagnosis.findings import (
 from accelcal.diagnosis.further_run import FurtherRun, further_runs
 from accelcal.diagnosis.independent_estimate import differences, disagreement
 from accelcal.diagnosis.independent_tests import independent_tests, separate_lines
+from accelcal.diagnosis.left_out import left_out_remarks
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
@@ -193,7 +194,11 @@ class TimeSpan:
         run = prepare(recording, start=start, end=end) if columns is None else columns.run
         start, end = float(run.t[0]), float(run.t[-1])
         broken = [remark("break", recording=recording.name or "recording", time=at) for at in breaks]
-        return cls(start, end, breaks, (*broken, *fault_remarks(faults(recording, run, columns), end - start)), chosen)
+        told = (
+            *left_out_remarks([recording], "", start, end),
+            *fault_remarks(faults(recording, run, columns), end - start),
+        )
+        return cls(start, end, breaks, (*broken, *told), chosen)
 
 
 def verdict_on(

@@ -15,7 +15,7 @@ from accelcal.diagnosis.noise_tests.block_spectra import SHORT_BLOCKS, BlockSpec
 from accelcal.diagnosis.noise_tests.interpolation_error import REACH, InterpolationError, Places, high_passed
 from accelcal.diagnosis.noise_tests.robust import Outliers, isolated_peaks, outliers, spread_of
 from accelcal.diagnosis.policy import NOISE_TEST_ALPHA, OUTLIER_SIGMA
-from accelcal.estimation.channel_filters import LEAST_GAIN
+from accelcal.estimation.channel_filters import HOLE, LEAST_GAIN
 from accelcal.estimation.rows import sums_of
 from accelcal.estimation.run_state import RunState
 from accelcal.signals.jumps import output_of
@@ -59,7 +59,7 @@ class Residuals:
         self.edge = min(max(MOTION_FREE * self.rate, 2.0 * self.reach), 0.25 * self.rate)
         ends = int(4.0 * self.rate / self.edge)  # a spectrum takes the two ends of a record for a jump
         self.sampled[:ends] = self.sampled[self.n - ends :] = False
-        self.sampled[widened(self.unresolved, REACH)] = False
+        self.sampled[widened(self.unresolved | self.holes, REACH)] = False
 
     @property
     def reads_position(self) -> bool:
@@ -117,6 +117,12 @@ class Residuals:
         np.add.at(edges, np.clip(first, 0, self.n), 1.0)
         np.add.at(edges, np.clip(last + 1, 0, self.n), -1.0)
         return np.asarray(np.cumsum(edges)[:-1] > 0.0)
+
+    @property
+    def holes(self) -> Flags:
+        """Uniform times in gaps so long that the motion beside them is known to the position alone, (n,)."""
+        length = np.diff(self.place, prepend=0)
+        return np.concatenate([[False], np.repeat(length[1:] > HOLE, length[1:])])
 
     @cached_property
     def resolved_output(self) -> Array:

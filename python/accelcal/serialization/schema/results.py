@@ -162,6 +162,7 @@ class ComparisonFile(Part):
     not_carried: list[str]
     noise_scores: list[NoiseScorePart]
     breaks: list[Value]
+    left_out: list[str]
 
 
 class Tolerance(Part):
