@@ -320,6 +320,12 @@ TURNING_LEAST_PERIODS = 12.0
 TURNING_MOST_DEGREES = 45.0
 """Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
 tests/diagnosis/test_turning.py]"""
+DISTURBED_SHARE = 0.05
+"""Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
+is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
+DISTURBED_STRETCHES = 3
+"""Such stretches at most. More are no accident but happen again and again. [stretches;
+tests/diagnosis/test_turning.py]"""
 EXPECTED_COHERENCE = 0.8
 """Squared coherence that the noise of both channels leaves, above which a segment must show the relation. Below it
 chance and noise decide. [coherence; benches/unrelated.py]"""
