@@ -263,9 +263,10 @@ tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COARSE_STEP_RATIO = 1.2
 """Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the motion.
 [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
-HELD_SHARE = 0.02
-"""Share of repeated readings above which the logger is faster than the sensor. Readings off a grid hardly ever
-repeat by chance. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+HELD_SHARE = 0.2
+"""Share of repeated readings in motion above which the logger is faster than the sensor. One that holds repeats every
+second to fifth reading; a coarse sensor repeats one now and then. [share;
+tests/diagnosis/noise_tests/test_stamps.py]"""
 WHOLE_BITS_TOLERANCE = 1e-4
 """Error in bits within which a step is that of a converter of whole bits over the declared range. Such a step is
 known from the data sheet. [bit; tests/diagnosis/noise_tests/test_noise_tests.py]"""
