@@ -321,6 +321,9 @@ TURNING_LEAST_PERIODS = 12.0
 TURNING_MOST_DEGREES = 45.0
 """Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
 tests/diagnosis/test_turning.py]"""
+DRIFT_BAND = 0.1
+"""Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
+bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
 DISTURBED_SHARE = 0.05
 """Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
 is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""

@@ -22,6 +22,7 @@ from accelcal.diagnosis.policy import (
     DATA_SHEET_NOISE_RATIO,
     DISTURBED_SHARE,
     DISTURBED_STRETCHES,
+    DRIFT_BAND,
     TURNING_BAND,
     TURNING_LEAST_PERIODS,
     TURNING_MOST_DEGREES,
@@ -87,7 +88,8 @@ def turning_sensor(
     -----
     What counts is left by a model with every effect that was found, those excepted that follow any function of time: a
     bias that wanders follows a tilt as well. Where it lives in a few stretches they are named. Else a drift of the bias
-    that explains it stands beside the tilt, and where none does no name is certain.
+    that explains it stands beside the tilt, if all of it is as slow as a bias drifts; where none does no name is
+    certain.
     """
     recording = fitted.recordings[0]
     if gravity_is_told(recording):
@@ -118,7 +120,7 @@ def turning_sensor(
         return left.apart(recording.name)
     wandering = [finding for finding in found if finding.effect in FOLLOW_TIME & DRIFTS]
     code = "turning_sensor"
-    if wandering or (following and DRIFTS.issuperset(following)):
+    if left.faster <= left.ordinary and (wandering or (following and DRIFTS.issuperset(following))):
         try:  # a process says nothing of what lies beyond the fitted part
             explained = left_by(model, [*certain, *wandering], (fitted.start, fitted.end))
             code = "tilt_or_drift" if explained.rms <= left.ordinary else code
@@ -155,6 +157,8 @@ class SlowResidual:
     rig: Rig
     rms: float
     """m/s²; 0 where the record is too short for one."""
+    faster: float
+    """The part of it that is faster than a bias drifts, m/s² rms."""
     band: float
     """Hz"""
     ordinary: float
@@ -167,8 +171,12 @@ class SlowResidual:
         """The slow part of a residual: times (n,) s, residual (n,) m/s², and its bandwidth, Hz."""
         limit, floor = ordinary(recording.rig), output_noise(recording.rig, recording.accel.t, recording.accel.y)
         rms = excess(residual_at, highest, floor)
-        apart = disturbed(residual_at, highest, floor, limit) if rms > limit else ()
-        return cls(recording.rig, rms, min(TURNING_BAND, highest), limit, apart)
+        if rms <= limit:
+            return cls(recording.rig, rms, 0.0, min(TURNING_BAND, highest), limit, ())
+        t, residual = residual_at
+        drifting = low_pass(residual, 1.0 / float(np.median(np.diff(t))), DRIFT_BAND)
+        faster, apart = excess((t, residual - drifting), highest, floor), disturbed(residual_at, highest, floor, limit)
+        return cls(recording.rig, rms, faster, min(TURNING_BAND, highest), limit, apart)
 
     def remark(self, code: str) -> Remark | None:
         """The remark on a tilt that would explain it; None where it is ordinary, or no sensor tilts as much."""

@@ -44,7 +44,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.transverse import transverse_coherence
-from accelcal.diagnosis.turning import FittedSpan, beside_tilt, turning_sensor
+from accelcal.diagnosis.turning import FOLLOW_TIME, FittedSpan, beside_tilt, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, result
@@ -256,6 +256,8 @@ def verdict_on(
     )
     if turning is not None and turning.code == "tilt_or_drift":
         found = replace(found, found=beside_tilt(found.found), named=beside_tilt(found.named))
+        if FOLLOW_TIME.intersection((*model.effects, *(one.effect for one in found.found))):
+            significant = ()  # what follows any function of time leaves no noise to test
     forbidding = next((one for one in (unresolved, turning) if one is not None and one.forbids_names), None)
     if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
         found, significant, delay_found = replace(found, found=(), named=(), changing=()), (), False
