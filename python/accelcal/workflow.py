@@ -33,7 +33,7 @@ from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
 from accelcal.diagnosis.search.hypotheses import lacks_its_position, may_be_refined
 from accelcal.diagnosis.search.scan import scan
-from accelcal.diagnosis.turning import slow_residual
+from accelcal.diagnosis.turning import slow_residual, stretches_of
 from accelcal.diagnosis.verdict import Diagnosis, TimeSpan, verdict_on
 from accelcal.effects import Effect, find, side_channels
 from accelcal.estimation.estimate import (
@@ -46,7 +46,7 @@ from accelcal.estimation.estimate import (
     solve_runs,
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
-from accelcal.estimation.run import Method
+from accelcal.estimation.run import Method, PreparedRun
 from accelcal.estimation.run_differences import SEEN_BY_RUNS
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
@@ -155,6 +155,10 @@ def diagnose(
 
     fitted = clean_fit(several, solve)
     judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
+    if rest := undisturbed(several, stretch, judged):
+        several, stretch = rest
+        fitted = clean_fit(several, solve)
+        judged = verdict_on(fitted, stretch, extra, alpha, within(report, 0.35, 1.0))
     return replace(judged, dropped=fitted.rejected(several), remarks=(*judged.remarks, *broken))
 
 
@@ -286,27 +290,53 @@ def fit(
         require_one_axis(several, start=start, end=end)
     several, broken = usable_recordings(several, start is not None or end is not None)
     share = 0.8 if reject_outliers else 1.0
-    solution = solve_runs(
-        model,
-        several,
-        start=start,
-        end=end,
-        band=band,
-        origins=origins,
-        engine=method,
-        report=within(report, 0.0, share),
-    )
-    found = result(solution)
-    if reject_outliers:
-        found, solution = fit_without_outliers(found, solution, several, start=start, end=end, band=band)
-    found = with_noise_effects(found, several, solution.states)
-    found = with_breaks(with_agreement(found, solution.states), broken)
-    run = solution.states[0].run
-    solution.states.clear()  # the prediction filters anew: one set of filters at a time
+
+    def fitted(these: Sequence[Recording]) -> tuple[Fit, PreparedRun]:
+        solution = solve_runs(
+            model,
+            these,
+            start=start,
+            end=end,
+            band=band,
+            origins=origins,
+            engine=method,
+            report=within(report, 0.0, share),
+        )
+        found = result(solution)
+        if reject_outliers:
+            found, solution = fit_without_outliers(found, solution, these, start=start, end=end, band=band)
+        found = with_noise_effects(found, these, solution.states)
+        found = with_breaks(with_agreement(found, solution.states), broken)
+        run = solution.states[0].run
+        solution.states.clear()  # the prediction filters anew: one set of filters at a time
+        return found, run
+
+    found, run = fitted(several)
     slow = slow_residual(found, run) if reject_outliers else None
-    if slow is None:
-        return found
-    return replace(found, tilt=float(slow.values["tilt_deg"]), remarks=(f"{slow.sentence}.", *found.remarks))
+    disturbed = slow if slow is not None and slow.code == "disturbed" else None
+    if disturbed is not None:
+        found, run = fitted(without_stretches(several, disturbed))
+        slow = slow_residual(found, run, stretches=False)
+    said = tuple(f"{one.sentence}." for one in (slow, disturbed) if one is not None)
+    tilt = 0.0 if slow is None else float(slow.values["tilt_deg"])
+    return replace(found, tilt=tilt, remarks=(*said, *found.remarks)) if said else found
+
+
+def without_stretches(recordings: Sequence[Recording], disturbed: Remark) -> list[Recording]:
+    """Recordings of which the first lacks the stretches that a remark names."""
+    first, *others = recordings
+    return [first.without(*stretches_of(disturbed)), *others]
+
+
+def undisturbed(
+    recordings: Sequence[Recording], stretch: TimeSpan, judged: Diagnosis
+) -> tuple[list[Recording], TimeSpan] | None:
+    """Recordings without the stretches that a verdict names as disturbed, and the usable part with the remark on them;
+    None where it names none."""
+    disturbed = next((one for one in judged.remarks if one.code == "disturbed"), None)
+    if disturbed is None:
+        return None
+    return without_stretches(recordings, disturbed), replace(stretch, remarks=(disturbed, *stretch.remarks))
 
 
 def with_breaks(fit: Fit, broken: Sequence[Remark]) -> Fit:
@@ -638,6 +668,9 @@ def improve(
     begin, finish = stretch.start, stretch.end
     split = finish - HELD_OUT * (finish - begin) if same_run else finish
     selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
+    if rest := undisturbed(original, stretch, selection.current.verdict):
+        original, stretch = rest
+        selection = StepwiseSelection.begin(original, stretch, split, extra, alpha, budget)
     report(0.3)
     on_step(selection.fits[-1][1])
     for number in range(2 * most):

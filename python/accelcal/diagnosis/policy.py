@@ -263,9 +263,10 @@ tests/diagnosis/noise_tests/test_noise_tests.py]"""
 COARSE_STEP_RATIO = 1.2
 """Converter step over noise above which noise no longer dithers the steps. Rounding then depends on the motion.
 [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""
-HELD_SHARE = 0.02
-"""Share of repeated readings above which the logger is faster than the sensor. Readings off a grid hardly ever
-repeat by chance. [share; tests/diagnosis/noise_tests/test_noise_tests.py]"""
+HELD_SHARE = 0.2
+"""Share of repeated readings in motion above which the logger is faster than the sensor. One that holds repeats every
+second to fifth reading; a coarse sensor repeats one now and then. [share;
+tests/diagnosis/noise_tests/test_stamps.py]"""
 WHOLE_BITS_TOLERANCE = 1e-4
 """Error in bits within which a step is that of a converter of whole bits over the declared range. Such a step is
 known from the data sheet. [bit; tests/diagnosis/noise_tests/test_noise_tests.py]"""
@@ -319,6 +320,15 @@ TURNING_LEAST_PERIODS = 12.0
 [periods; tests/diagnosis/test_turning.py]"""
 TURNING_MOST_DEGREES = 45.0
 """Tilt above which a residual is not explained by turning. Beyond it the input axis is another one. [degrees;
+tests/diagnosis/test_turning.py]"""
+DRIFT_BAND = 0.1
+"""Frequency up to which a residual may be a bias that wanders. A bias drifts with temperature and age, more slowly than
+bodies and structures turn. [Hz; tests/diagnosis/test_turning.py]"""
+DISTURBED_SHARE = 0.05
+"""Share of a record up to which the stretches count as disturbed that hold all of a slow residual. What lasts longer
+is the sensor's, or a tilt. [share; tests/diagnosis/test_turning.py]"""
+DISTURBED_STRETCHES = 3
+"""Such stretches at most. More are no accident but happen again and again. [stretches;
 tests/diagnosis/test_turning.py]"""
 EXPECTED_COHERENCE = 0.8
 """Squared coherence that the noise of both channels leaves, above which a segment must show the relation. Below it

@@ -45,7 +45,7 @@ from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.run_agreement import run_agreement
 from accelcal.diagnosis.search.scan import Scan, Verdict, scan
 from accelcal.diagnosis.transverse import transverse_coherence
-from accelcal.diagnosis.turning import FittedSpan, turning_sensor
+from accelcal.diagnosis.turning import FOLLOW_TIME, FittedSpan, beside_tilt, turning_sensor
 from accelcal.diagnosis.unresolved_motion import unresolved_motion
 from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, implausible_scale, result
@@ -257,7 +257,12 @@ def verdict_on(
     span = (stretch.start, stretch.end)
     wrong_scale = scale_remark(profiled)
     judged = found.enough and wrong_scale is None
-    turning = turning_sensor(model, found.found, where, sizes, fitted, span) if judged else None
+    told = any(one.code == "disturbed" for one in stretch.remarks)
+    turning = turning_sensor(model, found.found, where, sizes, fitted, span, stretches=not told) if judged else None
+    if turning is not None and turning.code == "tilt_or_drift":
+        found = replace(found, found=beside_tilt(found.found), named=beside_tilt(found.named))
+        if FOLLOW_TIME.intersection((*model.effects, *(one.effect for one in found.found))):
+            significant = ()  # what follows any function of time leaves no noise to test
     causes = (wrong_scale, unresolved, turning)
     forbidding = next((one for one in causes if one is not None and one.forbids_names), None)
     if forbidding is not None:  # what follows a tilt, say, would pass for an effect of place, time, bias or scale
@@ -310,7 +315,7 @@ def verdict_on(
             for group in inseparable_groups(model)
         ),
         scan=found,
-        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values["tilt_deg"])),
+        fit=profiled if turning is None else replace(profiled, tilt=float(turning.values.get("tilt_deg", 0.0))),
         used=tuple((run.start, run.end) for run in profiled.runs),
         channels=significant,
         where=where,

@@ -65,6 +65,8 @@ SCALE_STD_LIMIT = 0.5
 """A scale factor less certain than this was not excited at all."""
 PLAUSIBLE_SCALE = (0.5, 2.0)
 """1 + k that a working sensor can have; a factor beyond is one of units."""
+REVERSED_COHERENCE = 0.5
+"""Squared coherence of output and motion below which a relation with the other sign is none of a mount."""
 
 
 @immutable
@@ -495,7 +497,7 @@ def result(solution: Solution) -> Fit:
     ]
     for run, tried in zip(runs, solution.by_band, strict=False):
         remarks += [f"{name_of(run)}: {sentence}" for sentence in [change_with_band(tried)] if sentence]
-    remarks += judge(layout, x, covariance, runs)
+    remarks += judge(layout, x, covariance, states)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
     remarks += [one.sentence for one in solution.seen_by_runs]
@@ -721,7 +723,7 @@ def require_channels(fit: Fit, recording: Recording) -> None:
                 )
 
 
-def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRun]) -> list[str]:
+def judge(layout: Layout, x: Array, covariance: Array, states: Sequence[RunState]) -> list[str]:
     """Refuse what cannot be a sensor; remarks on what is implausible.
 
     Raises
@@ -731,6 +733,7 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
     RecordingError
         If the output runs against the encoder, or gravity shows on an axis declared level.
     """
+    runs = [state.run for state in states]
     by_name = {term.name: i for i, (term, _) in enumerate(layout.slots)}
     rig, name = runs[0].rig, runs[0].recording.name or "recording"
     remarks: list[str] = []
@@ -741,6 +744,13 @@ def judge(layout: Layout, x: Array, covariance: Array, runs: Sequence[PreparedRu
             raise NotIdentifiable(
                 f"{name}: 1 + k = {scale:.3g} with a standard deviation of {std:.2g}: acceleration was not excited "
                 "enough to estimate scale_factor. Record a run with stronger or longer motion"
+            )
+        low, high = PLAUSIBLE_SCALE
+        if scale < -3.0 * std and not (low < -scale < high and states[0].coherence > REVERSED_COHERENCE):
+            raise RecordingError(
+                f"{name}: output and position are not one axis of one body: 1 + k = {scale:.3g} ± {std:.2g}, where a "
+                "sensor shows 1, or -1 if it is mounted the other way round. No scale factor, mount or effect is read "
+                "from them; check that both channels are of the same run, axis and unit"
             )
         if scale < -3.0 * std:
             other = "normal" if rig.mount == "reversed" else "reversed"
