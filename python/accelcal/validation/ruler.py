@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from accelcal.effects import find, is_local
 from accelcal.estimation.estimate import Fit
 from accelcal.estimation.values import Noise
 
@@ -21,6 +22,8 @@ class Ruler:
     """Of the filter that makes start states and one-step predictions."""
     cutoff: float
     """Bandwidth of the motion that effects are evaluated on, Hz."""
+    remembers: bool = False
+    """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -34,7 +37,8 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise ValueError("a comparison of several models needs at least one of them")
-        return cls(best.noise(), best.validity["frequency"][1])
+        remembers = any(not is_local(find(name)) for fit in fits for name in fit.model.added)
+        return cls(best.noise(), best.validity["frequency"][1], remembers)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""
