@@ -34,7 +34,7 @@ with several poses as many must be left, since two are always alike with one eff
 
 def run_to_hold_out(recordings: Sequence[Recording]) -> int | None:
     """Number of the last run without which the others tell all that the set tells: its axis and mount are those of
-    another one. None where there is none, and of fewer than three; never the first, whose clock is that of the model."""
+    another. None where there is none, and of fewer than three; never the first, whose clock is that of the model."""
     poses = [(recording.rig.axis, recording.rig.mount) for recording in recordings]
     several = len(set(poses)) > 1
     if len(poses) < WHOLE_RUNS + several:
