@@ -47,7 +47,7 @@ from accelcal.estimation.estimate import (
 )
 from accelcal.estimation.gauss_newton import NotIdentifiable, Solution
 from accelcal.estimation.run import Method, PreparedRun
-from accelcal.estimation.run_differences import SEEN_BY_RUNS
+from accelcal.estimation.run_differences import SEEN_BY_RUNS, run_to_hold_out
 from accelcal.estimation.run_state import RunState
 from accelcal.model import BASE, Model
 from accelcal.selection.budget import SearchBudget
@@ -66,8 +66,6 @@ MOST_EFFECTS = 3
 """Effects that `improve` adds at most by default."""
 MOST_AT_ONCE = 4_000_000
 """Samples and readings up to which two models are compared at the same time: filters of both are in memory then."""
-WHOLE_RUNS = 3
-"""Runs from which on `improve` holds out the last as a whole: a part of a run does not reveal what differs between."""
 
 
 def model_in_motion(fit: Fit) -> Model:
@@ -628,8 +626,9 @@ def improve(
     Parameters
     ----------
     recordings : one or several runs to learn from.
-    holdout : held-out run on which the errors are computed; by default the last of three runs or more, or the last
-        30 % of the first of fewer, which then is not fitted. It takes no part in any decision.
+    holdout : held-out run on which the errors are computed; by default the last of three runs or more whose axis and
+        mount another one has, else the last 30 % of the first, which then is not fitted. It takes no part in what is
+        added; the verdict is on all runs.
     most : most effects to add.
     extra : users' effects to consider besides the built-in ones; by default all that are registered (`load_effects`,
         `effect`, `from_expression`), with () none.
@@ -658,8 +657,9 @@ def improve(
     ('cubic',)
     """
     original = runs_of(recordings)
-    if holdout is None and len(original) >= WHOLE_RUNS:
-        *original, holdout = original
+    apart = run_to_hold_out(original) if holdout is None else None
+    if apart is not None:
+        holdout = original.pop(apart)
     budget = SearchBudget.of(original)
     require_motion_above_noise(original, start=start, end=end)
     require_one_axis(original, start=start, end=end)
@@ -681,9 +681,14 @@ def improve(
         report(min(0.9, 0.3 + 0.6 * (number + 1) / most))
     selection.finish()
     room = len(selection.current.model.added) < most
-    verdict = selection.final_verdict("no fit with it is possible" if room else f"at most {most} effects are added")
+    reason = "no fit with it is possible" if room else f"at most {most} effects are added"
     fitted = selection.current.fitted
     rejected = fitted.rejected(original)
+    if apart is not None and holdout is not None:
+        if not selection.current.verdict.scan.found:
+            reason = "the run that is held out takes no part in what is added"
+        selection.judge_with(usable_recordings([holdout], stretch.chosen)[0])
+    verdict = selection.final_verdict(reason)
     test = original[0]
     test_begin: float | None = split
     test_end: float | None = finish

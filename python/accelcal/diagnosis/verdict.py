@@ -51,6 +51,7 @@ from accelcal.effects import BUILT_IN, Effect, find
 from accelcal.estimation.estimate import Fit, implausible_scale, result
 from accelcal.estimation.gauss_newton import Solution
 from accelcal.estimation.run import prepare
+from accelcal.estimation.run_to_run import SPREAD_ALPHA
 from accelcal.model import Model, evaluate
 from accelcal.validation.comparison import Comparison
 from accelcal.validation.evaluation import compare
@@ -284,7 +285,9 @@ def verdict_on(
     ]
     groups += [
         Confounded(
-            one.effect, (one.effect, one.instead), with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect])
+            one.effect,
+            (*(each.effect for each in solution.seen_by_runs), one.instead),
+            with_further(SEEN_EXPERIMENT, [one.effect], telling[one.effect]),
         )
         for one in seen
     ]
@@ -294,9 +297,6 @@ def verdict_on(
     known = [one.effect for one in found.found]
     transverse = transverse_coherence(recording, where, signals, origin, known) if found.enough else ()
     verdict, left = verdict_and_sentence(profiled, found, significant, groups, forbidding or coloured, unsteady)
-    if seen and verdict == "adequate":
-        text = seen[0].sentence
-        verdict, left = "tied", f"{text[0].upper()}{text[1:]} ({found.examined} candidates examined)."
     inside = present(profiled, alpha / found.examined, sizes) if found.enough and forbidding is None else ()
     if delay_found:
         delay = Confounded("time_offset", DELAY_CLASS, DELAY_EXPERIMENT)
@@ -451,7 +451,10 @@ def verdict_and_sentence(
     if unsteady:
         return "unexplained", f"{unsteady[0].sentence} ({examined})."
     if cause is not None:
-        return "adequate", f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}."
+        return unlike_runs(profiled, examined) or (
+            "adequate",
+            f"{NOTHING_MISSING} in the sensor ({examined}). {cause.sentence}.",
+        )
     if beyond_data_sheet(profiled):
         return "unexplained", (
             f"The residual is {noise_ratio(profiled):.2g} times the sensor noise of the data sheet and no candidate "
@@ -459,10 +462,22 @@ def verdict_and_sentence(
         )
     if significant or any(run.noise.band is not None for run in profiled.runs):
         return "unexplained", f"The residual is not white and no candidate explains it ({examined})."
-    return (
+    return unlike_runs(profiled, examined) or (
         "adequate",
         f"{NOTHING_MISSING} ({examined}); the detection limits say how small an effect would have been found.",
     )
+
+
+def unlike_runs(profiled: Fit, examined: str) -> tuple[Verdict, str] | None:
+    """The verdict on what differs between runs that are adequate in themselves; None where they are alike."""
+    if profiled.seen_by_runs:
+        text = profiled.seen_by_runs[0].sentence
+        return "tied", f"{text[0].upper()}{text[1:]} ({examined})."
+    unlike = [spread for spread in profiled.spreads if spread.p_value < SPREAD_ALPHA]
+    if not unlike:
+        return None
+    told = "; ".join(spread.sentence(profiled[spread.name].value) for spread in unlike)
+    return "adequate", f"{told}. Within each run the model lacks no effect ({examined})."
 
 
 def pooled(found: Scan, runs: int) -> str:

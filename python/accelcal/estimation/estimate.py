@@ -363,6 +363,7 @@ def _solved(
     if unlike:
         model = complete(asked.vary(*unlike), recordings)
         solution = iterate(model, runs, [band] * len(runs), report)
+        _, seen = differing(solution)  # one value for runs that differ distorts all that is told beside it
     if band is None:
         trials = [trial_bands(model, state) if needs_band(state) else () for state in solution.states]
         bands = [best_band(each) for each in trials]

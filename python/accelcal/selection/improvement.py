@@ -112,7 +112,7 @@ class Improvement:
         """The verdict on what the last model lacks, and the sentence on it; what was found in its noise is not
         missing."""
         last = self.diagnosis
-        if last.verdict not in ("named", "tied") or last.scan.found:
+        if last.verdict not in ("named", "tied") or last.scan.found or not last.channels:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
         cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)

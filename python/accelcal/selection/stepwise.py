@@ -199,6 +199,12 @@ class StepwiseSelection:
         self.history.classes += tested.values()  # one that the search names too has two groups
         self.fits[-1] = (self.history.effects, self.fits[-1][1])
 
+    def judge_with(self, others: Sequence[Recording]) -> None:
+        """Judge the last model on further runs as well, which took no part in what entered and in its estimates."""
+        last, recordings = self.current, [*self.current.fitted.recordings, *others]
+        on_all = self.judge(clean_fit(recordings, lambda these: solve(last.model, these, self.stretch, self.split)))
+        self.accept(replace(last, verdict=replace(on_all.verdict, fit=last.verdict.fit, used=last.verdict.used)))
+
     def final_verdict(self, reason: str) -> Diagnosis:
         """The verdict on the last model; an effect that it lacks and that was not added is named as such.
 

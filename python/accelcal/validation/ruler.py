@@ -22,10 +22,10 @@ class Ruler:
     """Of the filter that makes start states and one-step predictions."""
     cutoff: float
     """Bandwidth of the motion that effects are evaluated on, Hz."""
-    lags: bool = False
-    """Whether a model of the table has effects with memory."""
-    lagging: tuple[Fit, ...] = field(default=(), compare=False)
-    """Those models: where simulated motion is remembered, all are followed from the fewer start points of these."""
+    remembers: bool = False
+    """Whether an effect of one of the models has a memory: all are then run over the history of what is compared."""
+    remembering: tuple[Fit, ...] = field(default=(), compare=False)
+    """Those models: all are followed from the fewer start points of these."""
 
     @classmethod
     def of(cls, fits: Sequence[Fit]) -> Ruler:
@@ -39,8 +39,8 @@ class Ruler:
         best = min(fits, key=lambda fit: fit.noise().usual.q, default=None)
         if best is None:
             raise ValueError("a comparison of several models needs at least one of them")
-        lagging = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.effects))
-        return cls(best.noise(), best.validity["frequency"][1], bool(lagging), lagging)
+        remembering = tuple(fit for fit in fits if not all(is_local(find(name)) for name in fit.model.added))
+        return cls(best.noise(), best.validity["frequency"][1], bool(remembering), remembering)
 
     def held_by(self, fit: Fit) -> Fit:
         """The fit with this filter in place of its own."""

@@ -801,6 +801,14 @@ class AlarmPart(Part):
     sentence: str
 
 
+class RegressorBiasPart(Part):
+    """What noise of the output biases the scale factor by."""
+
+    value: Value
+    sigma: Value
+    sentence: str | None
+
+
 class LinesPart(Part):
     """What became of the lines."""
 
@@ -818,6 +826,7 @@ class LiveFile(Part):
     source: str
     t_s: Value
     parameters: list[Estimated]
+    regressor_bias: RegressorBiasPart | None
     innovation: InnovationPart | None
     nis: RunningPart | None
     holds: bool | None
