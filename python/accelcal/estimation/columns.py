@@ -159,7 +159,7 @@ class ColumnFilter:
         self.state = state
         self.signals: Signals = state.signals
         rate = 1.0 / state.run.reading_step
-        highest = max(self.signals.cutoff, state.run.crossover(state.noise))
+        highest = max(self.signals.cutoff, state.run.crossover(state.noise), state.values.fastest)
         self.group = max(1, int(rate / (OVERSAMPLING * highest)))
         self.rows = int(np.sum(state.counts)) // self.group
         self._last: tuple[slice, _core.Bank] | None = None

@@ -115,6 +115,17 @@ class Values:
         return total
 
     @property
+    def fastest(self) -> float:
+        """Highest frequency of a line among the terms, Hz; 0 without any."""
+        lines = (
+            value
+            for term in self.terms
+            for name, value in term.shape.items()
+            if term.effect.shapes[name].unit == "Hz"
+        )
+        return max(lines, default=0.0)
+
+    @property
     def constant(self) -> bool:
         """Whether the base alone acts on the output."""
         return next(self.additive("output"), None) is None and next(self.additive("position"), None) is None
