@@ -189,8 +189,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     adequate = [outcome for outcome in outcomes if outcome.get("verdict") == "adequate"]
     for outcome in outcomes:
         if outcome not in good or outcome not in adequate:
-            print(f"{outcome['key']}: {outcome['hidden']} {outcome['value']:.6g}, {outcome['amplitude']:.3g}, d = ", end="")
-            print(f"{outcome['d']:.0f}; named {', '.join(outcome['named']) or 'nothing'}; shape {outcome.get('shape')}, ", end="")
+            print(
+                f"{outcome['key']}: {outcome['hidden']} {outcome['value']:.6g}, {outcome['amplitude']:.3g}, d = ",
+                end="",
+            )
+            print(
+                f"{outcome['d']:.0f}; named {', '.join(outcome['named']) or 'nothing'}; shape {outcome.get('shape')}, ",
+                end="",
+            )
             print(f"size {outcome.get('size')}; {outcome.get('error') or outcome['after']}")
     least = [bar * len(outcomes) / 60.0 for bar in (RIGHT, ADEQUATE)]
     print(f"named and added right: {len(good)} of {len(outcomes)}, at least {least[0]:.3g}")

@@ -22,7 +22,7 @@ from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
 from accelcal.diagnosis.findings import Confounded, in_model
-from accelcal.diagnosis.independent_tests import strongest_wave
+from accelcal.diagnosis.independent_tests import largest_wave
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
@@ -403,7 +403,7 @@ def add(
         if states is None or model is not fit.model:
             shared = within(report, 0.0, 0.4)
             states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=shared).states
-        wave = strongest_wave(effect, model, states)
+        wave = largest_wave(effect, model, states)
         if wave is not None and effect.search.beside in ("", *model.effects):
             model = model.add(name, shapes={name: wave.shape})
             continue

@@ -84,7 +84,10 @@ class Finding:
 
     @property
     def size(self) -> str:
-        """Its coefficient, or the largest contribution where there are several; empty where there is none."""
+        """Its coefficient, the amplitude of a wave, or the largest contribution where there are several; empty where
+        there is none."""
+        if self.wave and len(self.estimate) > 1:
+            return with_usual_unit(math.hypot(*self.estimate), self.unit)
         if len(self.estimate) == 1 and math.isfinite(self.estimate[0]) and self.estimate[0] != 0.0:
             return with_usual_unit(self.estimate[0], self.unit)
         if self.largest is None:
@@ -129,8 +132,8 @@ def in_model(fit: Fit, group: Confounded, sizes: Mapping[str, Size]) -> Finding:
 
 
 def in_noise(tests: Sequence[NoiseTest], group: Confounded, sizes: Mapping[str, Size]) -> Finding:
-    """An effect that noise tests found; the most significant of them counts, and of waves the strongest."""
-    test = max((t for t in tests if t.effect == group.effect), key=lambda t: t.evidence if t.shape else -t.p_value)
+    """An effect that noise tests found; the most significant of them counts, and of waves the largest."""
+    test = max((t for t in tests if t.effect == group.effect), key=lambda t: t.estimate if t.shape else -t.p_value)
     log_p = math.log(test.p_value) if test.p_value > 0.0 else -math.inf
     return Finding(
         group,

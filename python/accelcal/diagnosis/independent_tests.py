@@ -77,14 +77,14 @@ def independent_tests(significant: Sequence[NoiseTest], *, no_effect_found: bool
     return tuple(test for test in significant if names(test))
 
 
-def strongest_first(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
-    """Tests in their order, but of several waves of one effect the strongest comes first."""
+def largest_first(tests: Sequence[NoiseTest]) -> list[NoiseTest]:
+    """Tests in their order, but of several waves of one effect the largest comes first."""
     order = [test.effect for test in tests]
-    return sorted(tests, key=lambda test: (order.index(test.effect), -test.evidence if test.shape else 0.0))
+    return sorted(tests, key=lambda test: (order.index(test.effect), -test.estimate if test.shape else 0.0))
 
 
-def strongest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> NoiseTest | None:
-    """The strongest line or wave that noise tests find for an effect and a model lacks; None where there is none.
+def largest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> NoiseTest | None:
+    """The largest line or wave that noise tests find for an effect and a model lacks; None where there is none.
 
     Parameters
     ----------
@@ -100,5 +100,5 @@ def strongest_wave(effect: Effect, model: Model, states: Sequence[RunState]) -> 
         for test in own_tests(tests)
         if test.effect == stem_of(effect) and not test.in_model(model, state.signals)
     ]
-    found = strongest_first(independent_tests(lacking, no_effect_found=True) or lacking)
+    found = largest_first(independent_tests(lacking, no_effect_found=True) or lacking)
     return found[0] if found else None

@@ -28,7 +28,7 @@ from accelcal.diagnosis.findings import (
 )
 from accelcal.diagnosis.further_run import FurtherRun, further_runs
 from accelcal.diagnosis.independent_estimate import differences, disagreement
-from accelcal.diagnosis.independent_tests import independent_tests, own_tests, separate_lines, strongest_first
+from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
 from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
@@ -238,7 +238,7 @@ def verdict_on(
     unnamed = tuple(test for test in unexplained if test not in named)
     significant = tuple(
         replace(test, effect=find(next_name(test.effect, model.effects)).name) if test.shape else test
-        for test in strongest_first(named)
+        for test in largest_first(named)
     )
     largest = contributions(profiled, solution)
     sizes = sizes_of(profiled, solution.states, found.candidates, significant)

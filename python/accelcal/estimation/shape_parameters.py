@@ -231,7 +231,10 @@ def inverse(information: Array) -> Array:
 
 
 def on_bounds(solution: Solution) -> list[str]:
-    """Sentences on shape parameters that ended on a bound of where they are searched for."""
+    """Sentences on shape parameters that ended on a bound of where they are searched for.
+
+    A wave that a noise test finds may be shorter than the trials.
+    """
     s, found = solution.states[0].signals, []
     for e in solution.shapes:
         effect, _, shape = e.name.rpartition(".")
@@ -239,10 +242,10 @@ def on_bounds(solution: Solution) -> list[str]:
         low, high = declared.span(s)
         scaled = math.log if declared.spacing == "log" else float
         place = (scaled(e.value) - scaled(low)) / (scaled(high) - scaled(low)) if low < high else 0.5
-        if min(abs(place), abs(1.0 - place)) < AT_BOUND:
+        if min(math.inf if declared.width else abs(place), abs(1.0 - place)) < AT_BOUND:
             found.append(
-                f"{e.name} ended at {e.value:.4g} {e.unit}, on a bound of its range of {low:.4g} to {high:.4g} {e.unit}: "
-                "the record sets no value for it; hold it at one that is known, or drop the effect"
+                f"{e.name} ended at {e.value:.4g} {e.unit}, on a bound of its range of {low:.4g} to {high:.4g} "
+                f"{e.unit}: the record sets no value for it; hold it at one that is known, or drop the effect"
             )
     return found
 

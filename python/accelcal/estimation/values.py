@@ -114,16 +114,11 @@ class Values:
             total += c * column
         return total
 
-    @property
-    def fastest(self) -> float:
-        """Highest frequency of a line among the terms, Hz; 0 without any."""
-        lines = (
-            value
-            for term in self.terms
-            for name, value in term.shape.items()
-            if term.effect.shapes[name].unit == "Hz"
-        )
-        return max(lines, default=0.0)
+    def fastest(self, speed: float = 0.0) -> float:
+        """Highest frequency of a line among the terms, and of a wave over position at a speed (m/s), Hz; 0 without
+        any."""
+        waves = ((term.effect.shapes[name], value) for term in self.terms for name, value in term.shape.items())
+        return max((value if one.unit == "Hz" else speed / value for one, value in waves if one.width), default=0.0)
 
     @property
     def constant(self) -> bool:

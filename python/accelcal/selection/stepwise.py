@@ -149,7 +149,11 @@ class StepwiseSelection:
         gains = {candidate.effect: candidate.gain for candidate in reversed(verdict.scan.candidates)}
         waves = {test.effect: test.evidence for test in reversed(verdict.channels) if test.shape}
         best = gains.get(verdict.scan.found[0].effect, 0.0) if verdict.scan.found else 0.0
-        ways = [self.with_wave, self.with_next] if max(waves.values(), default=0.0) > best else [self.with_next, self.with_wave]
+        ways = (
+            [self.with_wave, self.with_next]
+            if max(waves.values(), default=0.0) > best
+            else [self.with_next, self.with_wave]
+        )
         step = next((step for step in (way() for way in ways) if step is not None), None)
         if step is None:
             return False
@@ -265,7 +269,7 @@ class StepwiseSelection:
         explain for the curve and for all that is confounded with it.
         """
         found = self.current.verdict.scan
-        first = next(iter(found.found), None)
+        first = {finding.effect for finding in found.found[:1]}
         for finding in (*found.named[:NAMED_ALTERNATIVES], *found.found):
             if finding.effect in self.refused:
                 continue
@@ -281,19 +285,19 @@ class StepwiseSelection:
             if judged is None:
                 continue
             if finding in found.found or not any(
-                first.effect in remaining.members for remaining in judged.verdict.scan.found
+                first & {*remaining.members} for remaining in judged.verdict.scan.found
             ):
                 return finding, judged
         return None
 
     def with_wave(self) -> tuple[DetectedEffect, JudgedModel] | None:
-        """The judged fit with the strongest wave that noise tests found, from where they found it; None where there is
+        """The judged fit with the first wave that noise tests found, from where they found it; None where there is
         none, or no fit with it is possible."""
         verdict = self.current.verdict
         tests = [test for test in verdict.channels if test.shape and test.effect not in self.refused]
         if not tests or not self.budget.allows_another():
             return None
-        test = max(tests, key=lambda test: test.evidence)
+        test = tests[0]
         group = next(group for group in verdict.classes if group.effect == test.effect)
         entering = DetectedEffect(test.effect, test.shape, group.members, group.experiment)
         try:
