@@ -13,7 +13,8 @@ from accelcal.diagnosis.policy import OWN_WAVE_TURNS
 from accelcal.diagnosis.search.scan import Scan
 from accelcal.diagnosis.verdict import verdict_and_sentence
 from accelcal.effects import find, next_name, stem_of, users_own
-from accelcal.model import Model
+from accelcal.estimation.shape_parameters import on_bounds
+from accelcal.model import Estimate, Model
 from tests.effects.motions import sines
 
 S = sines()
@@ -88,3 +89,22 @@ def test_what_a_vibration_raises_is_no_test_of_its_own():
         "vibration", 1.0, 0.0, 0.2, "m/s²", 1e-3, "vibration", {"frequency": 230.0, "lowest": 200.0, "highest": 260.0}
     )
     assert own_tests([shaken, line(240.0), line(50.0)]) == [shaken, line(50.0)]
+
+
+@pytest.mark.parametrize(
+    ("effect", "shape", "share", "said"),
+    [
+        ("creep", "tau", 0.0, True),
+        ("creep", "tau", 0.5, False),
+        ("creep", "tau", 1.0, True),
+        ("encoder_cyclic", "period", 0.0, False),
+        ("encoder_cyclic", "period", 1.0, True),
+    ],
+)
+def test_a_shape_that_ended_on_its_bound_is_said(effect, shape, share, said):
+    """A wave may be shorter than its trials, which a noise test finds."""
+    low, high = find(effect).shapes[shape].span(S)
+    value = low * (high / low) ** share
+    ended = Estimate(f"{effect}.{shape}", shape, "", value, 0.1 * value, "sensor")
+    notes = on_bounds(SimpleNamespace(states=[SimpleNamespace(signals=S)], shapes=(ended,)))
+    assert [f"{effect}.{shape} ended at {value:.4g}" in note for note in notes] == [True] * said
