@@ -29,7 +29,7 @@ from accelcal.diagnosis.findings import (
 from accelcal.diagnosis.further_run import FurtherRun, further_runs
 from accelcal.diagnosis.independent_estimate import differences, disagreement
 from accelcal.diagnosis.independent_tests import independent_tests, largest_first, own_tests, separate_lines
-from accelcal.diagnosis.noise_tests.noise_test import NoiseTest
+from accelcal.diagnosis.noise_tests.noise_test import WHITENESS, NoiseTest
 from accelcal.diagnosis.noise_tests.tones import harmonic_effects
 from accelcal.diagnosis.outlier_rejection import CleanFit, RejectedReadings
 from accelcal.diagnosis.policy import (
@@ -269,7 +269,7 @@ def verdict_on(
     p_values: dict[str, float] = {}
     for test in significant:
         p_values[test.effect] = min(test.p_value, p_values.get(test.effect, 1.0))
-    p_values.pop("whiteness", None)
+    p_values.pop(WHITENESS, None)
     uncertain = level * math.exp(-CLEAR_LOG_EVIDENCE)
     groups += [
         Confounded(
@@ -413,7 +413,7 @@ def verdict_and_sentence(
     unsteady : remarks on effects without one size.
     unnamed : significant noise tests whose effect is not named.
     """
-    named = [test for test in significant if test.effect != "whiteness"]
+    named = [test for test in significant if test.effect != WHITENESS]
     examined = f"{found.examined} candidates examined"
     if not found.enough:
         return (

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from accelcal.diagnosis.policy import OWN_WAVE_TURNS
-from accelcal.effects import CATALOGUE, find, found_by, stem_of
+from accelcal.effects import find, found_by, stem_of
 from accelcal.model import Model
 from accelcal.signals.signals import Signals
 
@@ -21,6 +21,8 @@ HELD_SAMPLES = found_by("held output").name
 POSITION_WAVE = found_by("wave over position").name
 POSITION_JUMPS = found_by("position jumps").name
 """The effects that the tests find, by name."""
+WHITENESS = "whiteness"
+"""The test that finds no effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +45,7 @@ class NoiseTest:
     @property
     def shape(self) -> dict[str, float]:
         """Shape parameters of the wave that it tells, at which a fit begins; empty where the effect is no wave."""
-        effect = CATALOGUE.get(self.effect)
-        shapes = {} if effect is None else effect.shapes
+        shapes = {} if self.effect == WHITENESS else find(self.effect).shapes
         return {name: self.parts[name] for name, one in shapes.items() if one.width and name in self.parts}
 
     @property
