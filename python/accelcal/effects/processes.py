@@ -73,15 +73,15 @@ def stem_of(effect: Effect) -> str:
     return stem.name if stem is not None and stem.function is effect.function else effect.name
 
 
-def next_name(stem: str, taken: Container[str]) -> str:
-    """Name under which one more wave of an effect enters beside those that are `taken`.
+def next_name(stem: str, used: Container[str]) -> str:
+    """Name under which one more wave of an effect enters beside those that are `used`.
 
     Examples
     --------
     >>> next_name("tone", ()), next_name("tone", ("tone", "tone_2"))
     ('tone', 'tone_3')
     """
-    return next(name for n in count(1) if (name := stem if n == 1 else f"{stem}_{n}") not in taken)
+    return next(name for n in count(1) if (name := stem if n == 1 else f"{stem}_{n}") not in used)
 
 
 def _enter(name: str, stem: Effect, *, markov: bool) -> None:
