@@ -22,12 +22,14 @@ from accelcal.data.orientation import DERIVED
 from accelcal.data.recording import Recording, RecordingError
 from accelcal.diagnosis.change_points import usable
 from accelcal.diagnosis.faults import position_steps_sought, with_position_steps
+from accelcal.diagnosis.findings import Confounded, in_model
+from accelcal.diagnosis.independent_tests import largest_wave
 from accelcal.diagnosis.left_out import left_out_remarks, left_out_sentences, without_wrong_readings
 from accelcal.diagnosis.noise_model.fitted import noise_scores, require_noise_shown, with_noise_effects
 from accelcal.diagnosis.noise_tests.run_all import run_outlier_tests
 from accelcal.diagnosis.one_axis import require_one_axis
 from accelcal.diagnosis.outlier_rejection import RejectedReadings, clean_fit
-from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, VALIDATION_SIGMA
+from accelcal.diagnosis.policy import FAMILYWISE_ALPHA, HELDOUT_RISE, SHOWN_SIGMA, VALIDATION_SIGMA
 from accelcal.diagnosis.remarks import Remark, remark
 from accelcal.diagnosis.rest import require_motion_above_noise
 from accelcal.diagnosis.run_agreement import RunValues, run_agreement, values_by_run
@@ -433,6 +435,10 @@ def add(
         if states is None or model is not fit.model:
             shared = within(report, 0.0, 0.4)
             states = solve_runs(model, several, origins=fit.origins, engine=engine_of(fit), report=shared).states
+        wave = largest_wave(effect, model, states)
+        if wave is not None and effect.search.beside in ("", *model.effects):
+            model = model.add(name, shapes={name: wave.shape})
+            continue
         requested = scan(states, model, extra=extra, only=(effect,), report=within(report, 0.4, 0.6))
         if not requested.entered:
             lacking = [n for n in effect.needs if n not in several[0].side]
@@ -457,7 +463,18 @@ def add(
         raise ValueError(
             f"{unsettled[0]!r} cannot be added: the fit with it does not settle, so its noise would not be calibrated"
         )
-    return with_breaks(grown, broken)
+    return with_breaks(replace(grown, remarks=(*grown.remarks, *barely_shown(grown, names))), broken)
+
+
+def barely_shown(fit: Fit, names: Sequence[str]) -> list[str]:
+    """Sentences on effects of a fit that the record hardly tells from zero."""
+    sigmas = {name: in_model(fit, Confounded(name, (name,), ""), {}).sigma for name in names}
+    return [
+        f"{name} is {sigma:.1f} standard deviations from zero, where {SHOWN_SIGMA:g} are expected of an effect that is "
+        "there: drop it, or fit a longer record"
+        for name, sigma in sigmas.items()
+        if sigma is not None and sigma < SHOWN_SIGMA
+    ]
 
 
 @checked
@@ -674,7 +691,7 @@ def improve(
     report(0.3)
     on_step(selection.fits[-1][1])
     for number in range(2 * most):
-        room = len(selection.history.effects) < most
+        room = selection.history.entered < most
         if not (room and selection.add_next()) and not selection.replace_by_family():
             break
         on_step(selection.fits[-1][1])

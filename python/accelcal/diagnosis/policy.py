@@ -251,6 +251,12 @@ PRESENT_SHARE = 0.5
 """Amplitude in the output, over that of a line of the innovations, below which the line is the position's. The motion
 that is estimated follows the output, so that innovations hold the lines of both. [share;
 tests/diagnosis/noise_tests/test_unresolved.py]"""
+SHOWN_SIGMA = 2.0
+"""Standard deviations from zero below which an effect that was added is said not to be shown. Chance alone reaches them
+in one of twenty. [standard deviations; tests/workflow/test_waves.py]"""
+OWN_WAVE_TURNS = 4.0
+"""Turns over the record, or over the stroke, within which a line or a wave is the one that the model has. Nearer ones
+are one peak of a windowed spectrum. [turns; tests/diagnosis/noise_tests/test_waves.py]"""
 MOTION_LINE_RATIO = 3.0
 """Amplitude of a line in the motion, over that in the residual, above which the drive makes the line. The smoothed
 motion holds a part of any line. [ratio; tests/diagnosis/noise_tests/test_noise_tests.py]"""

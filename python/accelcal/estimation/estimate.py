@@ -42,7 +42,7 @@ from accelcal.estimation.run_differences import differing
 from accelcal.estimation.run_fit import RunFit, run_fit
 from accelcal.estimation.run_state import RunState
 from accelcal.estimation.run_to_run import SPREAD_ALPHA, SeenByRuns, Spread
-from accelcal.estimation.shape_parameters import held_shapes, refine_shapes
+from accelcal.estimation.shape_parameters import held_shapes, on_bounds, refine_shapes
 from accelcal.estimation.values import Noise, Values
 from accelcal.estimation.weak_form.covariance import NoWeakForm
 from accelcal.model import Estimate, Model, Prior, terms_of
@@ -501,6 +501,7 @@ def result(solution: Solution) -> Fit:
     remarks += judge(layout, x, covariance, states)
     remarks += of_filters(runs)
     remarks += mostly_prior(layout, covariance, model)
+    remarks += on_bounds(solution)
     remarks += [one.sentence for one in solution.seen_by_runs]
     still = [
         seen_in(s.run.recording.dwells, model, s.values, s.run.origins, s.of_dwells or Nuisances())

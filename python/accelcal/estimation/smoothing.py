@@ -124,7 +124,7 @@ def smoothed_signals(
     a = gain * output - gravity + filters.before_position(low_pass(wanted, rate, corner), run.accel_step)
     del output, added, wanted
     # Each array is thinned as soon as it is used up: those of an hour would not fit at once.
-    grid = Thinning.of(t, run.accel_step, cutoff)
+    grid = Thinning.of(t, run.accel_step, max(cutoff, values.fastest()))
     jerk = grid.thin(derivative(a, run.accel_step))
     v = integral(a, run.accel_step)
     a = grid.thin(a)
@@ -150,7 +150,7 @@ def smoothed_signals(
 
 def given_signals(run: PreparedRun, noise: Noise, values: Values, motion: SmoothedMotion, cutoff: float) -> Signals:
     """Signals of a motion (n,) that was smoothed by other means, at `uniform_times`; its bandwidth in Hz."""
-    grid = Thinning.of(uniform_times(run), run.accel_step, cutoff)
+    grid = Thinning.of(uniform_times(run), run.accel_step, max(cutoff, values.fastest()))
     thinned = SmoothedMotion(*(grid.thin(y) for y in (motion.p, motion.v, motion.a, motion.jerk)))
     return shrunk(run, noise, values, grid, thinned, cutoff, cutoff)
 
@@ -246,7 +246,7 @@ def output_signals(run: PreparedRun, values: Values, cutoff: float, motion: tupl
     """
     t = uniform_times(run)
     plain = output_at(run, values.stamps(t, run.origins.t), corner_of(values, cutoff), run.tau(values))
-    grid = Thinning.of(t, run.accel_step, cutoff)
+    grid = Thinning.of(t, run.accel_step, max(cutoff, values.fastest()))
     p, v = (grid.thin(y) for y in motion)
     gravity = run.gravity.behind_high_passes(t, run.accel_step, cutoff)
 

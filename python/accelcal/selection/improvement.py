@@ -116,7 +116,8 @@ class Improvement:
             return last.verdict, last.left
         tests = [test for test in last.channels if test.effect not in self.effects]
         cause = next((remark for remark in last.remarks if remark.place == "verdict"), None)
-        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady_effects(last.scan))
+        unsteady = unsteady_effects(last.scan)
+        return verdict_and_sentence(last.fit, last.scan, tests, last.classes, cause, unsteady, last.unnamed)
 
     @property
     def sentence(self) -> str:

@@ -290,7 +290,7 @@ class Residuals:
         """
         if self.state.noise.r < LEAST_CHECK * float(np.median(self.state.track.series("S"))):
             return Outliers(0.0, 0.0, np.empty(0, dtype=np.intp), 0.0, 1.0)
-        z = (self.run.readings - self.smooth_position)[self.state.counts]
+        z = (self.state.drive.z - self.smooth_position)[self.state.counts]
         certain = np.flatnonzero(~self.at_jumps)
         z = z[certain] - np.median(z)
         spread, dof = spread_of(z, self.run.least_step)
