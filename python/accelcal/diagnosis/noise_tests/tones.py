@@ -44,21 +44,33 @@ NEIGHBOURS = 1001
 
 
 def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
-    """Tests for lines at fixed frequency: in the output above the motion, in the whitened innovations below.
+    """Tests for lines at fixed frequency: in the output above the band of the motion, in the whitened innovations up to
+    where its tail has vanished.
 
-    Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
+    The tail of a motion falls with frequency and is the level there that a line must exceed. Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
     exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the number of bins. `follows_motion` marks a
     line whose power follows speed: that is vibration.
     """
     t, y, rate = reading_grid(residuals)
-    split = max(2.0 * residuals.reach, 1.0 / max(residuals.t[-1] - residuals.t[0], 1e-9))
-    below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate)) if residuals.reads_position else ([], 0)
+    resolved = 4.0 / max(residuals.t[-1] - residuals.t[0], 1e-9)
+    highest = min(max(2.0 * residuals.reach, 0.25 * resolved), 0.45 * rate)
+    below, bins_below = spectral_peaks(y, rate, 0.0, highest) if residuals.reads_position else ([], 0)
     beyond, bins_beyond = spectral_peaks(
-        residuals.residual, residuals.rate, split, 0.5 * residuals.rate, residuals.gain, residuals.least_gain
+        residuals.residual,
+        residuals.rate,
+        max(residuals.band, 0.25 * resolved),
+        0.5 * residuals.rate,
+        residuals.gain,
+        residuals.least_gain,
     )
     bins = bins_below + bins_beyond
-    peaks = [(min(1.0, p * bins), -ratio, f, False) for f, ratio, p in below]
-    peaks += [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
+    peaks = [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
+    lines_above = [f for p, _, f, _ in peaks if p < NOISE_TEST_ALPHA]
+    peaks += [
+        (min(1.0, p * bins), -ratio, f, False)
+        for f, ratio, p in below
+        if all(abs(f - other) > resolved for other in lines_above)
+    ]
     peaks.sort()
     significant = [candidate for candidate in peaks if candidate[0] < NOISE_TEST_ALPHA] or peaks[:1]
     of_output, of_readings = (residuals.t, residuals.residual, residuals.rate), (t, y, rate)
