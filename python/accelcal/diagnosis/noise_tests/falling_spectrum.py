@@ -27,15 +27,16 @@ SCATTER = 1.6
 
 
 def vibration(residuals: Residuals, lines: Sequence[NoiseTest], above: NoiseTest) -> NoiseTest:
-    """The most significant test for vibration: `above` any motion, beside its tail, and of a line that follows speed.
+    """What tells most of a vibration: the test `above` any motion, that beside its tail, or a line that follows speed.
 
-    The first two are two tests of one record, and the probability counts both. The line is one of the test for lines.
+    The first two are two tests of one record, and the probability counts both; where both are significant, they see
+    parts of one band, and the larger part is given. The line is one of the test for lines.
     """
     beside = beside_motion(residuals)
-    strongest = min((above, beside) if beside else (above,), key=lambda test: test.p_value)
-    strongest = replace(strongest, p_value=min(1.0, 2.0 * strongest.p_value))
-    if strongest.p_value < NOISE_TEST_ALPHA:
-        return strongest
+    tests = [replace(test, p_value=min(1.0, 2.0 * test.p_value)) for test in (above, beside) if test is not None]
+    significant = [test for test in tests if test.p_value < NOISE_TEST_ALPHA]
+    if significant:
+        return max(significant, key=lambda test: test.estimate)
     of_lines = [
         line_vibration(residuals, line)
         for line in lines
@@ -43,7 +44,7 @@ def vibration(residuals: Residuals, lines: Sequence[NoiseTest], above: NoiseTest
         and not line.parts["made_by_motion"]
         and line.parts["frequency"] > residuals.band
     ]
-    return min((strongest, *of_lines), key=lambda test: test.p_value)
+    return min((*tests, *of_lines), key=lambda test: test.p_value)
 
 
 def beside_motion(residuals: Residuals) -> NoiseTest | None:
@@ -60,36 +61,42 @@ def beside_motion(residuals: Residuals) -> NoiseTest | None:
         return None
     v2, v4, j2 = residuals.motion_blocks(spectra)
     relative = spectra.power / np.maximum(np.median(spectra.power, axis=0) / math.log(2.0), 1e-300)
-    sums = np.cumsum(np.pad(relative, ((0, 0), (1, 0))), axis=1)
     bands = [slice(a, a + width) for width in BANDS for a in range(BELOW + APART - 1, bins - width + 1)]
-    first, end = (np.array([getattr(band, name) for band in bands]) for name in ("start", "stop"))
-    inside = (sums[:, end] - sums[:, first]) / (end - first)
-    below = (sums[:, first - APART + 1] - sums[:, first - APART + 1 - BELOW]) / BELOW
-    level = np.maximum(below, 1.0)
-    tests = [excess_trend_test(y, level, x, j2) for x in (v2, v4) for y in (inside, inside - below)]
-    scores, p_values = (np.array(one).reshape(2, 2, len(bands)) for one in zip(*tests, strict=True))
-    scores, p_values = scores.min(axis=1).ravel(), p_values.max(axis=1).ravel()
-    best = int(np.lexsort((-scores, p_values))[0])
-    z, p_value, which = float(scores[best]), min(1.0, p_values.size * float(p_values[best])), best % len(bands)
-    band = bands[which]
-    lowest = first[which] - 1
+    tests = []
+    for band in bands:
+        inside = relative[:, band].mean(axis=1)
+        below = relative[:, below_band(band)].mean(axis=1)
+        y, level = np.column_stack([inside, inside - below]), np.maximum(below, 1.0)[:, None]
+        for x in (v2, v4):
+            z, p = excess_trend_test(y, level, x, j2)
+            tests.append((float(p.max()), -float(z.min()), band))
+    p_value, minus_z, band = min(tests, key=lambda test: test[:2])
+    significance = -minus_z, min(1.0, len(tests) * p_value)
+    lowest = band.start - 1
     near = spectra.power[:, lowest:]
     occupied = vibration_bins(near, v4, slice(1, 1 + band.stop - band.start))
     power = 2.0 / len(spectra.window) * near[:, occupied].sum(axis=1)
-    tail = spectra.power[:, lowest - APART + 2 - BELOW : lowest - APART + 2].mean(axis=1)
+    tail = spectra.power[:, below_band(band)].mean(axis=1)
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4, tail]))
     f = spectra.f[lowest:][occupied]
     frequency = float(f[np.argmax((v4 - v4.mean()) @ near[:, occupied])])
-    return speed_test(residuals, (z, p_value), frequency, (float(f[0]), float(f[-1])), c[1], covariance[1, 1], len(v4))
+    return speed_test(residuals, significance, frequency, (float(f[0]), float(f[-1])), c[1], covariance[1, 1], len(v4))
+
+
+def below_band(band: slice) -> slice:
+    """Bins that a band is compared with."""
+    end = band.start - APART + 1
+    return slice(end - BELOW, end)
 
 
 def line_vibration(residuals: Residuals, line: NoiseTest) -> NoiseTest:
     """A spectral line of the output whose power follows speed, as a vibration."""
     f, half = line.parts["frequency"], 0.5 * residuals.rate / len(MIDDLE_BLOCKS)
-    turning = residuals.residual * np.exp(-2j * np.pi * f * residuals.t)
-    v4 = residuals.motion[0] ** 4
-    each = len(MIDDLE_BLOCKS)
-    wave, v4 = (y[: len(y) // each * each].reshape(-1, each).mean(axis=1) for y in (turning, v4))
+    demodulated = residuals.residual * np.exp(-2j * np.pi * f * residuals.t)
+    length = len(MIDDLE_BLOCKS)
+    wave, v4 = (
+        y[: len(y) // length * length].reshape(-1, length).mean(axis=1) for y in (demodulated, residuals.motion[0] ** 4)
+    )
     c, covariance = power_fit(2.0 * np.abs(wave) ** 2, np.column_stack([np.ones_like(v4), v4]))
     significance = line.statistic, line.p_value
     return speed_test(residuals, significance, f, (f - half, f + half), c[1], covariance[1, 1], len(v4))
@@ -155,7 +162,7 @@ def excess_trend_test(y: Array, level: Array, x: Array, beside: Array) -> tuple[
     x = x / max(float(x.max()), 1e-300)
     X = np.column_stack([np.ones_like(x), beside / max(float(beside.max()), 1e-300), x])
     Q, R = np.linalg.qr(X)
-    if abs(R[2, 2]) < 1e-3 * float(np.linalg.norm(x)):
+    if abs(R[2, 2]) <= 1e-3 * float(np.linalg.norm(x)):
         return np.zeros(y.shape[1]), np.ones(y.shape[1])
     left = Q[:, 2:] * np.sign(R[2, 2])
     residual = (y - Q @ (Q.T @ y)) / np.maximum(1.0 - np.sum(Q**2, axis=1, keepdims=True), 1e-3)

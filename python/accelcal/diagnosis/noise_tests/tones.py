@@ -45,11 +45,11 @@ NEIGHBOURS = 1001
 
 def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     """Tests for lines at fixed frequency: in the output above the band of the motion, in the whitened innovations up to
-    where its tail has vanished.
+    twice the frequency at which its tail vanishes.
 
-    The tail of a motion falls with frequency and is the level there that a line must exceed. Periodogram (Hann) over its local median; the median of m correlated bins is worth m/4 exponential ones, so one bin
-    exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the number of bins. `follows_motion` marks a
-    line whose power follows speed: that is vibration.
+    Periodogram (Hann) over its local median, to which the tail of the motion belongs; the median of m correlated bins
+    is worth m/4 exponential ones, so one bin exceeds x times the level with probability (1 + x/(m/4))^-(m/4), times the
+    number of bins. `follows_motion` marks a line whose power follows speed: that is vibration.
     """
     t, y, rate = reading_grid(residuals)
     resolved = 4.0 / max(residuals.t[-1] - residuals.t[0], 1e-9)
