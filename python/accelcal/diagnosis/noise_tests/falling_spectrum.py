@@ -72,9 +72,9 @@ def beside_motion(residuals: Residuals) -> NoiseTest | None:
             tests.append((float(p.max()), -float(z.min()), band))
     p_value, minus_z, band = min(tests, key=lambda test: test[:2])
     significance = -minus_z, min(1.0, len(tests) * p_value)
-    lowest = band.start - 1
+    lowest = below_band(band).stop
     near = spectra.power[:, lowest:]
-    occupied = vibration_bins(near, v4, slice(1, 1 + band.stop - band.start))
+    occupied = vibration_bins(near, v4, slice(band.start - lowest, band.stop - lowest))
     power = 2.0 / len(spectra.window) * near[:, occupied].sum(axis=1)
     tail = spectra.power[:, below_band(band)].mean(axis=1)
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4, tail]))
