@@ -54,7 +54,7 @@ def test_vibration_is_found_and_measured_where_the_motion_has_a_tail(tmp_path: P
     tests = significant(state)
     assert set(tests) == {VIBRATION}
     assert tests[VIBRATION].estimate == pytest.approx(0.2, rel=0.15)
-    assert tests[VIBRATION].parts["frequency"] == pytest.approx(230.0, abs=14.0)  # half a bin
+    assert tests[VIBRATION].parts["frequency"] == pytest.approx(230.0, abs=5.0)  # a fifth of a bin
 
 
 @pytest.mark.parametrize("name", RAMPS)

@@ -79,7 +79,8 @@ def beside_motion(residuals: Residuals) -> NoiseTest | None:
     tail = spectra.power[:, below_band(band)].mean(axis=1)
     c, covariance = power_fit(power, np.column_stack([np.ones_like(v4), v4, tail]))
     f = spectra.f[lowest:][occupied]
-    frequency = float(f[np.argmax((v4 - v4.mean()) @ near[:, occupied])])
+    share = np.maximum((v4 - v4.mean()) @ near[:, occupied], 0.0)
+    frequency = float(f @ share / max(float(share.sum()), 1e-300))
     return speed_test(residuals, significance, frequency, (float(f[0]), float(f[-1])), c[1], covariance[1, 1], len(v4))
 
 
