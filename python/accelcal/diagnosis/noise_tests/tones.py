@@ -53,15 +53,16 @@ def tones(residuals: Residuals) -> tuple[NoiseTest, ...]:
     """
     t, y, rate = reading_grid(residuals)
     resolved = 4.0 / max(residuals.t[-1] - residuals.t[0], 1e-9)
-    highest = min(max(2.0 * residuals.reach, 0.25 * resolved), 0.45 * rate)
-    below, bins_below = spectral_peaks(y, rate, 0.0, highest) if residuals.reads_position else ([], 0)
+    split = max(2.0 * residuals.reach, 0.25 * resolved)
+    below, bins_below = spectral_peaks(y, rate, 0.0, min(split, 0.45 * rate)) if residuals.reads_position else ([], 0)
     beyond, bins_beyond = spectral_peaks(
         residuals.residual,
         residuals.rate,
-        max(residuals.band, 0.25 * resolved),
+        split,
         0.5 * residuals.rate,
         residuals.gain,
         residuals.least_gain,
+        residuals.band,
     )
     bins = bins_below + bins_beyond
     peaks = [(min(1.0, p * bins), -ratio, f, True) for f, ratio, p in beyond]
@@ -90,12 +91,19 @@ def reading_grid(residuals: Residuals) -> tuple[Array, Array, float]:
 
 
 def spectral_peaks(
-    y: Array, rate: float, low: float, high: float, gain: Response | None = None, least: float = 0.0
+    y: Array,
+    rate: float,
+    low: float,
+    high: float,
+    gain: Response | None = None,
+    least: float = 0.0,
+    tail: float = math.inf,
 ) -> tuple[list[tuple[float, float, float]], int]:
     """Peaks of the periodogram between two frequencies, largest first: Hz, ratio to the level, probability for one bin.
 
     The shape that filters with a complex `gain` give to white noise is divided out first; frequencies
-    with a gain below `least` are left out.
+    with a gain below `least` are left out. From a frequency `tail` on the spectrum falls without a break: the level
+    begins there, and lines count from where it follows the fall, half of what it is estimated from above.
     """
     n = len(y)
     if n < 256:
@@ -103,7 +111,7 @@ def spectral_peaks(
     window = np.hanning(n)
     spectrum = np.abs(scipy.fft.rfft((y - y.mean()) * window, scipy.fft.next_fast_len(n, real=True))) ** 2
     f = np.asarray(np.fft.rfftfreq(scipy.fft.next_fast_len(n, real=True), 1.0 / rate), dtype=np.float64)
-    rows = np.arange(*np.searchsorted(f, [max(low, 8.0 * rate / n), high]))
+    rows = np.arange(*np.searchsorted(f, [max(min(low, tail), 8.0 * rate / n), high]))
     if gain is not None:
         shape = np.abs(gain(f))
         spectrum /= np.maximum(shape, max(least, 1e-150)) ** 2
@@ -114,7 +122,8 @@ def spectral_peaks(
     level, m = local_level(part, max(FEWEST_BINS, min(NEIGHBOURS, int(LEVEL_SPAN * n))))
     first = slice(0, min(m, len(part)))  # where the level was taken to be constant from the lowest frequency on
     level[first] = np.maximum(level[first], falling_level(part[first], np.asarray(f[rows][first], dtype=np.float64)))
-    ratio = part / level
+    tested = f[rows] >= min(low, f[rows[0]] + 0.5 * m * f[1])
+    ratio = np.where(tested, part / level, 0.0)
     equivalent = m / 4.0
     chance = np.exp(-equivalent * np.log1p(ratio / equivalent))
     peaks: list[tuple[float, float, float]] = []
@@ -132,7 +141,7 @@ def spectral_peaks(
             peaks.append((at, float(ratio[k]), float(chance[k])))
         if len(peaks) == REPORTED_LINES:
             break
-    return peaks, len(part)
+    return peaks, int(np.count_nonzero(tested))
 
 
 def is_single_line(part: Array, level: Array, k: int, neighbours: int) -> bool:
