@@ -26,6 +26,9 @@ from accelcal.signals.transfer import Spectrum, noise_bandwidth
 
 MOTION_FREE = 0.09
 """Share of the sampling rate above which motion is negligible: a stage that starts with a jump in snap leaves f^-3."""
+SUBTRACTED = 1.2
+"""Frequency, over the bandwidth of the smoothed motion, above which less than 6 % of the output is subtracted with it.
+"""
 FORGOTTEN_AFTER = 4.0
 """Time constants after which the filter has forgotten an outlier."""
 TAIL = (0.1, 0.2)
@@ -81,6 +84,11 @@ class Residuals:
     def reach(self) -> float:
         """Frequency above which no motion is left in the output, Hz."""
         return max(self.signals.cutoff, self.signals.reach)
+
+    @property
+    def band(self) -> float:
+        """Frequency from which on the residual holds the whole output, the tail of the motion included, Hz."""
+        return SUBTRACTED * (self.reach if self.unresolved.any() else self.signals.cutoff)
 
     @property
     def place(self) -> Places:
@@ -224,10 +232,11 @@ class Residuals:
     @cached_property
     def short_spectra(self) -> BlockSpectra:
         """Power of `background` in blocks as short as the peaks of a move's speed, where declared filters pass it."""
-        spectra = BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS)
-        if self.least_gain == 0.0:
-            return spectra
-        passed = np.abs(self.gain(spectra.f)) >= self.least_gain
+        return self.passed(BlockSpectra.of(self.background, self.sampled, self.rate, 1.3 * self.edge, SHORT_BLOCKS))
+
+    def passed(self, spectra: BlockSpectra, highest: float = math.inf) -> BlockSpectra:
+        """Some spectra at the frequencies that the declared filters pass, below the highest asked for, Hz."""
+        passed = (spectra.f < highest) & (np.abs(self.gain(spectra.f)) >= self.least_gain)
         return replace(spectra, f=spectra.f[passed], power=spectra.power[:, passed])
 
     @property
