@@ -92,7 +92,7 @@ def turning_sensor(
     certain.
     """
     recording = fitted.recordings[0]
-    if gravity_is_told(recording):
+    if gravity_is_recorded(recording):
         return None
     slow = SlowResidual.of(recording, where.accel_residual, where.band)
     following = [n for n in model.effects if n in FOLLOW_TIME and n in sizes and sizes[n].value > slow.ordinary]
@@ -138,7 +138,7 @@ def slow_residual(fit: Fit, run: PreparedRun, *, stretches: bool = True) -> Rema
     """What is said beside a fit of whose first run nobody asked what the model lacks; None where its slow residual is
     within the bias instability, or no tilt can cause it. `stretches` as of `turning_sensor`."""
     recording = run.recording
-    if gravity_is_told(recording):
+    if gravity_is_recorded(recording):
         return None
     try:
         ahead = Prediction.on(fit, run)
@@ -210,7 +210,7 @@ def stretches_of(disturbed: Remark) -> list[tuple[float, float]]:
     ]
 
 
-def gravity_is_told(recording: Recording) -> bool:
+def gravity_is_recorded(recording: Recording) -> bool:
     """Whether a channel says how the axis turns, or a reference on the same body feels gravity as the sensor does."""
     reference = recording.reference
     return any(name in recording.side for name in DERIVED) or (reference is not None and reference.name == ACCELERATION)
