@@ -173,10 +173,10 @@ def require_small_bias(state: LiveState, save: Path) -> None:
         Saying by how much, and what to do.
     """
     from accelcal.data.recording import RecordingError
-    from accelcal.live.regressor import REFUSED
+    from accelcal.live.regressor import MOST_SAVED
 
     bias = state.regressor_bias
-    if bias is not None and bias.sigma > REFUSED:
+    if bias is not None and bias.sigma > MOST_SAVED:
         raise RecordingError(f"--save {save}: nothing is written, since {bias.sentence}")
 
 

@@ -15,9 +15,9 @@ from accelcal.data.arrays import Array
 from accelcal.io.stream_lines import Rows
 from accelcal.live.settings import LiveSettings
 
-REPORTED = 1.0
+NOTICEABLE = 1.0
 """Standard deviations of the filter above which the bias is said."""
-REFUSED = 3.0
+MOST_SAVED = 3.0
 """The same above which the parameters are not saved: the value is wrong, not only less sure."""
 
 
@@ -38,7 +38,7 @@ class RegressorBias:
     @property
     def sentence(self) -> str:
         """What is wrong and what to do, where it is above one standard deviation; else empty."""
-        if self.sigma <= REPORTED:
+        if self.sigma <= NOTICEABLE:
             return ""
         return (
             f"the noise of the output biases scale_factor by about {self.value:.2g}, {self.sigma:.2g} standard "
