@@ -226,7 +226,7 @@ class StepwiseSelection:
         reason : why nothing more was added.
         """
         verdict = self.current.verdict
-        kept_out = tuple(note for name, note in self.refused.items() if name not in self.history.effects)
+        kept_out = tuple(note for name, note in self.refused.items() if name not in self.current.model.effects)
         verdict = replace(verdict, remarks=(*verdict.remarks, *kept_out))
         if self.budget.stopped:
             reason = "the search was stopped"
