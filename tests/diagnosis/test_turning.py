@@ -134,7 +134,7 @@ def test_a_touched_cable_is_a_stretch_and_no_tilt(instants, tmp_path, monkeypatc
     note = next(remark for remark in judged.diagnosis.remarks if remark.code == "disturbed")
     assert note.sentence in judged.diagnosis.suspect
     ((begin, end),) = stretches_of(note)
-    assert begin < instants[0] < end < begin + 0.05 * 40.0
+    assert begin < instants[0] < end < begin + 2.5
     for name, truth in (("bias", 0.1), ("scale_factor", 0.01)):
         for fit in (found, judged.steps[-1].fit):
             assert abs(fit[name].value - truth) < 4.5 * fit[name].std

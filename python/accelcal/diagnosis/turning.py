@@ -267,7 +267,8 @@ def disturbed(
     few = len(high) <= DISTURBED_STRETCHES and np.mean(rest) >= 1.0 - DISTURBED_SHARE
     if not (few and high) or float(np.mean(slow[rest] ** 2)) > usual**2:
         return ()
-    return tuple((float(t[begin]), float(t[end - 1])) for begin, end in high)
+    tail = 0.5 / band  # what is below the limit there still adds up to a jump of the position over the hole
+    return tuple((float(t[begin]) - tail, float(t[end - 1]) + tail) for begin, end in high)
 
 
 def output_noise(rig: Rig, t: Array, y: Array) -> float:
